@@ -60,7 +60,7 @@ from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import list_installed
-from vemcvx.stepping import certified_in_full, initial_state, prepare, step
+from vemcvx.stepping import certify_in_full, initial_state, prepare, step
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
 """Parts of the full load, instant by instant; the last step is measured."""
@@ -143,7 +143,7 @@ def reference(name, form, n):
     states = [initial_state(run, np.arange(len(levels), dtype=float), None)]
     for k in range(1, len(levels)):
         states.append(step(run, states[-1], k, float(k)))
-    return Reference(name, form, system, (*states[:-1], certified_in_full(run, states[-1])))
+    return Reference(name, form, system, (*states[:-1], certify_in_full(run, states[-1])))
 
 
 def measured(exact, name, solver, repeats):
@@ -159,7 +159,7 @@ def measured(exact, name, solver, repeats):
         earlier.append(timed(step, run, states[-3], last - 1, last - 1.0)[0])
         seconds, found = timed(step, run, states[-2], last, float(last))
         later.append(seconds)
-    found = certified_in_full(run, found)
+    found = certify_in_full(run, found)
     apart = length(exact.system.K, found.full - exact.answer.full)
     errors = found.certificate.error, found.certificate.error_floor, bound(exact.answer), apart
     return Row(

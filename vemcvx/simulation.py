@@ -32,11 +32,11 @@ from vemcvx.stepping import (
     Folder,
     Ledger,
     Memory,
-    checked_times,
+    check_times,
     march,
     programs_of_march,
 )
-from vemcvx.stepping.course import course, inside_steps
+from vemcvx.stepping.course import inside_steps, sample_course
 from vemcvx.vem import mean_strains, stress_load, stresses
 
 log = logging.getLogger("vemcvx")
@@ -113,7 +113,7 @@ def simulate(
     certificate bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates those of mesh and steps.
     """
     check_kinds(scene, mesh)
-    given = checked_times(times)
+    given = check_times(times)
     start = time.perf_counter()
     posed = pose_scene(scene, mesh, given.tolist())
     for words in posed.inactive:
@@ -172,11 +172,11 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     >>> history = vx.simulate(scene, mesh, vx.instants(scene, mesh, times))  # doctest: +SKIP
     """
     check_kinds(scene, mesh)
-    given = checked_times(times)
+    given = check_times(times)
     if len(given) < 2:
         return given
     with unwarned():
-        bends = course(pose_scene(scene, mesh, between=given.tolist()).system, given).bends
+        bends = sample_course(pose_scene(scene, mesh, between=given.tolist()).system, given).bends
     return np.union1d(given, inside_steps(given, bends))
 
 
@@ -186,7 +186,7 @@ def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
         return
     with unwarned():
         posed = pose_scene(scene, mesh, between=times.tolist())
-        missed = course(posed.system, times).missed(times)
+        missed = sample_course(posed.system, times).find_missed(times)
     if not len(missed):
         return
     apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]
@@ -222,7 +222,7 @@ def programs(
             print(program.step, program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error)
     """
     check_kinds(scene, mesh)
-    given = checked_times(times)
+    given = check_times(times)
     posed = pose_scene(scene, mesh, given.tolist())
     found = programs_of_march(
         posed.system,

@@ -13,7 +13,7 @@ import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
-from vemcvx.stepping import certified_in_full, initial_state, prepare
+from vemcvx.stepping import certify_in_full, initial_state, prepare
 from vemcvx.stepping.course import course
 
 MOST = 5.0
@@ -31,7 +31,7 @@ def ratio(scene, mesh, times, initial=None, parts=24):
     """Estimated over true error of the steps, the largest of the run, and the true one itself."""
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
-    start = certified_in_full(run, initial_state(run, times, initial)).full
+    start = certify_in_full(run, initial_state(run, times, initial)).full
     found = beside_finer(run, times, start)
     fine = finest(times, posed.system, parts)
     states = [vx.march(posed.system, t, initial=initial, check=False).state for t in (times, fine)]

@@ -59,7 +59,7 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_262, "solvers": 1_423, "stepping": 1_755, "linear": 940, "scene": 1_961, "effects": 1_996}
+LINES = {"program": 2_262, "solvers": 1_423, "stepping": 1_791, "linear": 940, "scene": 1_961, "effects": 1_996}
 LINES |= {"exchange": 704, "testing": 977, "cli/collection": 1_146}
 LINES |= {"bound": 3_260, "results": 2_690, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_649}

@@ -44,7 +44,7 @@ from vemcvx.program import System
 from vemcvx.program.operators import energy_norm
 from vemcvx.scene import PosedScene, pose_scene, unwarned
 from vemcvx.stepping import march
-from vemcvx.stepping.course import ACROSS, course, divided, inputs, inside_steps
+from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_course, subdivide
 
 log = logging.getLogger("vemcvx")
 READINGS = 512
@@ -114,7 +114,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     with unwarned():
         # A load that comes and goes within a step is left out by runs, and leaves friction behind.
         whole = pose_scene(posed.scene, posed.space.mesh)
-    bends = inside_steps(times, course(whole.system, times).bends)
+    bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))
     if not len(off):
         return nothing, off
@@ -138,10 +138,10 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
 
 def _off_lines(system: System, times: Floats) -> Floats:
     """Return instants at which data miss the lines between those of a run: at random, not in step with waves."""
-    parts = divided(times, READINGS_A_STEP, READINGS)
+    parts = subdivide(times, READINGS_A_STEP, READINGS)
     width, draw = np.diff(parts), np.random.default_rng(0)
     inside = parts[:-1] + draw.uniform(1.0, 2.0, len(width)) / 3.0 * width
-    inside = inside[width > 2.0 * ACROSS * (times[-1] - times[0])]
+    inside = inside[width > 2.0 * JUMP_WIDTH * (times[-1] - times[0])]
     weights = [draw.uniform(0.5, 1.5, len(datum)) for _, datum in inputs(system, float(times[0]))]
     known, values = (
         np.array([[w @ x for w, (_, x) in zip(weights, inputs(system, t), strict=True)] for t in instants.tolist()])

@@ -30,7 +30,7 @@ from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
-from vemcvx.stepping import checked_times
+from vemcvx.stepping import check_times
 
 if TYPE_CHECKING:
     from vemcvx.estimate.adapt import Adapted
@@ -220,7 +220,7 @@ class Problem:
 
     def posed(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
         """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and instants of steps."""
-        return Posed(self.scene(settings), mesh, checked_times(self.times(steps)), solver, self.initial)
+        return Posed(self.scene(settings), mesh, check_times(self.times(steps)), solver, self.initial)
 
     @property
     def initial(self) -> Any:

@@ -35,7 +35,7 @@ from vemcvx.results import files, largest, places
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
 from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
-from vemcvx.stepping import CHECKPOINT, Folder, stored_steps
+from vemcvx.stepping import CHECKPOINT, Folder, choose_stored_steps
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""
@@ -116,7 +116,7 @@ class Run:
         left = list[str]()
         with held as rows, progress_bar("meshing") as shown:
             if self.target is None:
-                check_memory(problem, n, self.mesh, len(stored_steps(stored, steps)) if folder is None else 1)
+                check_memory(problem, n, self.mesh, len(choose_stored_steps(stored, steps)) if folder is None else 1)
             mesh = problem.mesh(n, self.mesh, self.settings)
             if self.points is not None:
                 places(mesh, self.points, "--probe")

@@ -22,7 +22,7 @@ from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Norms, Operators
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import Scene, pose_scene
 from vemcvx.solvers.default import BY_SIZE, name_features
-from vemcvx.stepping import checked_times, softening_ratio
+from vemcvx.stepping import check_times, softening_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Show:
         problem = read_problem(self.file)
         n = self.n or problem.usual_n(64, self.mesh)
         # Data are evaluated at 64 instants, to see whether they are zero at all times.
-        scene, times = problem.scene(self.settings), checked_times(problem.times(64))
+        scene, times = problem.scene(self.settings), check_times(problem.times(64))
         mesh = problem.mesh(n, self.mesh, self.settings)
         rows = scene_in_words(scene, mesh, times, mesh_name(problem, self.mesh, n))
         say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")

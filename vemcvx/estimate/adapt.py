@@ -44,8 +44,8 @@ from vemcvx.results import SINGULAR, growth, largest_values, record, warn_of_lar
 from vemcvx.scene import PosedScene, Scene, pose_scene
 from vemcvx.simulation import Projected, begins, check_kinds, free_unknowns
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping import Memory, certified_in_full, checked_times, initial_state, march, prepare
-from vemcvx.stepping.course import ACROSS, course, inside_steps
+from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state, march, prepare
+from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
 GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
@@ -105,7 +105,7 @@ def split_steps(times: Floats, lost: Lost, allowed: float) -> Floats:
     Where loads are smooth errors fall with the square of the step: beyond four times what is allowed steps are cut into
     more than two at once.
     """
-    squares = np.where(np.diff(times) > ACROSS * (times[-1] - times[0]), lost.squares, 0.0)
+    squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), lost.squares, 0.0)
     if lost.error <= allowed or not squares.any():
         return times
     parts = 2 if lost.error <= 4.0 * allowed else 3
@@ -355,7 +355,7 @@ def _begun(initial: ArrayLike | str | Projected | None) -> str | Projected | Non
 
 
 def _wanted(times: ArrayLike) -> Floats:
-    wanted = checked_times(times)
+    wanted = check_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
     return wanted
@@ -488,8 +488,8 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
             stacklevel=3,
         )
     run, begun = prepare(posed.system, None, False, True), free_unknowns(aim.initial, posed, aim.wanted)
-    state = certified_in_full(run, initial_state(run, aim.wanted, begun))
-    known = course(posed.system, aim.wanted)
+    state = certify_in_full(run, initial_state(run, aim.wanted, begun))
+    known = sample_course(posed.system, aim.wanted)
     aim = replace(aim, turns=inside_steps(aim.wanted, known.bends))
     times = aim.stored
     while True:

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.base.arrays import Floats
-from vemcvx.stepping import PreparedRun, StepData, settled_from, state_given, step
-from vemcvx.stepping.course import Course, course, divided
+from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from, step
+from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER, TO_EXACT = 4, 1.25
 """TO_EXACT stands for 1 / (1 - 1/FINER): the slow tests hold it to 1 to 5 times the truth on 40 random scenes."""
@@ -46,7 +46,7 @@ class Finer:
 
 def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
     """Compare a run from a state (n,) at times[0] with one in finer steps; `known` is what is known of its data."""
-    known = course(run.system, times) if known is None else known
+    known = sample_course(run.system, times) if known is None else known
     if run.operators.count == 0 or len(times) == 1:
         none = np.zeros(len(times))
         return Finer(errors=none, added=none[1:], times=times, norm=0.0, bends=known.bends, jumps=known.jumps)
@@ -65,7 +65,7 @@ def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course
 
 def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
     """Parts of every step, 8 times as many in all, bends and jumps, and samples where straight lines miss the data."""
-    chosen, width = np.union1d(divided(times, parts, 8 * parts), known.bends), np.diff(known.times)
+    chosen, width = np.union1d(subdivide(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
     # Lines over pieces of the length h miss data by h^2 f'' / 8: by 2e-3 of their size, if int (f'' / .016)^{1/2} dt
@@ -76,7 +76,7 @@ def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
 
 def _followed(run: PreparedRun, times: Floats, initial: Floats) -> tuple[Floats, float]:
     """Retained unknowns (N + 1, m) at the instants, and the largest energy norm."""
-    state = settled_from(run, state_given(run, StepData.of(run.condensation, float(times[0])), initial))
+    state = settle_from(run, make_given_state(run, StepData.evaluate(run.condensation, float(times[0])), initial))
     found = np.empty((len(times), len(state.y)))
     found[0] = state.y
     for n, t in enumerate(times[1:], start=1):

@@ -39,7 +39,7 @@ from vemcvx.results import SPREAD, Corners, Quantity, displacement, record
 from vemcvx.scene import pose_scene, unwarned
 from vemcvx.simulation import free_unknowns
 from vemcvx.stepping import Memory, march
-from vemcvx.stepping.course import course
+from vemcvx.stepping.course import sample_course
 
 
 def quantities(history: History) -> dict[str, Quantity]:
@@ -92,7 +92,7 @@ def errors_of_steps(history: History) -> StepErrors:
     times = history.trajectory.times
     with unwarned():
         posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
-        known = course(posed.system, times)
+        known = sample_course(posed.system, times)
     finer = _beside(history, history.mesh, finer_instants(times, known, 2), _start(history))
     apart = {name: 1.5 * difference for name, difference in _apart(history, finer).items()}
     added = {name: np.abs(np.diff(apart[name])) for name in ("dissipated", "work")}

@@ -89,7 +89,7 @@ class Kernel:
         return np.linalg.qr(self.modes)[0]
 
     def reach(self, c: Floats) -> float:
-        """Return how far the motion modes @ c takes a node at most."""
+        """Return the largest displacement of a node in the motion modes @ c."""
         return float(np.abs((self.modes if self.moved is None else self.moved) @ c).max())
 
     def name(self, c: Floats) -> str:

@@ -1,20 +1,20 @@
-"""Backward Euler: step after step, solved, certified, entered into the ledger, kept."""
+"""Backward Euler: steps are solved, certified, entered into the ledger, and stored."""
 
 from vemcvx.stepping.backward_euler import (
     Balanced,
     Beginning,
     Continued,
-    checked_times,
+    check_times,
     initial_state,
     march,
     prepare,
-    settled_from,
+    settle_from,
     step,
 )
 from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
 from vemcvx.stepping.refusals import softening_ratio
-from vemcvx.stepping.state import Ledger, PreparedRun, StepData, certified_in_full, state_given
-from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, relative, stored_steps
+from vemcvx.stepping.state import Ledger, PreparedRun, StepData, certify_in_full, make_given_state
+from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, choose_stored_steps, relative
 
 __all__ = [
     "CHECKPOINT",
@@ -28,17 +28,17 @@ __all__ = [
     "StepData",
     "Storage",
     "Trajectory",
-    "certified_in_full",
-    "checked_times",
+    "certify_in_full",
+    "check_times",
+    "choose_stored_steps",
     "initial_state",
+    "make_given_state",
     "march",
     "prepare",
     "programs_of_march",
     "programs_of_trajectory",
     "relative",
-    "settled_from",
+    "settle_from",
     "softening_ratio",
-    "state_given",
     "step",
-    "stored_steps",
 ]

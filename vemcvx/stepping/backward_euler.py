@@ -1,32 +1,32 @@
-"""March through time by backward Euler, (2.34): one certified convex program a step.
+"""March through time by backward Euler, (2.34): one certified convex program per step.
 
-    pose      the increment d = y_n - y_{n-1} is looked for, under g, the force out of balance when the step begins
-    answer    by the solver; once more, more sharply, where it misses
-    certify   on the unknowns that friction and limits read; states that are kept on all, with one residual of K
+    pose      find the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step
+    solve     by the solver, and again with a smaller target if the answer misses the accuracy
+    certify   on the unknowns that friction and limits read; stored states on all unknowns, with one residual of K
     record    :mod:`.trajectory`
 
-With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
-g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
+With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
+g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.
 
-Dashpots. With b(u', v) beside a(u, v), a step of length k is the same step with K + C/k in place of K, and with the
-force -P'A_b (u_D,n - u_D,n-1) / k of supports that move; C is the matrix of b on y, A_b that on u. Nothing is condensed
-then. What is out of balance in K afterwards is held by dashpots, too. The certificate bounds the error in the norm of
-K + C/k, which is no less than that of K.
+Dashpots. With b(u', v) in addition to a(u, v), a step of length k is the same step with K + C/k in place of K, and with
+the additional force -P'A_b (u_D,n - u_D,n-1) / k of moving supports. C is the matrix of b on y, A_b its matrix on u.
+Nothing is condensed then, and dashpots, too, balance g_n - K d_n. The certificate bounds the error in the norm of
+K + C/k, which is at least the norm of K.
 
-Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
-completely, has no energy: its norm is rounding, and an accuracy relative to it means nothing. The largest energy norm
-that the load could cause without contact and friction, |K^{-1}f|_K, then takes its place: a state whose norm and
-certified error are both at most accuracy times that is zero at the accuracy asked; so is a norm that is rounding.
+Errors are relative to the largest energy norm of the states so far. A body that moves without contact, or that is
+completely fixed, has no energy: its norm is rounding, and cannot be a reference. The reference is then the largest
+energy norm that the load could cause without contact and friction, |K^{-1}f|_K. A state counts as zero if its norm and
+its certified error are at most accuracy times this reference, or if its norm is rounding.
 
-A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. That holds if and
-only if one step at times[0] from u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs:
-u_0 is at most jump + (certified error of that step) away from a state that obeys (2.1), which is the certificate of
-step 0. The step maps are nonexpansive, so later states are off by no more, beside their own errors. P^h u_0, (3.26), is
-settled by that very step: what obeys (2.1) in the continuum misses it in V^h by O(h), for loads and friction are
-integrated by other rules than a(u_0, v).
+A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. It holds if and
+only if one step at times[0] from u_0 returns u_0. The jump of this step measures a violation: the distance of u_0 from
+a state that obeys (2.1) is at most jump + (certified error of the step) in the energy norm. This is the certificate of
+step 0. The step maps are nonexpansive, so that it adds no more than this to the errors of later states. For
+P^h u_0, (3.26), the run begins after this step: a state that obeys (2.1) in the continuum violates it in V^h by O(h),
+because loads and friction are integrated by other rules than a(u_0, v).
 
-Why not by the midpoint rule, which is a convex program a step, too, says problems/midpoint_rule.py: its states at the
-instants violate (2.1), and where slips begin inside of steps it is of order one, and no better.
+We do not use the midpoint rule, which also solves one convex program per step: its states at the instants violate
+(2.1), and if slips begin inside steps it is of order one, too (problems/midpoint_rule.py).
 """
 
 from __future__ import annotations
@@ -73,32 +73,32 @@ from vemcvx.stepping.state import (
     State,
     StepData,
     advance,
-    certified_in_full,
-    dragged,
+    certify_in_full,
     energy,
-    state_given,
+    evaluate_dragged,
+    make_given_state,
 )
-from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, stored_steps
+from vemcvx.stepping.trajectory import Memory, Recorder, Storage, Trajectory, choose_stored_steps
 
 log = logging.getLogger("vemcvx")
 
 
 @dataclass(frozen=True, eq=False)
 class PosedStep:
-    """A step being solved."""
+    """A step with its program."""
 
     run: PreparedRun
     before: State
     data: StepData
     frame: Frame
-    g: Floats  # out of balance in K when it begins, on the unknowns that states keep
+    g: Floats  # unbalanced force at its beginning, on the unknowns that states store
     program: StepProgram
 
     def solve(self, n: int) -> State:
-        """The state that step `n` leads to, certified; SceneError where nothing balances the load on K's kernel."""
+        """Return the certified state after step `n`; raise SceneError if nothing balances the load on K's kernel."""
         when = f"step {n} at t = {self.data.t:.6g}"
         try:
-            state = self._at_rest() or self._answered()
+            state = self._at_rest() or self._solve()
         except SolverFailed:
             refuse_unbalanced(self.frame.condensation, self.program, when)
             raise
@@ -107,45 +107,45 @@ class PosedStep:
         return state
 
     def _at_rest(self) -> State | None:
-        """The state where it was, exactly, if nothing moves it that counts."""
+        """Return the unchanged state if the data of the step are negligible; else None."""
         program, before, accuracy, m = self.program, self.before, self.run.solver.accuracy, len(self.program.w)
         if program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
-            return self._still(np.zeros_like(before.lam[:m]), np.zeros_like(before.p), "nothing pushes")
+            return self._rest(np.zeros_like(before.lam[:m]), np.zeros_like(before.p), "nothing pushes")
         if before.scale == 0.0 and (held := program.at_rest()) is not None:
-            still = self._still(held, np.zeros_like(before.p), "nothing slips")
-            # While nothing has moved at all there is no size to which an accuracy could refer.
+            still = self._rest(held, np.zeros_like(before.p), "nothing slips")
+            # Before anything has moved there is no reference norm for an accuracy.
             if still.scale == 0.0:
                 return still
         now, last = (self.g, self.data.remaining_gap), (before.unbalanced, before.data.remaining_gap)
         same = all(map(np.array_equal, (*now, program.w), (*last, before.weights[:m]))) and not program.b.any()
-        # A given start may be out of balance by more than a step's accuracy, and dashpots go on under the same load.
-        same &= self.data.t > before.t and before.accepted(accuracy) and self.run.system.damping is None
+        # A given initial state may miss the accuracy of a step, and dashpots continue to move under the same load.
+        same &= self.data.t > before.t and before.is_accepted(accuracy) and self.run.system.damping is None
         if same:
-            return replace(self._still(before.lam[:m], before.p, "nothing changed"), certificate=before.certificate)
+            return replace(self._rest(before.lam[:m], before.p, "nothing changed"), certificate=before.certificate)
         return None
 
-    def _still(self, lam: Floats, p: Floats, status: str) -> State:
+    def _rest(self, lam: Floats, p: Floats, status: str) -> State:
         d = np.zeros_like(self.program.g)
         floor = self.program.rounding_floor(d, lam, p, self.before.y)
         certificate = Certificate(0.0, np.zeros(len(lam)), floor, np.zeros_like(p))
         return self.state_after(Answer(d, lam, 0, status, p=p), certificate)
 
-    def _answered(self) -> State:
-        """The solver's answer; asked once more, more sharply, where the size of u_n shows that too little was asked."""
+    def _solve(self) -> State:
+        """Return the solved state; solve again with a smaller target if it misses the accuracy relative to |u_n|."""
         size, accuracy = check_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
-        state = self._asked(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
-        if state.accepted(accuracy) or state.certificate.at_floor:
+        state = self._certify(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
+        if state.is_accepted(accuracy) or state.certificate.at_floor:
             return state
         sharper = 0.5 * (INNER_FRACTION * accuracy * min(size, state.unit(accuracy))) ** 2
-        other = self._asked(self.frame.prepared.retry, sharper)
+        other = self._certify(self.frame.prepared.retry, sharper)
         best = min((state, other), key=lambda one: one.certificate.gap)
         return replace(best, iterations=state.iterations + other.iterations)
 
-    def _asked(self, solve: Callable[..., Answer], gap: float) -> State:
-        """The answer of `solve` within the bounds, certified."""
+    def _certify(self, solve: Callable[..., Answer], gap: float) -> State:
+        """Return the state after the answer of `solve`, within the bounds and certified."""
         program, law = self.program, self.law
-        guess = self.before.expected(self.data.t, len(program.w))
+        guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
             answer = solve(program, gap, *guess, *([] if law is None else [law]))
             if law is not None:
@@ -159,17 +159,17 @@ class PosedStep:
 
     @property
     def law(self) -> StepLaw | None:
-        """The law of the step's weights; None where they are given."""
+        """The law of the step's weights; None if weights are given."""
         norms = self.run.system.norms
         if norms is None or norms.law is None:
             return None
         return StepLaw(norms, self.data.t, self.before.ledger.slipped[: norms.count])
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
-        """The state that an answer of the program leads to."""
+        """Return the state after an answer of the program."""
         run, before, now, program, k = self.run, self.before, self.data, self.program, self.data.t - self.before.t
         d, slip, m = answer.d, program.slip(answer.d), len(program.w)
-        lam, slid, w = dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
+        lam, slid, w = evaluate_dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
         given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
         weights, norms, y = np.append(program.w, w), run.system.norms, before.y + d
         bound = program.w
@@ -202,27 +202,31 @@ class PosedStep:
         return replace(after, ledger=ledger, scale=scale, size=size)
 
     def _sticking(self, slip: Floats, y: Floats, certificate: Certificate) -> Bools:
-        """Increments (m,) that the certificate cannot tell from zero: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
+        """Return True (m,) if s_i may be zero within the certificate: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
         operators = self.program.operators
         if operators.count == 0:
             return np.zeros(0, dtype=bool)
-        blur = EPS * (self.run.operators.absolute[1] @ np.abs(y))[: operators.B.shape[0]].reshape(-1, operators.block)
+        rounding = EPS * (self.run.operators.absolute[1] @ np.abs(y))[: operators.B.shape[0]].reshape(
+            -1, operators.block
+        )
         error = certificate.error + certificate.error_floor
-        sticks: Bools = lengths(slip) <= error * np.sqrt(operators.norm_flexibility) + blur.max(axis=1)
+        sticks: Bools = lengths(slip) <= error * np.sqrt(operators.norm_flexibility) + rounding.max(axis=1)
         return sticks
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
-    """Pose the step that leads from `before` to what drives the system now; with weights `w` (m,), if they are given.
+    """Pose the step from `before` to the instant of the data `now`, with weights `w` (m,) if they are given.
 
-    By default weights that depend on the answer follow the pressures of `before`, and slips so far.
+    By default, weights that depend on the answer are evaluated at the pressures of `before` and the slips so far.
     """
     norms, damping, k = run.system.norms, run.system.damping, now.t - before.t
     if w is None:
         m = run.operators.count
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
-    g = own = balanced(run, before, now, before.unbalanced + (now.force.retained - before.data.force.retained))
+    g = own = remove_kernel_rounding(
+        run, before, now, before.unbalanced + (now.force.retained - before.data.force.retained)
+    )
     if damping is not None and damping.motion is not None and k > 0:
         own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y
@@ -230,10 +234,10 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
     return PosedStep(run, before, now, frame, g, program=StepProgram(frame.condensation.operators, own, w, b, e))
 
 
-def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:
-    """The force g of a step without what pushes along K's kernel by the rounding of the forces that it is made of.
+def remove_kernel_rounding(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:
+    """Return the force g of a step without its part on K's kernel, if this part is rounding.
 
-    These are the loads at both ends of the step, what was out of balance, and the forces inside the body.
+    g is a sum of the loads at both ends of the step, the unbalanced force before it, and interior forces, which cancel.
     """
     N, operators = run.operators.kernel, run.operators
     if N is None:
@@ -245,22 +249,22 @@ def balanced(run: PreparedRun, before: State, now: StepData, g: Floats) -> Float
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
-    """The size of what ground that moves can cause.
+    """Return the largest energy norm that moving ground can cause.
 
-    That is the least energy norm with which some B_i v goes as far as the ground under it, |g_i| / f_i^{1/2} with f_i
-    the flexibility of the term; or if that is less, what all of friction can cause, sum_i w_i f_i^{1/2}.
+    A field v with B_i v = g_i has at least the norm |g_i| / f_i^{1/2}, with f_i the flexibility of term i. Friction
+    forces cause at most sum_i w_i f_i^{1/2}. The smaller of the two is returned.
     """
     if ground is None:
         return 0.0
-    root, way = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
-    # No field goes anywhere where rows read nothing.
-    far = np.divide(way, root, out=np.where(way > 0, np.inf, 0.0), where=root > 0)
+    root, motion = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
+    # Rows of zeros have no flexibility.
+    far = np.divide(motion, root, out=np.where(motion > 0, np.inf, 0.0), where=root > 0)
     return float(min(far.max(initial=0.0), w @ root))
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
-    """The state after step `n`, from `before` to `t`; NotCertified where it misses the accuracy of a checked run."""
-    state = pose_step(run, before, StepData.of(run.condensation, t)).solve(n)
+    """Return the state after step `n` from `before` to `t`; raise NotCertified if a checked run misses its accuracy."""
+    state = pose_step(run, before, StepData.evaluate(run.condensation, t)).solve(n)
     if run.check:
         require_certified(run, state, n)
     return state
@@ -269,7 +273,7 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
 def prepare(
     system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
 ) -> PreparedRun:
-    """Factorise, condense, and let the solver do what all steps share; SceneError for settings of wrong kinds."""
+    """Factorise, condense, and prepare the solver of a run; raise SceneError for settings of wrong types."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
     if solver is not None:
@@ -312,34 +316,46 @@ def march(
     ----------
     system : System
     times : increasing sequence of N + 1 instants
-        times[0] is the initial one.
+        times[0] is the initial instant.
     solver : Solver, or object with solve(program, target), optional
         By default the smallest that accepts the program.
     initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
-        Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
+        The initial state: zero, a given state, K y = load(t_0) without friction, or one step from zero at t_0.
     store : "all", "last", int or sequence of int
-        Which states to keep: every one, the last, every so many and the last, or those of these steps and the last.
-    check, condense, linear : as of :func:`vemcvx.simulate`
+        States to store: all, the last, every n-th and the last, or the states of given steps and the last.
+    check, condense, linear
+        See :func:`vemcvx.simulate`.
     progress : callable (step, steps), optional
+        Called after each step.
     storage : Storage, optional
-        Where rows are kept; an interrupted run of the same system in a Folder is continued.
+        Memory() or Folder(path); an interrupted run of the same system in a Folder is continued.
+
+    Returns
+    -------
+    Trajectory
 
     Raises
     ------
     SceneError
         The times do not increase, the initial state violates (2.1), or rigid limits contradict each other.
     NotAccepted
-        The solver cannot take the program.
+        The solver does not accept the program.
     NotCertified
-        A step misses the accuracy asked for.
+        A step misses the requested accuracy.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> vx.march(system, [0.0, 0.5, 1.0]).state.ravel()
+    array([0. , 0.5, 2. ])
     """
     if progress is not None and not callable(progress):
         raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
     check_takes(progress, 2, "progress", "(step, steps)")
     if storage is not None and not isinstance(storage, Storage):
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
-    instants = checked_times(times)
-    kept = stored_steps(store, len(instants) - 1)
+    instants = check_times(times)
+    kept = choose_stored_steps(store, len(instants) - 1)
     start = time.perf_counter()
     run = prepare(system, solver, check, condense, linear)
     prepared = time.perf_counter()
@@ -363,13 +379,13 @@ def march(
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
-    """Keep BLAS to one thread within, unless the steps' own matrices are large and dense."""
+    """Limit BLAS to one thread inside the block, unless the matrices of steps are large and dense."""
     unknowns = len(system.retained) if condense else system.n
     return one_thread(unknowns if linear.eliminates else 0)
 
 
-def checked_times(times: ArrayLike) -> Floats:
-    """The instants as an increasing array of at least one."""
+def check_times(times: ArrayLike) -> Floats:
+    """Return the instants (N + 1,) as an increasing array; raise SceneError for anything else."""
     wanted = "an increasing sequence of finite instants, such as np.linspace(0, 1, 65)"
     t = as_real_array(times, "times", wanted)
     if t.ndim != 1 or len(t) == 0 or not np.isfinite(t).all():
@@ -386,7 +402,7 @@ def checked_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The state K y = force (n,), from which a body settles by one step; what K does not feel is as in `near` (n,)."""
+    """The initial state K y = force (n,), followed by one step; its part in K's kernel is taken from `near` (n,)."""
 
     force: Floats
     near: Floats
@@ -394,7 +410,7 @@ class Balanced:
 
 @dataclass(frozen=True, eq=False)
 class Continued:
-    """Where another run ended: the unknowns y (n,), and what its terms had lost and slipped, and its work, by then."""
+    """The end of another run: the unknowns y (n,), the ledger of its losses and slips, and its work."""
 
     y: Floats
     past: Ledger
@@ -402,54 +418,54 @@ class Continued:
 
 
 Beginning = ArrayLike | str | Balanced | Continued | None
-"""None (zero), unknowns (n,), "equilibrium", "settled", forces to settle from, or where another run ended."""
+"""None (zero), unknowns (n,), "equilibrium", "settled", a balance of forces, or the end of another run."""
 
-JUMP = 1e-6
+START_TOLERANCE = 1e-6
 """Jump of the first step, relative to the energy norm, above which a given initial state violates (2.1)."""
 
-FAR = 3.0
-"""Jump of P^h u_0 into (2.1), relative to its distance from the nodal values of u_0, that is worth a warning."""
+WARNING_RATIO = 3.0
+"""Jump of P^h u_0, relative to its distance from the nodal values of u_0, above which a warning is issued."""
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
-    """The state at the first of the instants; SceneError where `initial` is not understood, or it violates (2.1).
+    """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
-    Where what acts there is rounding beside the loads of later instants, that is the state that it settles in. Where
-    rates cost, a load that nothing balances yet sets the body in motion: any given state is one to begin with.
+    If the jump is rounding compared with later loads, the run begins after the jump. With damping an unbalanced load
+    sets the body in motion, so that every given state is accepted.
     """
-    now, K = StepData.of(run.condensation, float(instants[0])), run.system.K
-    y = _given(run, now, initial)
-    given = state_given(run, now, y, initial.past if isinstance(initial, Continued) else None)
+    now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
+    y = _first_unknowns(run, now, initial)
+    given = make_given_state(run, now, y, initial.past if isinstance(initial, Continued) else None)
     rests = isinstance(initial, str) and initial == "settled"
     if run.system.damping is not None and not rests:
         return given
-    settled = settled_from(run, given, run.check and (rests or isinstance(initial, Balanced)))
+    settled = settle_from(run, given, run.check and (rests or isinstance(initial, Balanced)))
     if rests:
         return settled
     jump, norm = energy_norm(K, settled.unknowns - y), settled.ledger.norm
     if isinstance(initial, Balanced):
-        if jump > FAR * energy_norm(K, y - initial.near) + WORTH_A_WORD * norm:
+        if jump > WARNING_RATIO * energy_norm(K, y - initial.near) + WORTH_A_WORD * norm:
             log.warning(
                 f"initial: u_0 violates condition (2.1): one step at t = {now.t:.6g} moves P^h u_0 by {jump:.3g} in "
                 f"the energy norm, which is {norm:.3g}. The run begins where the body settles. Loads at the first "
                 "instant and the friction that holds there are to balance the stresses of u_0."
             )
-        # A body that nothing holds in P^h u_0 comes to rest, of which nothing but rounding is left.
+        # A body that nothing holds in P^h u_0 relaxes to zero up to rounding: keep its norm as a reference.
         return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
-    if not jump <= JUMP * scale + settled.certificate.error:
-        loads = (StepData.of(run.condensation, t).force.norm for t in instants.tolist())
+    if not jump <= START_TOLERANCE * scale + settled.certificate.error:
+        loads = (StepData.evaluate(run.condensation, t).force.norm for t in instants.tolist())
         if jump <= ROUNDING * max(loads):
             return settled
         refuse_start(run, given, settled, jump / scale if scale > 0 else np.inf)
-    # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
+    # The distance from a state that obeys (2.1) is at most the jump plus the error of the settled state.
     away = settled.certificate.away(jump + settled.certificate.error)
     start = replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away)
-    return _beginning(run, start, given.ledger)
+    return _begin_history(run, start, given.ledger)
 
 
-def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
-    """The unknowns (n,) that a run is to begin with, or to settle from."""
+def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
+    """Return the unknowns (n,) at the beginning, before a step to settle."""
     n = run.system.n
     if initial is None or (isinstance(initial, str) and initial == "settled"):
         return np.zeros(n)
@@ -472,17 +488,17 @@ def _given(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
     return finite(shaped(initial, "initial", f"{n} finite values, one an unknown", (n,)), "initial")
 
 
-def settled_from(run: PreparedRun, given: State, check: bool = False) -> State:
-    """The state after one step at the same instant, certified in full: the same one, if (2.1) holds there."""
+def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
+    """Return the state after one step at the same instant, certified in full; if (2.1) holds, it is `given`."""
     posed = pose_step(run, given, given.data, given.weights[: run.operators.count])
-    settled = certified_in_full(run, posed.solve(0))
+    settled = certify_in_full(run, posed.solve(0))
     if check:
         require_certified(run, settled, 0)
-    return _beginning(run, settled, given.ledger)
+    return _begin_history(run, settled, given.ledger)
 
 
-def _beginning(run: PreparedRun, state: State, past: Ledger) -> State:
-    """The state as the beginning of a history: nothing has slipped, is lost or done beside what the past has."""
+def _begin_history(run: PreparedRun, state: State, past: Ledger) -> State:
+    """Return the state as the beginning of a history, with slips of zero and the losses and work of `past`."""
     ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
     return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=state.data.force.norm)

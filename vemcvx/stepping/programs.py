@@ -1,4 +1,4 @@
-"""The programs of a run's steps, unscaled and with their answers, for whoever wants to solve them in another way."""
+"""The programs of a run's steps, unscaled and with their answers, to be solved by other means."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import (
     Beginning,
-    checked_times,
+    check_times,
     initial_state,
     pose_step,
     prepare,
     step,
     threads_of_steps,
 )
-from vemcvx.stepping.state import PreparedRun, State, certified_in_full
+from vemcvx.stepping.state import PreparedRun, State, certify_in_full
 from vemcvx.stepping.trajectory import FIELDS, Trajectory, row_of, state_of_row
 
 
@@ -36,9 +36,21 @@ def programs_of_march(
     condense: bool = True,
     linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
-    """March a System, and yield the convex program of every step with its certified answer, step after step.
+    """March a System, and yield the convex program of each step with its certified answer.
 
-    Parameters and errors are those of :func:`vemcvx.march`; :func:`vemcvx.programs` takes a scene and a mesh.
+    Parameters
+    ----------
+    system, times, solver, initial, check, condense, linear
+        See :func:`vemcvx.march`. :func:`vemcvx.programs` takes a scene and a mesh instead.
+
+    Returns
+    -------
+    Iterator of SolvedProgram
+
+    Raises
+    ------
+    SceneError, NotAccepted, NotCertified
+        See :func:`vemcvx.march`.
 
     Examples
     --------
@@ -47,34 +59,34 @@ def programs_of_march(
     >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
     [0.5, 1.0]
     """
-    instants, run = checked_times(times), prepare(system, solver, check, condense, linear)
-    before = certified_in_full(run, initial_state(run, instants, initial))
+    instants, run = check_times(times), prepare(system, solver, check, condense, linear)
+    before = certify_in_full(run, initial_state(run, instants, initial))
     for n, t in enumerate(instants[1:].tolist(), start=1):
         with threads_of_steps(system, run.condense, run.condensation.linear):
             state = step(run, before, n, t)
-        yield _solved_program(run, before, state, n)
+        yield _make_solved_program(run, before, state, n)
         before = state
 
 
 def programs_of_trajectory(
     system: System, trajectory: Trajectory, numbers: Sequence[int], condense: bool = True
 ) -> Iterator[SolvedProgram]:
-    """The programs of the steps of these numbers, posed again from the states before and after them.
+    """Yield the programs of the steps `numbers`, posed again from the stored states before and after them.
 
-    HistoryError where there is no such step, or these states are not stored.
+    Raise HistoryError if a step does not exist, or if these states are not stored.
     """
     for n in numbers:
         _check_stored(trajectory, n)
     run = prepare(system, None, True, condense)
     for n in numbers:
-        yield _solved_program(run, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
+        yield _make_solved_program(run, _read_stored(run, trajectory, n - 1), _read_stored(run, trajectory, n), n)
 
 
-def _solved_program(run: PreparedRun, before: State, after: State, n: int) -> SolvedProgram:
-    """The program of step `n` under the weights that the state after it was found for."""
+def _make_solved_program(run: PreparedRun, before: State, after: State, n: int) -> SolvedProgram:
+    """Return the program of step `n` with the weights of the state after it."""
     m, norms = run.operators.count, run.system.norms
     posed = pose_step(run, before, after.data, after.weights[:m])
-    # The difference of two states may lie a rounding error beyond a bound.
+    # The difference of two states may violate a bound by rounding.
     d = posed.program.feasible(after.y - before.y)
     answer = Answer(d, after.lam[:m], after.iterations, after.status, after.safeguards, p=after.p)
     found = SolvedProgram.from_answer(posed.program, answer, n, after.t)
@@ -94,7 +106,7 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
         )
 
 
-def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
-    """The stored arrays of the state after step `n`."""
+def _read_stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
+    """Return the stored state after step `n`."""
     arrays = {name: array for name in FIELDS if (array := getattr(trajectory, name)) is not None}
     return state_of_row(run, float(trajectory.times[n]), row_of(arrays, trajectory.stored, n))

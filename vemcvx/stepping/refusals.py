@@ -1,4 +1,4 @@
-"""Every sentence with which a step or a start is refused, or a word is said about it."""
+"""Errors and warnings about steps and initial states."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from vemcvx.program.system import Norms, System
 from vemcvx.solvers import Solver
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
-STABLE = 0.999
-"""Softening over stiffness beyond which the rounding of answers counts for more than a thousand times itself."""
+STABLE_RATIO = 0.999
+"""Largest ratio of softening to stiffness: above it the rounding of answers is amplified by more than a thousand."""
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
-    """Raise NotCertified when the state after step `n` misses the solver's accuracy.
+    """Raise NotCertified if the state after step `n` misses the solver's accuracy.
 
-    Where nobody asked for one, nothing below the rounding floor is wanted. SceneError where limits contradict each
+    With the default accuracy, an error at the rounding floor is accepted. Raise SceneError if limits contradict each
     other.
     """
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    # A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond .1 it is none.
+    # The relative rounding floor also estimates the error of K^{-1} in the certificate, which is void above .1.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
     refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")
     parts = certificate.error + certificate.error_floor, certificate.error_floor
     reached, floor = ((part / unit if unit > 0 else np.inf) for part in parts)
     worst = ""
-    # Where the gap is no number, or friction has none of it, it sits nowhere.
+    # Name the worst norm term only if the gap is finite and friction contributes to it.
     if norms is not None and np.isfinite(certificate.error) and certificate.friction.max(initial=0.0) > 0:
         worst = f" The largest share of the gap sits at {norms.name(int(np.argmax(certificate.friction)))}."
     said = f" The solver said: {state.status}." if state.status else ""
@@ -68,7 +68,7 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
-    """Raise SceneError where no displacement meets all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
+    """Raise SceneError if no displacement meets all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
     from scipy.optimize import linprog  # Importing it takes a fifth of a second.
 
     limits = system.limits
@@ -77,7 +77,7 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
     if limits is None or not (e < 0).any():
         return
     balanced: Any = sp.vstack([limits.D[rigid].T, sp.csr_matrix(np.ones((1, len(rigid))))])
-    # The method's tolerance is 1e-7 of costs of size one.
+    # linprog has a tolerance of 1e-7 for costs of size one.
     p = linprog(1e7 * e / np.abs(e).max(), A_eq=balanced, b_eq=np.eye(balanced.shape[0])[-1]).x
     if p is None or not p @ e < -64 * EPS * np.abs(e).max():
         return
@@ -89,16 +89,16 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
 
 
 def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
-    """Raise SceneError when no forces of friction and limits balance the load of a step on K's kernel."""
+    """Raise SceneError if no forces of friction and limits balance the load of a step on K's kernel."""
     kernel, field = condensation.system.kernel, program.find_unbalanced_motion()
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
-    # Unknowns of a joint that read a jump move by less than the bodies themselves.
+    # Unknowns of a joint are jumps, which are smaller than the displacements of the bodies.
     field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.w @ lengths(program.operators.blocks(program.operators.B @ field)))
-    holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip.
+    holds = holds if holds > 1e-12 * push else 0.0  # Smaller values are rounding of zero slips.
     raise SceneError(
         f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
         f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
@@ -108,7 +108,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
 
 
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
-    """Raise SceneError for a given start that a step at the same instant moves by `jump` of the energy norm."""
+    """Raise SceneError for a given initial state that a step at the same instant moves by `jump`, a relative norm."""
     operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""
     inside = operators.D @ state.y - state.data.remaining_gap
     inside[operators.compliance > 0] = 0.0
@@ -140,12 +140,13 @@ def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) ->
 
 
 def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[float, int] | None:
-    """rho, softening over stiffness of weights that fall by `softening` (m,) per slip, and the term it sits at.
+    """Return rho, the ratio of softening to stiffness, and the term with the largest part; None if it is unknown.
 
-    It is the largest eigenvalue of k^{1/2} B K^{-1} B' k^{1/2}, so that sum_i k_i |(B e)_i|^2 <= rho |e|_K^2. A step
-    has one solution if rho < 1: with e the difference of two, |e|_K^2 = -(lam - lam*).Be - (p - p*).De, in which the
-    last term is <= 0, and the one before it at most sum k_i (|s_i| - |s*_i|)^2 <= rho |e|^2. None where it is unknown:
-    with an iterative linear solver B K^{-1} B' would take a solve for every row.
+    Weights fall by at most k_i = `softening` (m,) per slip. rho is the largest eigenvalue of
+    k^{1/2} B K^{-1} B' k^{1/2}, so that sum_i k_i |(B e)_i|^2 <= rho |e|_K^2. If rho < 1, a step has one solution: the
+    difference e of two solutions satisfies |e|_K^2 = -(lam - lam*).Be - (p - p*).De, where the last term is <= 0, and
+    the one before it is at most sum k_i (|s_i| - |s*_i|)^2 <= rho |e|_K^2. rho is unknown with iterative linear
+    solvers: B K^{-1} B' would take one solve per row.
     """
     if softening is None or (softening.any() and not operators.factor.exact):
         return None
@@ -163,12 +164,12 @@ def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[flo
 
 
 def warn_of_softening(operators: Operators, norms: Norms) -> None:
-    """Warn where weights may fall so fast with slip that a step has several solutions."""
+    """Warn if weights may fall so fast with slip that a step has several solutions."""
     rho, worst = softening_ratio(operators, norms.softening) or (0.0, 0)
-    if rho >= STABLE:
+    if rho >= STABLE_RATIO:
         warnings.warn(
             f"friction: weights may fall faster with slip than the body gives way, most at {norms.name(worst)} "
-            f"(softening over stiffness is {rho:.3g}; less than {STABLE:g} makes steps convex). A step may have "
+            f"(softening over stiffness is {rho:.3g}; less than {STABLE_RATIO:g} makes steps convex). A step may have "
             "several answers, or jump. Take a law that falls over a longer slip, a "
             "stiffer body, or a law that reads the slip before the step alone.",
             SceneWarning,

@@ -1,38 +1,39 @@
-"""What the steps of a run share, what drives it at an instant, the state after a step, and its ledger.
+"""The data of a run and of an instant, the state after a step, and its ledger of energies.
 
-States keep the unknowns that friction and limits read; what is inside follows from them and from the load. With
-dashpots it depends on the past, too, and nothing is condensed.
+States store the unknowns that friction and limits read; the interior unknowns follow from them and from the load. With
+dashpots interior unknowns also depend on the past, and nothing is condensed.
 
-The ledger of a step of backward Euler has
+The ledger of a step of backward Euler consists of
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
-           (forces and reactions at the end of the step; this load is without the Dirichlet force; c is the motion of
-           supports along norm terms, less that of the ground; g is the remaining gap at y = 0)
-loss     = sum_i lam_i . s_i, which is w_i |s_i| at a solution, kept term by term: friction work, which wears what rubs
-identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e. For bounds
-           the last term is -p . z_prev >= 0; for soft limits, less the change of their energy, at least c (dp)^2 / 2
+           (forces and reactions at the end of the step; the load excludes the Dirichlet force; c is the motion of
+           supports along norm terms minus the motion of the ground; g is the remaining gap at y = 0)
+loss     = sum_i lam_i . s_i, the work of friction, stored for each term; it is w_i |s_i| at a solution
+identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step, for every balanced answer, z = D^u - e. For bounds
+           the last term is -p . z_prev >= 0; for soft limits, minus the change of their energy, at least c (dp)^2 / 2
 
-Nodes that supports drag along the contact have a given slip s, the change of c: they enter no program, but add w |s| to
-the loss, and to the work of the supports, whose reactions balance minus the multiplier lam = w s / |s|. Dashpots lose
-b(du, du) / k, and what supports push against them, b(du, du_D) / k, is work.
+Nodes that supports drag along the contact have a given slip s, the change of c. They do not enter the program. They add
+w |s| to the loss, and to the work of the supports, whose reactions balance the friction forces -lam, lam = w s / |s|.
+Dashpots dissipate b(du, du) / k, and supports that move against them do the work b(du, du_D) / k.
 
-Of second order in the steps, where the sums above are of first, are
+The sums above are of first order in the length of steps. Of second order are
 
-    loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss:
+    loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
-the trapezoidal rule on slips, with weights of laws that read slips at those of the instants; and the balance of the
-continuum, for forces at the end of a step do O(k) too much work, even where the states at both ends are exact.
+The loss is the trapezoidal rule on slips; weights that depend on slips are evaluated at the slips of both instants. The
+work is the energy balance of the continuum: forces at the end of a step do O(k) too much work, even if the states at
+both ends are exact.
 
-Supports that carry a body far, and strain it little, would leave the energy to cancellation. So a state is split, u =
-u_m + P z, into what the supports alone bring about and the rest, with m = P'A u_D:
+If supports move a body far and strain it little, the energy would suffer from cancellation. So a state is split,
+u = u_m + P z, into the response u_m to the supports alone and the rest, with m = P'A u_D:
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
     E = 1/2 a(u_m, u_m) + 1/2 z'Kz,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
 
-with held = load_n - m_n - K y_n, what is out of balance: friction, limits and dashpots hold it. Where K has a kernel
-x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m.
+with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, x_m is solved
+for with K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m.
 """
 
 from __future__ import annotations
@@ -56,26 +57,26 @@ from vemcvx.solvers.default import FixedPointSolver, LastResort, prepare_run
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
-"""Rounding of |u|_a, the root of twice an energy, relative to what the energy is a sum of."""
-MOST_LENGTHS = 4
-"""Lengths of steps whose factors are kept, where there are dashpots; two that take turns need two."""
+"""Rounding of |u|_a, the root of twice an energy, relative to the root of the terms of the energy."""
+MAX_STEP_LENGTHS = 4
+"""Largest number of step lengths for which factors are stored in runs with dashpots."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepData:
-    """The data of a system at an instant, on the unknowns that states keep."""
+    """The data of a system at an instant, on the unknowns that states store."""
 
     t: float
     force: Reduced  # load minus Dirichlet force
-    prescribed_slip: Floats
+    prescribed_slip: Floats  # (m * block,) slip of supports minus the displacement of the ground
     remaining_gap: Floats  # (r,) gaps of the limits at y = 0
-    ground: Floats | None  # (m * block,) the motion of the ground, subtracted in `prescribed_slip`
+    ground: Floats | None  # (m * block,) displacement of the ground
     push: Reduced  # the Dirichlet force alone
-    field: Floats  # (n_u,) u_m of the ledger, less a rigid motion; empty if no supports move
+    field: Floats  # (n_u,) u_m of the ledger, minus a rigid motion; empty if no supports move
 
     @classmethod
-    def of(cls, condensation: Condensation, t: float) -> StepData:
-        """Evaluate load and supports at `t`; SceneError where the energy of their response overflows."""
+    def evaluate(cls, condensation: Condensation, t: float) -> StepData:
+        """Evaluate load and supports at `t`; raise SceneError if the energy of their response overflows."""
         system, motion = condensation.system, condensation.system.motion
         forces, rows = system.load_on_part(t)
         force = condensation.reduce(forces, rows=rows)
@@ -92,7 +93,7 @@ class StepData:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What steps of one length share: the condensed system, and the solver prepared for it."""
+    """The condensed system and the prepared solver of all steps of one length."""
 
     condensation: Condensation
     solver: Solver
@@ -105,33 +106,33 @@ class Frame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PreparedRun:
-    """What all steps of a run share."""
+    """The data that all steps of a run share."""
 
     system: System
-    elastic: Frame  # of K; states are kept on its unknowns
+    elastic: Frame  # without damping; states store its unknowns
     solver: Solver
     check: bool
-    default: bool  # nobody asked for the accuracy: an answer at the rounding floor is good enough
+    default: bool  # True if the solver was not given: an answer at the rounding floor is then accepted
     condense: bool
     viscous: dict[str, Frame] = field(default_factory=dict)
 
     @property
     def condensation(self) -> Condensation:
-        """The system on the unknowns that states keep."""
+        """The system on the unknowns that states store."""
         return self.elastic.condensation
 
     @property
     def operators(self) -> Operators:
-        """K, B and D on the unknowns that states keep."""
+        """The operators K, B and D on the unknowns that states store."""
         return self.condensation.operators
 
     @property
     def terms(self) -> int:
-        """The number of norm terms, those that supports drag included."""
+        """The number of norm terms, including terms dragged by supports."""
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """What steps of length k share, with K + C / k in place of K; lengths that differ by rounding share it."""
+        """Return the frame of steps of length k, with K + C / k in place of K, cached by length up to rounding."""
         damping, key = self.system.damping, f"{k:.11e}"
         if damping is None or k == 0.0:
             return self.elastic
@@ -139,7 +140,7 @@ class PreparedRun:
             stiffness = sp.csr_matrix(self.system.K + damping.C / k)
             alone = replace(self.system, K=stiffness, damping=None, motion=None)
             self.viscous[key] = Frame(Condensation(alone, False, self.condensation.linear), self.solver)
-            if len(self.viscous) > MOST_LENGTHS:
+            if len(self.viscous) > MAX_STEP_LENGTHS:
                 del self.viscous[next(iter(self.viscous))]
         return self.viscous[key]
 
@@ -151,53 +152,53 @@ class Ledger:
     energy: float = 0.0
     dissipated: float = 0.0
     work: float = 0.0
-    worn: Floats  # (terms,) cumulative lam_i . s_i of every term; they sum to `dissipated`, but for what damping loses
-    slipped: Floats  # (terms,) cumulative |s_i|, which laws of friction may see
+    worn: Floats  # (terms,) cumulative lam_i . s_i of each term; without damping they sum to `dissipated`
+    slipped: Floats  # (terms,) cumulative |s_i|, an argument of laws of friction
     dissipated_second_order: float = 0.0
-    worn_second_order: Floats  # (terms,) of `worn`, likewise
+    worn_second_order: Floats  # (terms,) `worn` by the trapezoidal rule
 
     @property
     def norm(self) -> float:
-        """|u|_a = sqrt(2 E)."""
+        """The energy norm |u|_a = sqrt(2 E)."""
         return math.sqrt(2.0 * max(self.energy, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Everything known at an instant. Terms are the m of the program, and then those that supports drag."""
+    """The state at an instant. Its terms are the m norm terms of the program, then the terms dragged by supports."""
 
     t: float
-    y: Floats  # the unknowns that are kept
-    unbalanced: Floats  # load - K y there, which norm terms, limits and dashpots balance
+    y: Floats  # the stored unknowns
+    unbalanced: Floats  # load - K y on them, which norm terms, limits and dashpots balance
     data: StepData
-    weights: Floats  # (terms,) of the step that led here
-    bound: Floats  # (terms,) weights at the slip after it, where a law reads slips
-    lam: Floats  # (terms, block)
+    weights: Floats  # (terms,) weights of the step that ended here
+    bound: Floats  # (terms,) weights at the end of the step, if they depend on slips
+    lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
-    slip: Floats  # (terms, block) s of the step that led here
-    sticks: Bools  # (terms,) increments that the certificate cannot tell from zero
+    slip: Floats  # (terms, block) slips of the step that ended here
+    sticks: Bools  # (terms,) True if the certificate cannot distinguish the slip from zero
     certificate: Certificate
     ledger: Ledger
     scale: float  # largest energy norm of the states so far
     size: float = 0.0  # largest energy norm that the data could cause
     iterations: int = 0
-    status: str = ""  # in the solver's own words
-    safeguards: int = 0  # how many of the iterations stood in for faster ones
-    full: Floats | None = None  # (n,) all unknowns, once they are recovered and certified
-    velocity: Floats | None = None  # (n,) their increments over the length of the step, with dashpots
-    earlier: tuple[float, Floats, Floats] | None = None  # t, lam and p of the step before, if there was one
+    status: str = ""  # status of the solver
+    safeguards: int = 0  # number of calls of a globally convergent method
+    full: Floats | None = None  # (n,) all unknowns, after they are recovered and certified
+    velocity: Floats | None = None  # (n,) increments over the length of the step, with dashpots
+    earlier: tuple[float, Floats, Floats] | None = None  # t, lam and p at the beginning of the step
 
     @property
     def unknowns(self) -> Floats:
-        """(n,) all unknowns, of a state that is certified in full."""
+        """All unknowns (n,) of a state that is certified in full."""
         if self.full is None:
-            raise LookupError("state: the unknowns inside are not recovered; certified_in_full() does.")
+            raise LookupError("state: the unknowns inside are not recovered; certify_in_full() does.")
         return self.full
 
-    def expected(self, t: float, m: int) -> tuple[Floats, Floats]:
-        """Multipliers (m, block) and (r,) to begin with at the next instant `t`: they go on as they changed last.
+    def predict_multipliers(self, t: float, m: int) -> tuple[Floats, Floats]:
+        """Return multipliers (m, block) and (r,) extrapolated linearly in time to the next instant `t`.
 
-        That is in proportion to time, by no more than they changed then, and p >= 0.
+        They change by at most the change of the last step, and p >= 0.
         """
         before, lam, p = self.earlier or (self.t, self.lam, self.p), self.lam, self.p
         share = min(1.0, (t - self.t) / (self.t - before[0])) if before[0] < self.t else 0.0
@@ -206,21 +207,21 @@ class State:
         return lam[:m], p
 
     def unit(self, accuracy: float) -> float:
-        """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.backward_euler`."""
+        """Return the reference norm of relative errors: see :mod:`vemcvx.stepping.backward_euler`."""
         return self.size if self.scale <= max(accuracy, NORM_ROUNDING) * self.size else self.scale
 
-    def accepted(self, accuracy: float) -> bool:
+    def is_accepted(self, accuracy: float) -> bool:
         """Return True if the certified error is within the accuracy."""
         return self.certificate.error <= accuracy * self.unit(accuracy)
 
 
-def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """The states with all their unknowns and certificates of the full system.
+def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
+    """Return the states with all their unknowns, and with certificates of the full system.
 
-    Rows see the unknowns that are kept: their parts of it are those of the step's certificate. Its other part is the
-    energy that r = load - B'lam - D'p - K y could still gain; where all of r is rounding, that is the floor. States are
-    corrected once by what r leaves inside, if that is too much. Motions of no energy feel no r: multipliers balance the
-    force on them, and not the anchors.
+    Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
+    r = load - B'lam - D'p - K y of all unknowns; if all of r is rounding, it is covered by the floor. If the energy is
+    too large, interior unknowns are corrected once. The part of r on K's kernel is removed: multipliers balance the
+    force there.
     """
     if not (some := [state for state in states if state.full is None]):
         return list(states)
@@ -231,19 +232,19 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     size = np.array([np.abs(force.phi) + np.abs(own) for force, own in zip(forces, held, strict=True)]).T
     most = [0.5 * (INNER_FRACTION * accuracy * state.unit(accuracy)) ** 2 for state in some]
 
-    def left(y: Floats) -> Floats:
+    def residual(y: Floats) -> Floats:
         r: Floats = push - system.K @ y
         return r if (kernel := system.kernel) is None else r - kernel.basis @ (kernel.basis.T @ r)
 
     xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in some]))
     y = condensation.complete(xi, kept)
-    r, rounding = left(y), condensation.full.rounding(size, np.abs(y))
+    r, rounding = residual(y), condensation.full.rounding(size, np.abs(y))
     energies, floors = np.zeros(len(some)), condensation.full.energies_of_rounding(rounding)
     if (np.abs(r) > rounding).any():
         energies = 0.5 * condensation.factor.energies_of_columns(r)
     if (energies > most).any():
         y = y + condensation.solve_interior(r)
-        energies = 0.5 * condensation.factor.energies_of_columns(left(y))
+        energies = 0.5 * condensation.factor.energies_of_columns(residual(y))
 
     def in_full(state: State, full: Floats, energy: float, floor: float) -> State:
         return replace(state, full=full, certificate=state.certificate.in_full(energy, floor))
@@ -252,17 +253,17 @@ def certified_together(run: PreparedRun, states: Sequence[State]) -> list[State]
     return [state if state.full is not None else next(found) for state in states]
 
 
-def certified_in_full(run: PreparedRun, state: State) -> State:
-    """The state with all its unknowns and the certificate of the full system."""
-    return certified_together(run, [state])[0]
+def certify_in_full(run: PreparedRun, state: State) -> State:
+    """Return a state with all its unknowns and the certificate of the full system."""
+    return certify_together(run, [state])[0]
 
 
 def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:
-    """1/2 a(u, u), and what soft limits store."""
+    """Return 1/2 a(u, u) plus the energy of soft limits."""
     operators, motion, load = condensation.operators, condensation.system.motion, now.force
     square, kernel = float(p @ (operators.compliance * p)), operators.kernel
     if now.ground is not None and kernel is not None:
-        y = y - kernel @ (kernel.T @ y)  # A body on moving ground goes far without strain: digits of y would be lost.
+        y = y - kernel @ (kernel.T @ y)  # A body on moving ground goes far without strain, which would cost digits.
     if motion is not None:
         y, load = y + now.push.x[condensation.retained], load + now.push
         square += motion.pair(now.field, now.field) + 2.0 * _anchor_work(condensation, now.push, y)
@@ -270,16 +271,16 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 
 
 def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
-    """a(u_m, Pz), the anchors' work; zero without."""
+    """Return a(u_m, Pz), the work of the anchors; zero without anchors."""
     anchor = condensation.operators.anchor
     return 0.0 if anchor is None else float(z @ (anchor * push.x[condensation.retained]))
 
 
 def advance(condensation: Condensation, before: State, after: State, d: Floats, given: Floats) -> Ledger:
-    """The ledger after a step of increments d, in which the parts `given` (terms, block) of the slips were given."""
+    """Return the ledger after a step with increments d; supports caused the parts `given` (terms, block) of slips."""
     past, last, now = before.ledger, before.data, after.data
     force, change, motion = now.force, now.force - last.force, condensation.system.motion
-    lost, work = dashpots(condensation.system, d, last.t, now.t)
+    lost, work = dashpot_losses(condensation.system, d, last.t, now.t)
     work += float((after.lam * given).sum()) - float(after.p @ (now.remaining_gap - last.remaining_gap))
     if motion is not None:
         moved = now.push - last.push
@@ -287,7 +288,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
         force, d, change = force + now.push, d + x, change + moved
         work += motion.pair(now.field, now.field - last.field) + _anchor_work(condensation, moved, z)
         work -= float(after.unbalanced @ x)
-    # The work of the force on the displacement inside, and on the unknowns that are kept.
+    # Add the work of the force on interior and on stored unknowns.
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
     return Ledger(
@@ -296,27 +297,29 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
         work=past.work + work,
         worn=past.worn + loss,
         slipped=past.slipped + lengths(after.slip),
-        # With the mean rate of the step the loss of dashpots is of second order.
+        # The loss of dashpots uses the mean rate of the step, so that it is of second order.
         dissipated_second_order=past.dissipated_second_order + float(between.sum()) + lost,
         worn_second_order=past.worn_second_order + between,
     )
 
 
 def losses(before: State, after: State) -> tuple[Floats, Floats]:
-    """(terms,) lam . s of a step, and the same with weights averaged over both its ends.
+    """Return lam . s (terms,) of a step, and the same with weights averaged over both ends of the step.
 
-    lam . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
+    lam . s equals w |s| up to rounding, and stays small if the slip of a large weight is rounding.
     """
     w, loss = after.weights, np.maximum(np.einsum("mb,mb->m", after.lam, after.slip), 0.0)
     if np.array_equal(before.bound, w) and np.array_equal(after.bound, w):
         return loss, loss
-    # |s|, by the forces that slip takes; by itself where the weight has vanished at the end of the step.
-    way = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
-    return loss, np.maximum(0.5 * (before.bound + after.bound) * way, 0.0)
+    # Compute |s| as loss / w; use |s| itself if the weight is zero at the end of the step.
+    size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
+    return loss, np.maximum(0.5 * (before.bound + after.bound) * size, 0.0)
 
 
-def dragged(system: System, span: tuple[float, float], p: Floats, past: Floats) -> tuple[Floats, Floats, Floats]:
-    """Multipliers and slips (q, block) and weights (q,) of terms that supports drag along between two instants."""
+def evaluate_dragged(
+    system: System, span: tuple[float, float], p: Floats, past: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return multipliers (q, block), slips (q, block) and weights (q,) of dragged terms between two instants."""
     terms, (s, t) = system.dragged, span
     if terms is None:
         return np.zeros((0, system.block)), np.zeros((0, system.block)), np.zeros(0)
@@ -327,8 +330,8 @@ def dragged(system: System, span: tuple[float, float], p: Floats, past: Floats) 
     return w[:, None] * directions(slip, lengths(slip)), slip, w
 
 
-def dashpots(system: System, d: Floats, s: float, t: float) -> tuple[float, float]:
-    """What dashpots lose between two instants, and the work of supports that push against them."""
+def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float, float]:
+    """Return the loss of dashpots between two instants, and the work of supports that move against them."""
     damping, k = system.damping, t - s
     if damping is None or k == 0.0:
         return 0.0, 0.0
@@ -340,13 +343,13 @@ def dashpots(system: System, d: Floats, s: float, t: float) -> tuple[float, floa
     return lost + 2.0 * across + own, across + own
 
 
-def state_given(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """The state y (n,), whatever led to it: as far as is known nothing presses, and without `past` nothing slipped."""
+def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
+    """Return the state y (n,) with unknown past: zero limit forces, and without `past` no slips and losses."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
     past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)
     w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
-    _, _, others = dragged(system, (now.t, now.t), none, past.slipped[m:])
+    _, _, others = evaluate_dragged(system, (now.t, now.t), none, past.slipped[m:])
     weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))
     ledger = replace(past, energy=energy(run.condensation, kept, now, none))
     return State(

@@ -1,8 +1,8 @@
-"""The trajectory that `march` returns, states, multipliers, energies, certificates; its recorder; where rows are kept.
+"""The trajectory that `march` returns (states, multipliers, energies, certificates), its recorder, and its storage.
 
-Rows are kept in memory, or in a folder that outlives the process, one ``.npy`` file an array, mapped into memory: the
-disk bounds the size of a history, and not memory. ``checkpoint.npy`` has the last stored step, from which a run that
-was interrupted goes on. :mod:`vemcvx.base.owned_files` says which files are a run's.
+Rows are stored in memory, or in a folder, with one memory-mapped ``.npy`` file per array. Then the disk bounds the size
+of a history, not memory. ``checkpoint.npy`` contains the number of the last stored step, from which an interrupted run
+continues. :mod:`vemcvx.base.owned_files` describes which files belong to a run.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.linear import CHUNK_SIZE
 from vemcvx.stepping.refusals import require_certified
-from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certified_together, state_given
+from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certify_together, make_given_state
 
 log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npy"
-TOGETHER = 8
-"""States that are certified in full at once: of 8,256 unknowns in a third of the time that one by one take."""
+BATCH_SIZE = 8
+"""Number of states that are certified in full in one batch: it takes a third of the time of single states."""
 
 
 class Memory:
-    """Rows in memory, which do not outlive the process."""
+    """Storage of rows in memory, for the lifetime of the process."""
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-        """Return zeros."""
+        """Return an array of zeros."""
         try:
             return np.zeros(shape, dtype)
         except (MemoryError, ValueError) as error:
@@ -47,13 +47,13 @@ class Memory:
             ) from error
 
     def clear(self) -> None:
-        """Delete nothing."""
+        """Do nothing: there is no earlier run in memory."""
 
 
 class Folder(Owned):
-    """Rows in files of a folder, made if need be, that resumes the run it holds or begins anew; used by ``with``.
+    """Storage of rows in files of a folder, which resumes an earlier run or begins a new one; use it by ``with``.
 
-    HistoryError where the folder cannot be made or written to, or another run is on in it.
+    Raise HistoryError if the folder cannot be created or written to, or if another process uses it.
     """
 
     def __init__(self, path: str | Path, resumes: bool = True):
@@ -62,32 +62,32 @@ class Folder(Owned):
 
     @property
     def resumes(self) -> bool:
-        """True if the run that it holds is to be gone on with."""
+        """True if the folder contains a run that will be continued."""
         return self._resumes and (self.path / CHECKPOINT).exists()
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float, kept: bool = False) -> NDArray[Any]:
-        """Return the array that an earlier run has `kept`, or a new file of zeros.
+        """Return the array of an earlier run if it is `kept`, else a new file of zeros.
 
-        Histories that still look at an earlier file of that name keep what they see.
+        Histories that still map an earlier file of this name keep its contents.
         """
         if 0 in shape:
             return np.zeros(shape, dtype)
         file = self.take(f"{name}.npy")
         try:
             if kept:
-                # To be written to, a file that was cut short would be filled up with zeros.
+                # Check the file read-only: opened for writing, a truncated file would be filled with zeros.
                 old = np.lib.format.open_memmap(file, mode="r")
                 if old.shape != shape or old.dtype != np.dtype(dtype):
                     raise ValueError(f"found {old.dtype} of shape {old.shape}, wanted {np.dtype(dtype)} of {shape}")
                 return np.lib.format.open_memmap(file, mode="r+")
             file.unlink(missing_ok=True)
             made = np.lib.format.open_memmap(file, mode="w+", dtype=dtype, shape=shape)
-            # The space is taken now: a full disk is an error here, and a crash once the file is mapped.
+            # Allocate the space now: a full disk raises an error here, but crashes the process later.
             if hasattr(os, "posix_fallocate"):
                 with open(file, "r+b") as opened:
                     os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
             return made
-        except Exception as error:  # damage shows as whatever numpy or its parser of headers stumbles over
+        except Exception as error:  # NumPy raises various errors for damaged files.
             if kept:
                 raise HistoryError(f"{file}: missing, cut short or damaged: {error}. Run without resume.") from error
             raise HistoryError(f"{file}: no room for an array of shape {shape}: {error}.") from error
@@ -98,7 +98,7 @@ Storage = Memory | Folder
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Trajectory(ArrayRecord):
-    """The backward-Euler solution of a System; scalars for all N + 1 instants, arrays for the stored S.
+    """The backward-Euler solution of a System, with numbers for all N + 1 instants and arrays for S stored instants.
 
     Attributes
     ----------
@@ -115,56 +115,61 @@ class Trajectory(ArrayRecord):
     weights : (S, m) array
         w of the norm terms.
     sticking : (S, m) array of bool
-        True where the increment B_i (y - y_prev) cannot be told from zero, and in row 0.
+        True if the certificate cannot distinguish the slip of the step from zero, and in row 0.
     worn : (S, m) array
-        Work of each norm term: the sum of its lam_i . s_i over all steps so far, stored or not. A row sums to
-        `dissipated`, but for what damping loses. Terms whose slip supports give
-        (:class:`vemcvx.program.system.DraggedTerms`) follow the others, here as everywhere.
+        Work of each norm term: the sum of lam_i . s_i over all steps so far, stored or not. Without damping a row sums
+        to `dissipated`. In all arrays, dragged terms (:class:`vemcvx.program.system.DraggedTerms`) follow the others.
     slipped : (S, m) array
-        Slip of each norm term, to and fro: the sum of its |s_i|, likewise.
+        Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
     stuck : (N + 1,) array of int
-        Number of norm terms with such an increment, step by step.
+        Number of sticking norm terms.
     energy : (N + 1,) array
         Stored energy 1/2 a(u, u).
     dissipated : (N + 1,) array
-        Cumulative sum of lam_i . s_i, which is w_i |s_i| at a solution, and of what damping loses.
+        Dissipated energy: the sum of lam_i . s_i, which is w_i |s_i| at a solution, and of losses by damping.
     dissipated_second_order : (N + 1,) array
-        Likewise with the weights of both ends of every step: of second order in their length, where `dissipated` is of
-        first (:mod:`vemcvx.stepping.state`).
+        Dissipated energy by the trapezoidal rule, of second order in the length of steps; `dissipated` is of first
+        order (:mod:`vemcvx.stepping.state`).
     worn_second_order : (S, m) array
-        Of `worn`, likewise.
+        Work of each norm term by the trapezoidal rule.
     work : (N + 1,) array
-        Cumulative work of loads, supports, obstacles and ground: end-of-step forces times increments.
+        Work of loads, supports, obstacles and ground: end-of-step forces times increments, summed.
     norm : (N + 1,) array
         Energy norm |u_n|_a.
     gap : (N + 1,) array
         Certified duality gap of each step.
     floor : (N + 1,) array
-        The part of `gap` that round-off alone may account for.
+        The part of `gap` that may be rounding.
     iterations : (N + 1,) array of int
         Iterations of the solver.
     safeguards : (N + 1,) array of int
-        Iterations in which a globally convergent method stood in for a faster one.
+        Number of calls of a globally convergent method that replaced a faster one.
     given_friction : (N + 1,) array of bool
-        Where weights follow the answer, and the certificate is that of the program with those of its own pressure and
-        slip.
+        True if weights depend on the answer: the certificate then holds for the weights at its pressure and slip.
     unit : (N + 1,) array
-        The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
-        are zero at the accuracy asked (:mod:`vemcvx.stepping.backward_euler`).
+        Reference norm of relative errors: the largest energy norm so far, or a norm of the data while all states are
+        zero at the requested accuracy (:mod:`vemcvx.stepping.backward_euler`).
     seconds : dict
-        "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
+        Time of "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
-        Name and settings of the solver that answered.
+        Name and settings of the solver.
     linear : str
         Name and settings of the linear solver.
     accuracy : float
-        The certified relative energy error that was asked of a step.
+        Requested relative energy error of a step.
     initial : (n,) array
         y at the initial instant, stored or not.
     velocity : (S, n) array or None
-        (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
+        (y_n - y_{n-1}) / k_n in runs with damping; zero in row 0.
     work_begun : float
-        `work_second_order` at the initial instant: that of the run that this one goes on from, else zero.
+        `work_second_order` at the initial instant, from the run that this one continues; else zero.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> run = vx.march(system, [0.0, 1.0])
+    >>> run.energy, run.dissipated
+    (array([0., 2.]), array([0., 2.]))
     """
 
     times: Annotated[Floats, "N", "time"]
@@ -199,37 +204,37 @@ class Trajectory(ArrayRecord):
 
     @property
     def work_second_order(self) -> Floats:
-        """(N + 1,) the work since the initial instant by the balance of energies: what is stored and what is lost."""
+        """The work (N + 1,) since the initial instant by the energy balance: stored plus dissipated energy."""
         lost = self.dissipated_second_order
         work: Floats = self.work_begun + self.energy - self.energy[0] + lost - lost[0]
         return work
 
     @property
     def certificate(self) -> Floats:
-        """(N + 1,) certified relative energy error of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a.
+        """The certified relative energy error (N + 1,) of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a.
 
-        While all |u_m|_a are zero at the accuracy asked, relative to what the data could cause instead.
+        While all |u_m|_a are zero at the requested accuracy, errors are relative to a norm of the data.
         """
         return relative(np.sqrt(2 * self.gap), self.unit)
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction" where that follows the answer."""
+        """The kind of `certificate`: "bound", or "for the given friction" if weights depend on the answer."""
         return "for the given friction" if self.given_friction.any() else "bound"
 
     @property
     def certificate_floor(self) -> Floats:
-        """(N + 1,) the rounding floor of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
+        """The rounding floor (N + 1,) of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
         return relative(np.sqrt(2 * self.floor), self.unit)
 
     @property
     def certified(self) -> Floats:
-        """(N + 1,) the bound on the relative energy error of each step, rounding included: certificate and floor."""
+        """The bound (N + 1,) on the relative energy error of each step, including rounding: certificate plus floor."""
         return self.certificate + self.certificate_floor
 
     @property
     def above_asked(self) -> str:
-        """The accuracy asked for and why `certified` exceeds it, in words; empty where it does not."""
+        """The requested accuracy, and why `certified` exceeds it, in words; empty if it does not."""
         asked, worst = self.accuracy, float(self.certified.max())
         if worst <= asked:
             return ""
@@ -240,29 +245,28 @@ class Trajectory(ArrayRecord):
 
     @property
     def certificate_total(self) -> Floats:
-        """(N + 1,) certified relative error of u_n, all steps' errors accumulated.
+        """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        The step map u_prev -> u_n of norms with given weights is nonexpansive in the energy norm, so
-        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). With limits it is only if they never act; else the sum is
-        that of the steps' own errors and no bound.
+        With given weights and without limits the step map u_prev -> u_n is nonexpansive in the energy norm, so
+        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). If limits act, the sum is not a bound.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 
     @property
     def certified_total(self) -> Floats:
-        """(N + 1,) `certified`, all steps' errors accumulated: see `certificate_total`."""
+        """The accumulated relative error (N + 1,), including rounding: see `certificate_total`."""
         return relative(np.cumsum(np.sqrt(2 * self.gap) + np.sqrt(2 * self.floor)), self.unit)
 
 
 def relative(error: Floats, scale: Floats) -> Floats:
-    """error / scale with 0/0 = 0; infinite where this is no number, which certifies nothing."""
+    """Return error / scale with 0/0 = 0, and infinity where the quotient is not a number."""
     known = (error >= 0) & (scale > 0) & (scale < np.inf)
     ratio = np.divide(error, scale, out=np.full(np.shape(error), np.inf), where=known)
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
 
 
-def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
-    """Step numbers to keep: "all", "last", every `store`-th and the last, or those given and the last."""
+def choose_stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
+    """Return the numbers of the steps to store: "all", "last", every n-th and the last, or given ones and the last."""
     if isinstance(store, str) and store in ("all", "last"):
         return np.arange(steps + 1) if store == "all" else np.array([steps])
     if is_whole(store) and store >= 1:
@@ -281,15 +285,15 @@ TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """Rows of a trajectory, entered as the march goes on; the steps `kept` (S,) of the instants `times` have them.
+    """The recorder of a trajectory's rows at the instants `times`; arrays are stored for the steps `kept` (S,).
 
-    States wait for each other: those that are kept are certified in full together.
+    States to be stored wait until a batch of them is certified in full.
     """
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
-        self._mark = mark(run, times, kept) if isinstance(storage, Folder) else [0] * 4
-        room = max(1, min(TOGETHER, CHUNK_SIZE // (12 * max(run.system.n, 1))))
+        self._mark = hash_run(run, times, kept) if isinstance(storage, Folder) else [0] * 4
+        room = max(1, min(BATCH_SIZE, CHUNK_SIZE // (12 * max(run.system.n, 1))))
         self._most, self._waiting = room if run.condensation.linear.eliminates else 1, dict[int, State]()
         sizes = {"N": len(times), "S": len(kept), "n": run.system.n, "terms": run.terms, "block": run.system.block}
         sizes["limits"] = len(run.operators.compliance)
@@ -300,9 +304,9 @@ class Recorder:
         }
 
     def begin(self) -> tuple[int, State] | None:
-        """The last step that an earlier run has stored and its state, if there was one.
+        """Return the last stored step of an earlier run and its state, or None.
 
-        HistoryError where the storage holds another run, or rows of it are missing.
+        Raise HistoryError if the storage contains another run, or if rows of it are missing.
         """
         folder = self._storage
         if not (isinstance(folder, Folder) and folder.resumes):
@@ -322,9 +326,9 @@ class Recorder:
         return n, state
 
     def add(self, n: int, state: State) -> None:
-        """Enter the state after step `n`; with the initial one, 0, a new run begins.
+        """Add the state after step `n`; step 0, the initial state, begins a new run.
 
-        NotCertified where the answer of a kept step does not hold on the full system.
+        Raise NotCertified if a stored step misses the accuracy on the full system.
         """
         if n == 0:
             self._storage.clear()
@@ -336,10 +340,10 @@ class Recorder:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
-        """Enter the states that wait, in the order of their steps, and none after one that is not certified."""
+        """Write the waiting states in the order of their steps, up to the first that is not certified."""
         waiting, self._waiting = self._waiting, {}
         kept = {n: state for n, state in waiting.items() if n == 0 or n in self._kept}
-        waiting |= zip(kept, certified_together(self._run, list(kept.values())), strict=True)
+        waiting |= zip(kept, certify_together(self._run, list(kept.values())), strict=True)
         for n, state in waiting.items():
             if n in kept and n > 0 and self._run.check:
                 require_certified(self._run, state, n)
@@ -350,7 +354,7 @@ class Recorder:
                 self._checkpoint[0] = n
 
     def finish(self, seconds: dict[str, float], work_begun: float) -> Trajectory:
-        """The trajectory of a run that went on from that work."""
+        """Return the trajectory; `work_begun` is the work before the run."""
         run = self._run
         return Trajectory(
             times=self._times,
@@ -365,14 +369,14 @@ class Recorder:
 
 
 def row_of(arrays: Mapping[str, NDArray[Any]], kept: Ints, n: int) -> dict[str, NDArray[Any]]:
-    """Return views of what the arrays of a trajectory, by name, have of step `n`."""
+    """Return views of the rows of step `n` in the arrays of a trajectory, by name."""
     row = np.flatnonzero(kept == n).tolist()
     at: dict[str, list[Any]] = {"N": [n], "S": row, "n": [slice(None)] if n == 0 else []}
     return {name: arrays[name][(i, ...)] for name in arrays for i in at[FIELDS[name].sizes[0]]}
 
 
 def _row(state: State, accuracy: float) -> dict[str, Any]:
-    """What a trajectory has of a state, by name."""
+    """Return the entries of a state in the arrays of a trajectory, by name."""
     certificate = state.certificate
     return {
         **vars(state.ledger),
@@ -395,18 +399,18 @@ def _row(state: State, accuracy: float) -> dict[str, Any]:
 
 
 def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) -> State:
-    """The state at `t` from what a trajectory has of a stored step, or of the initial one.
+    """Return the state at `t` from the rows of a stored step, or of the initial state.
 
-    That is all that the next step begins from, but for how multipliers have changed last.
+    Only the last change of multipliers is not stored.
     """
-    now = StepData.of(run.condensation, t)
+    now = StepData.evaluate(run.condensation, t)
     if "state" not in row:
-        return state_given(run, now, np.array(row["initial"]))
+        return make_given_state(run, now, np.array(row["initial"]))
     read: dict[str, Any] = {name: np.array(value) if value.ndim else value.item() for name, value in row.items()}
     ledger = Ledger(**{field.name: read[field.name] for field in fields(Ledger)})
-    state, m, norms = state_given(run, now, read["state"], ledger), run.operators.count, run.system.norms
+    state, m, norms = make_given_state(run, now, read["state"], ledger), run.operators.count, run.system.norms
     lam, p, weights = (read[name] for name in ("multipliers", "pressures", "weights"))
-    # Without dashpots these forces have more digits than the difference of load and K y.
+    # Without dashpots these forces are more accurate than the difference of load and K y.
     held = run.operators.multiplier_force(lam[:m], p) if run.system.damping is None else state.unbalanced
     return replace(
         state,
@@ -423,8 +427,8 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
     )
 
 
-def mark(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
-    """Four numbers that stand for a run: its matrices, instants, stored steps and settings, and some of its data."""
+def hash_run(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
+    """Return four integers that identify a run by matrices, instants, stored steps, settings and some of its data."""
     system, made = run.system, hashlib.blake2b(digest_size=32)
     matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
     parts = [part for A in matrices for part in (A.data, A.indices, A.indptr)]

@@ -22,6 +22,7 @@ import importlib
 import sys
 import time
 import warnings
+from functools import cache
 from pathlib import Path
 
 import vemcvx as vx
@@ -40,6 +41,7 @@ LESSONS = (
 """Those that are quick; hard_cases and stabilisation_spectrum take minutes and are drawn by themselves."""
 
 
+@cache
 def problem_files():
     """Names of all problem files of this folder: what defines a scene, a mesh and times at its outermost level."""
     return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]

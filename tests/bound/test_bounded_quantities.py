@@ -220,6 +220,7 @@ def test_error_bars_close_around_the_closed_form():
 NO_QUANTITY = "a linear quantity is given as a load"
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports")
 def test_what_is_no_quantity_says_so():
     history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])

@@ -148,7 +148,7 @@ def ellipse(x):
     return 0.8 * np.sqrt(np.maximum(0.0, 1.0 - ((x[:, 1] - 0.5) / 0.25) ** 2))
 
 
-@pytest.mark.parametrize(("of", "force"), [(ellipse, 0.1 * np.pi), (lambda x: 1.0 * (x[:, 1] > 0.4), 0.6)])
+@mostly_long("of, force", [(ellipse, 0.1 * np.pi), (lambda x: 1.0 * (x[:, 1] > 0.4), 0.6)])
 def test_what_is_misread_of_tractions_is_allowed_for(of, force):
     history = run(*PRESSED, vx.Traction(along(of), on="left"))
     found = vx.error_bound(history, -1, of=vx.PrescribedDisplacement((1.0, 0.0), on="right"))
@@ -171,7 +171,7 @@ def true_error(history, of):
 NARROW = {"narrow peak": lambda x: np.exp(-0.5 * ((x[:, 0] - 0.37) / 0.02) ** 2), "short waves": partial(waves, 60.0)}
 
 
-@mostly_long("name", [*LOADS, *NARROW], "jump", "linear")
+@mostly_long("name", [*LOADS, *NARROW], "jump")
 def test_bounds_from_both_sides_allow_for_what_is_misread(name):
     of = {**LOADS, **NARROW}[name]
     history = bar(of)[0]

@@ -278,7 +278,7 @@ DEAR = (
 """Sentences that the first kinds meet in long tests alone."""
 test_effects = long_cases(
     effect_suite({name: SAMPLES[name] for name in EACH_A_KIND}),
-    lambda case: case.endswith(DEAR) and not case.startswith("CoulombFriction"),
+    lambda case: case.endswith(DEAR) and not case.startswith("Traction" if "finite" in case else "CoulombFriction"),
 )
 test_other_effects = pytest.mark.long(
     effect_suite({name: sample for name, sample in (SAMPLES | OF_PROBLEMS).items() if name not in EACH_A_KIND})
@@ -292,12 +292,12 @@ def test_every_effect_has_no_data_but_those_probed_here(sample):
 
 @pytest.mark.long
 @pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
-@pytest.mark.parametrize("family", FAMILIES)
-def test_every_effect_runs_on_every_family(sample, family):
-    history = answer(sample.effect, *sample.beside, on=mesh(family))
-    assert history.certificate.max() < 1e-8
-    assert np.isfinite(history.displacement).all()
-    assert history.energy[-1] > 0
+def test_every_effect_runs_on_every_family(sample):
+    for family in FAMILIES:
+        history = answer(sample.effect, *sample.beside, on=mesh(family))
+        assert history.certificate.max() < 1e-8
+        assert np.isfinite(history.displacement).all()
+        assert history.energy[-1] > 0
 
 
 def test_no_exported_effect_is_missing_from_the_samples():

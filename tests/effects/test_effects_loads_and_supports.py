@@ -257,6 +257,7 @@ def test_loads_and_strains_in_some_cells_alone():
         vx.simulate(vx.Scene(*held, vx.BodyForce((0.0, 3.0), on="three")), mesh, [0.0, 1.0])
 
 
+@pytest.mark.long
 def test_bounds_and_estimates_read_a_body_force_on_some_cells():
     """A force on the right half, which begins at an edge of cells, is that of a function which jumps there."""
     mesh = vx.meshes.squares(4)

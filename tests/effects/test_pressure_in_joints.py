@@ -22,7 +22,7 @@ def blown_up(mesh, p=2.0):
     return vx.simulate(vx.Scene(STEEL, *sides, vx.Pressure(p, on="low|up")), mesh, [0.0, 1.0], initial="settled")
 
 
-@mostly_long("family", ["squares", "triangles", "cubes", "tetrahedra"], "triangles", "cubes")
+@mostly_long("family", ["squares", "triangles", "cubes", "tetrahedra"], "cubes")
 def test_an_open_joint_is_two_bodies_under_pressure(family):
     """Each body is as alone under the same pressure on its side."""
     dim = 3 if family in ("cubes", "tetrahedra") else 2
@@ -55,6 +55,7 @@ def test_meshes_need_not_match_and_what_presses_more_keeps_the_joint_shut():
     assert history.stress(-1)[:, 1] == pytest.approx(-5.0, abs=1e-9)
 
 
+@pytest.mark.long
 def test_bounds_and_estimates_see_both_sides():
     """The error is that of two mirror images: the bound's square twice that of one, and so is the estimate's."""
     mesh, lower = stacked(("squares", "squares"), (4, 4))
@@ -73,7 +74,7 @@ def test_nothing_else_that_loads_acts_between_bodies():
         vx.simulate(scene, mesh, [0.0, 1.0])
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@mostly_long("dim", [2, 3])
 def test_parts_of_an_interface_have_names(dim, tmp_path):
     """Of a joint one half is pressed apart, and the other rubs: effects take the name as that of a boundary."""
     mesh, _ = stacked(("squares", "squares") if dim == 2 else ("cubes", "cubes"), (4, 4), dim=dim)

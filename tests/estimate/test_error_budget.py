@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import FAMILIES, OF_TRIANGLES, few_families, paper_scene, small
+from scenes import FAMILIES, OF_TRIANGLES, few_families, mostly_long, paper_scene, small
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
@@ -149,7 +149,7 @@ MATERIALS = [
 ]
 
 
-@pytest.mark.parametrize("materials", MATERIALS)
+@mostly_long("materials", MATERIALS, 0, 3)
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
     mesh = small("voronoi", 4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import monotone, paper_load, paper_scene, small
+from scenes import monotone, mostly_long, paper_load, paper_scene, small
 
 import vemcvx as vx
 
@@ -99,7 +99,7 @@ def test_orders():
         vx.measures.orders([2, 2], [1, 3])
 
 
-@pytest.mark.parametrize("kind", ["exact", "projected"])
+@mostly_long("kind", ["exact", "projected"])
 def test_galerkin_orthogonality(kind):
     """Linear triangles, nested, one load: |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
     scene = vx.Scene(

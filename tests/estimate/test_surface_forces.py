@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.bound.skeleton import instant, skeleton
@@ -24,7 +24,7 @@ def block_with_a_slope(n=8):
     return mesh.with_boundary("top", lambda x: x[:, 1] > 1 - 1e-9)
 
 
-@pytest.mark.parametrize("on", ["level", ["level", "slope"]])
+@mostly_long("on", ["level", ["level", "slope"]], 1)
 def test_edges_bear_all_of_contact_and_only_those_in_contact(on):
     mesh = block_with_a_slope()
     scene = vx.Scene(

@@ -334,7 +334,7 @@ def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path, dim):
     assert np.abs(mu * r_N * np.linalg.norm(u_T, axis=1) + (r_T * u_T).sum(axis=1)).max() < 1e-15
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@mostly_long("dim", [2, 3], 1)
 def test_all_unknowns_are_fclibs_global_problem(tmp_path, dim):
     """M v = H r + f and u = H'v + w, from the file alone; Coulomb's law is tested for the local problem above."""
     h5py = pytest.importorskip("h5py")

@@ -185,7 +185,7 @@ def test_four_blocks_may_meet_in_a_point():
     assert repr(mesh).endswith("boundaries: a.left, a.bottom, b.right, b.bottom, 8 more, boundary)")
 
 
-@pytest.mark.parametrize("order", [1, -1])
+@mostly_long("order", [1, -1])
 def test_an_interface_goes_round_a_corner(order):
     """The re-entrant corner of an L, filled by a block: one interface of two sides."""
     parts = {"corner": vx.meshes.l_shape(6), "block": FAMILIES["voronoi"](5, ((0.5, 1), (0.5, 1)), seed=3)}
@@ -210,7 +210,7 @@ def ring(inner, outer, around, turned=0.0):
     return PolygonMesh(points, np.column_stack([first, first + around, after + around, after]))
 
 
-@pytest.mark.parametrize(("hub", "tyre", "turned"), [(24, 31, 0.0), (12, 60, 0.01), (32, 32, 0.05)])
+@mostly_long("hub, tyre, turned", [(24, 31, 0.0), (12, 60, 0.01), (32, 32, 0.05)], 1)
 def test_polygons_of_one_circle_take_the_shape_of_the_first(hub, tyre, turned):
     """Press fit: the polygons of the common circle are up to 1 - cos(pi / n) apart."""
     parts = {"hub": ring(0.3, 1.0, hub), "tyre": ring(1.0, 2.0, tyre, turned)}
@@ -390,7 +390,7 @@ def test_parts_of_the_boundary_are_chosen_beside_interfaces():
             rename("a|b", lambda x: x[:, 0] < 9.0)
 
 
-@mostly_long("family, seed", [("voronoi", 1), ("hexagons", 2), ("nonconvex", 3), ("triangles", 6)], 0, 2)
+@mostly_long("family, seed", [("voronoi", 1), ("hexagons", 2), ("nonconvex", 3), ("triangles", 6)], 2)
 def test_parts_of_one_mesh_fit_together_again(family, seed):
     """Polygonal interfaces: parts nearest to random points, each refined by itself, shifted less than the tolerance."""
     random = np.random.default_rng(seed)

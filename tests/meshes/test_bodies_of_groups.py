@@ -3,6 +3,7 @@
 import meshio
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -40,7 +41,7 @@ def two_squares(path, double=False, outside=False, names=True):
     return write(path, points, [("line", np.vstack([wall, rim])), ("triangle", cells)], tags, groups)
 
 
-@pytest.mark.parametrize("double", [False, True], ids=["shared nodes", "double nodes"])
+@mostly_long("double", [False, True], 1, ids=["shared nodes", "double nodes"])
 def test_groups_become_bodies(tmp_path, double):
     """Under uniform pressure, free to slide and to widen, pressure is that of the load all along the interface."""
     mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", double), bodies="physical")

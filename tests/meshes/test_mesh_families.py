@@ -52,7 +52,7 @@ def test_no_family_is_missing_from_the_list():
     assert all(found.__name__ == name for name, found in EVERY.items())
 
 
-@pytest.mark.parametrize("case", CASES)
+@mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
     """To the bit on the sides; the mesh passes the checks of users' meshes, and its arrays are read-only."""
@@ -116,7 +116,7 @@ def test_faces_are_plane_cells_are_convex_and_know_each_other(family, case):
             assert (np.abs(height[row]) <= slack).all()
 
 
-@pytest.mark.parametrize("family", EVERY)
+@mostly_long("family", EVERY, "voronoi", "hanging", "hexagons", "tetrahedra", "prisms")
 def test_same_seed_same_mesh(family):
     one, same, other = (made(family, 3, UNIT, seed) for seed in (5, 5, 6))
     for name in one.ARRAYS:
@@ -143,14 +143,14 @@ def test_n_is_cells_across_the_shortest_side(family):
     assert make((6, 2), ((0.0, 3.0), (0.0, 1.0))).n_cells == pytest.approx(12 * per_square, rel=0.1)
 
 
-@pytest.mark.parametrize("family", SPACE_FAMILIES)
+@mostly_long("family", SPACE_FAMILIES, "voronoi3", "tetrahedra")
 def test_n_is_cells_across_the_shortest_side_in_space(family):
     for box, nx, ny, nz in ((((0, 1), (0, 1), (0, 1)), 2, 2, 2), (((0, 2), (0, 0.5), (0, 1)), 8, 2, 4)):
         per_cube = {"tetrahedra": 6 * nx * ny * nz, "kelvin": nx * ny * nz + (nx + 1) * (ny + 1) * (nz + 1)}
         assert made(family, 2, box).n_cells == per_cube.get(family, nx * ny * nz)
 
 
-@pytest.mark.parametrize("family", EVERY)
+@mostly_long("family", EVERY, "voronoi", "hanging", "tetrahedra", "voronoi3")
 def test_cells_of_a_size(family):
     """As many as across the shortest side, in any unit of length; and cells are similar in any unit."""
     for unit in (1.0, 1e-3) if family in FAMILIES else (1.0,):

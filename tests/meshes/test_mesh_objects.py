@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import warnings
 
@@ -218,13 +217,6 @@ def test_grids_of_pyvista():
     ):
         with pytest.raises(vx.MeshError, match=subject):
             convert(other)
-
-
-@pytest.mark.long
-def test_they_are_loaded_late():
-    code = "import sys, vemcvx as vx; vx.meshes.squares(1); print({'meshio', 'skfem', 'pyvista'} & set(sys.modules))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "set()"
 
 
 # In space.

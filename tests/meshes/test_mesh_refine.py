@@ -94,6 +94,7 @@ def test_uniform_passes_make_no_bad_cells(family):
     assert mesh.areas.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
 
 
+@pytest.mark.long
 def test_short_voronoi_edges_do_not_spoil_the_children():
     mesh = vx.meshes.voronoi(5, relaxations=0, shortest=0.0, seed=2)
     assert edge_lengths(mesh).min() < 1e-2 * mesh.h

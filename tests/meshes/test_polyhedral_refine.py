@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from counted import calls
 from hypothesis import HealthCheck, given, settings, strategies
-from scenes import small
+from scenes import mostly_long, small
 from scipy.spatial import Delaunay
 
 import vemcvx as vx
@@ -62,7 +62,7 @@ def followed(mesh, random, passes):
     return mesh
 
 
-@pytest.mark.parametrize("make", [lambda: tetrahedra(2), lambda: tetrahedra(2, grade=(3, 1, 2)), lambda: scattered(1)])
+@mostly_long("make", [lambda: tetrahedra(2), lambda: tetrahedra(2, grade=(3, 1, 2)), lambda: scattered(1)], 2)
 def test_random_passes_keep_a_tiling_of_tetrahedra(make):
     mesh = followed(make(), np.random.default_rng(2), 2)
     assert (np.diff(mesh.cell_offsets) == 4).all()
@@ -164,7 +164,7 @@ def test_twelve_halvings_keep_the_shapes_that_the_first_has_made(where):
     assert min(shapes) == pytest.approx(min(shapes[:3]), rel=1e-9)
 
 
-@pytest.mark.parametrize("make", ["tetrahedra", "cubes"])
+@mostly_long("make", ["tetrahedra", "cubes"], "tetrahedra")
 def test_interfaces_stay_matched(make):
     mesh = start = bodies({"a": SPACE_FAMILIES[make](2), "b": SPACE_FAMILIES[make](2, UP)})
     for _ in range(3 if make == "tetrahedra" else 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.meshes import cubes, ring, tetrahedra
@@ -39,7 +40,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
             assert (mesh.points[np.unique(mesh.boundaries[name]), axis] == 0).all()
 
 
-@pytest.mark.parametrize(("radii", "kinds"), [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})])
+@mostly_long("radii, kinds", [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})], 1)
 def test_prisms_over_them_are_tubes_and_cylinders(radii, kinds, tmp_path):
     """Of hexahedra and wedges, which other programs read."""
     solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import cyclic, paper_scene, small
+from scenes import cyclic, mostly_long, paper_scene, small
 
 import vemcvx as vx
 from problem_pictures import body_and_graph
@@ -521,9 +521,11 @@ def test_every_axis_has_the_unit_that_is_given(rubbed):
     assert drawn["hysteresis_loop"].axes[0].get_ylabel() == "reaction (N), per thickness"
 
 
-@pytest.mark.parametrize(
-    ("draw", "gap", "apart"),
+@mostly_long(
+    "draw, gap, apart",
     [(deformed_mesh, -0.002, 0.02), (stressed_body_alone, 0.0, 0.0), (stressed_body_alone, 0.001, 0.01)],
+    0,
+    2,
 )
 def test_closed_contact_is_marked_though_magnified_displacements_draw_it_apart(draw, gap, apart):
     """An interference of .002 was a white gap of .02, under pressure, and a closed gap an overlap."""

@@ -72,6 +72,7 @@ def test_displacements_are_exact(history):
     assert np.abs(history.displacement - exact).max() < 1e-10 * U0
 
 
+@any_family
 def test_dissipation_is_exact(history):
     _, _, loss = closed_form()
     assert np.abs(history.dissipated - loss).max() < 1e-10 * loss[-1]
@@ -80,6 +81,7 @@ def test_dissipation_is_exact(history):
     assert closed == pytest.approx(4 * G * L * (U0 - G * H / MU), rel=1e-10)
 
 
+@any_family
 def test_stick_slip_and_tractions_are_exact(history):
     gamma, a, _ = closed_form()
     slips = np.append(False, np.abs(np.diff(a)) > 1e-12 * U0)

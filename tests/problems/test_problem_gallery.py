@@ -7,7 +7,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from scenes import any_family, few_families
+from scenes import any_family, few_families, mostly_long
 
 import beam_on_a_stop as beam
 import block_between_dies as dies
@@ -235,7 +235,7 @@ def test_a_beam_meets_its_stop():
     assert history.reaction("left")[-1, 1] + R[-1] == pytest.approx(beam.FORCE, rel=1e-9)
 
 
-@pytest.mark.parametrize("poisson", [0.49, 0.4999])
+@mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_pad_cannot_flow_out_past_its_clamp(poisson):
     """The pressure of a thin layer but for 4.5 mu d / h: 3/2 under the plate, and at most 3 from the free edge."""
     history = simulated(pad, 8, poisson=poisson)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import few_families
+from scenes import few_families, mostly_long
 
 import block_on_incline as incline
 import cattaneo_mindlin
@@ -99,7 +99,7 @@ def test_creep():
 
 
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
-@pytest.mark.parametrize("asperities", [False, True])
+@mostly_long("asperities", [False, True], 1)
 def test_a_beam_on_winklers_foundation(asperities):
     """Deflection under the force within two per cent of the slender beam's; asperities let the ends lift off."""
     # Springs so soft beside the plate leave the balance of forces 1e-8 of its energy norm.

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.program import Kernel
@@ -11,7 +12,7 @@ pytestmark = pytest.mark.arithmetic
 SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
 
 
-@pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.name)
+@mostly_long("solver", SOLVERS, ids=lambda s: s.name)
 @pytest.mark.parametrize(
     ("K", "B", "f"),
     [
@@ -51,7 +52,7 @@ NOTHING = {
 }
 
 
-@pytest.mark.parametrize("condense", [True, False])
+@mostly_long("condense", [True, False])
 @pytest.mark.parametrize("terms", NOTHING.values(), ids=NOTHING)
 def test_rows_none_of_which_reads_anything(terms, condense):
     """No unknowns are left to solve for: a ValueError of numpy, once. What rubs on a ground loses w |g|."""

@@ -77,7 +77,7 @@ def test_contact_closes_and_opens_in_closed_form(family, stiffness, solver):
 
 @few_families
 @pytest.mark.parametrize("stiffness", [None, 400.0])
-@pytest.mark.parametrize("start", ["settled", None])
+@mostly_long("start", ["settled", None])
 def test_an_obstacle_that_overlaps_presses_the_body_back(family, stiffness, start):
     """Uniaxial strain (interference - yield) / H, from the start or with a gap that falls."""
     H, share = 0.5, 1.0 if start == "settled" else TIMES / TIMES[-1]
@@ -117,7 +117,7 @@ def test_limits_that_contradict_each_other_are_named(solver):
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()])
 @mostly_long("amount", [1e-6, 1e-8, 3e-9, 1e-9, 3e-10, 1e-11, 1e-13, 1e-15], 0, 3, 6)
-@pytest.mark.parametrize(("D", "lam"), [(np.eye(2)[0], 0.0), (np.array([1.0, 0.5]), 0.2)], ids=["one unknown", "two"])
+@mostly_long("D, lam", [(np.eye(2)[0], 0.0), (np.array([1.0, 0.5]), 0.2)], "two", ids=["one unknown", "two"])
 def test_limits_that_all_but_meet_are_met_or_named(D, lam, amount, solver):
     """D y <= 1 and D y >= 1 + amount, beside limits that meet: named, or answered within the amount."""
     K, load = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([5.0, 0.0])

@@ -50,7 +50,7 @@ def judge(mesh, history, motion, friction):
     assert np.isfinite(history.certificate_total).all()
 
 
-@mostly_long("motion", MOTIONS, "aslant", "down and back")
+@mostly_long("motion", MOTIONS, "down and back")
 @mostly_long("condense", [True, False])
 @pytest.mark.parametrize(
     ("family", "friction"), [("squares", "none"), ("triangles", "Tresca's"), ("voronoi", "Coulomb's")]
@@ -67,7 +67,7 @@ def test_approach_by_conic_solvers(solver, friction):
 
 
 @few_families
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
+@mostly_long("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_loads_that_vanish_leave_what_friction_keeps_or_nothing(family, solver):
     """Back to rest after a press that lifts off again: the scale is that of the largest state, and stays."""
     scene = vx.Scene(

@@ -83,9 +83,7 @@ def test_beyond_a_bound_nothing_is_certified():
 
 
 @separate
-@pytest.mark.parametrize(
-    ("solver", "block"), [(vx.Clarabel(), 1), (vx.Clarabel(), 2), (vx.OSQP(accuracy=1e-5), 1)], ids=str
-)
+@mostly_long("solver, block", [(vx.Clarabel(), 1), (vx.Clarabel(), 2), (vx.OSQP(accuracy=1e-5), 1)], 1, 2, ids=str)
 def test_solvers_agree_with_newton(solver, block, separate):
     for seed in range(3):
         program = random_program(seed, block, separate)
@@ -163,7 +161,7 @@ def test_soft_thresholding_in_a_box(soft):
     rng = np.random.default_rng(3)
     eye = np.eye(6)
     operators = Operators(eye, eye, D=np.vstack([eye, -eye]), compliance=np.full(12, soft))
-    for _ in range(100):
+    for _ in range(30):
         g, w, e = 2 * rng.normal(size=6), rng.uniform(0.1, 1.0, 6), rng.uniform(0.1, 1.0, 6)
         free = np.maximum(np.abs(g) - w, 0.0)
         inside = np.minimum(free, e) if soft == 0 else np.where(free > e, (free * soft + e) / (1 + soft), free)
@@ -202,7 +200,7 @@ def distance(K, one, two):
     return float(Fraction(square, 2**206)) ** 0.5
 
 
-@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 40), marks=pytest.mark.long)], ids=["4", "36 more"])
+@mostly_long("seeds", [range(2), range(2, 40)], ids=["2", "38 more"])
 @pytest.mark.parametrize("block", [1, 2])
 def test_error_and_floor_are_never_exceeded(block, seeds):
     """By Newton's answers and by perturbed ones; but for slips below 1e-9 of the motions, which count as none."""

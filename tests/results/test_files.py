@@ -248,12 +248,7 @@ def test_foreign_archives_are_refused(history, tmp_path):
             read_history(tmp_path)
 
 
-@mostly_long(
-    "name",
-    ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"],
-    "summary.json",
-    "history.npz",
-)
+@mostly_long("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"], 0, 2)
 def test_files_that_are_of_no_history_stay(history, name, tmp_path):
     (tmp_path / name).write_text('{"a": "thesis"}')
     with pytest.raises(HistoryError, match=f"{name}: not of a history, so it is not replaced"):

@@ -105,7 +105,7 @@ def test_blocked_and_free_expansion(plane):
         assert free_body.von_mises(-1) == pytest.approx(0.0, abs=ROUNDED * size)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.7])
+@mostly_long("angle", [0.0, 0.7], 1)
 def test_orthotropic_body_that_cannot_strain_across(angle):
     """e_33 = -nu13 / E1 s_11 - nu23 / E2 s_22 + s_33 / E3 + alpha theta = 0, in the axes of the material."""
     heat = vx.ThermalStrain(1e-3, lambda x, t: np.full(len(x), 20.0 * t))

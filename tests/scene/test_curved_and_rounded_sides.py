@@ -107,7 +107,7 @@ def swollen(x, t):
     return 0.02 * min(t, 1) * x + 0.05 * max(t - 1, 0) * np.column_stack([-x[:, 1], x[:, 0]])
 
 
-@pytest.mark.parametrize("housing", HOUSINGS)
+@mostly_long("housing", HOUSINGS, "one-sided", "compliant", "rollers")
 @mostly_long("nt, uneven", [(12, False), (24, False), (24, True)], 2)
 def test_a_ring_turns_in_a_frictionless_housing(housing, nt, uneven):
     """Its nodes would have to climb the corners of the housing, were both normals of each held."""

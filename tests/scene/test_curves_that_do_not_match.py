@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import vemcvx as vx
 from plate_with_hole import polar
@@ -46,7 +47,7 @@ def test_normals_of_a_circle_are_radial(cells, order, named, digits):
     assert np.abs(rows.normals - sign * x / np.hypot(*x.T)[:, None]).max() < loose
 
 
-@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
+@mostly_long("contact", [vx.BilateralContact, vx.UnilateralContact], 1)
 def test_a_ring_turns_in_another_without_friction(contact):
     """Along the normals of chords it got caught."""
     spin = vx.PrescribedDisplacement(lambda x, t: 0.01 * t * x @ np.array([[0.0, 1.0], [-1.0, 0.0]]), on="bore")

@@ -87,7 +87,7 @@ def test_bounds_of_parts_that_meet_are_those_of_their_edges(family):
 
 
 @few_families
-@pytest.mark.parametrize("stiffness", [None, 2000.0])
+@mostly_long("stiffness", [None, 2000.0])
 def test_coefficients_that_meet_share_the_pressure(family, stiffness):
     mesh, low, high = floor(family), 0.03, 0.1
     touch = vx.UnilateralContact(on="bottom") if stiffness is None else vx.NormalCompliance(stiffness, on="bottom")

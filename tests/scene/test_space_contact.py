@@ -162,7 +162,7 @@ def pressed_into_corner(on, friction, n=2):
     return scene, vx.meshes.cubes(n)
 
 
-@pytest.mark.parametrize("on", [["bottom", "front"], ["bottom", "front", "left"]], ids=len)
+@mostly_long("on", [["bottom", "front"], ["bottom", "front", "left"]], 1, ids=len)
 @mostly_long("coefficient", [0.1, 0.3], 1)
 def test_coulombs_law_at_edges_and_corners_of_contact(on, coefficient):
     """Newton finds it on its sets, with forces within their bounds."""

@@ -18,14 +18,14 @@ OF_TRIANGLES = ("triangles",)
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
     """Parametrize a test: the first case, or those `kept` by place or id, run by default; the others are `long`."""
-    cases = []
+    cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
-        case = value if isinstance(value, type(pytest.param())) else None
-        fields = case.values if case else value if "," in names else (value,)
-        word = case.id if case else ids(*fields) if callable(ids) else ids[k] if ids else None
-        is_kept = not {k, word, fields[0] if isinstance(fields[0], str) else k}.isdisjoint(kept or (0,))
-        marks = [*(case.marks if case else ()), *([] if is_kept else [others])]
-        cases.append(pytest.param(*fields, marks=marks, id=word))
+        is_case = isinstance(value, type(pytest.param()))
+        case = value if is_case else pytest.param(*(value if "," in names else (value,)))
+        word = "-".join(str(ids(one)) for one in case.values) if callable(ids) else ids[k] if ids else case.id
+        first = case.values[0] if isinstance(case.values[0], str) else k
+        marks = [*case.marks, *([] if {k, word, first} & set(kept or [0]) else [others])]
+        cases.append(pytest.param(*case.values, marks=marks, id=word))
     return pytest.mark.parametrize(names, cases)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from faces_that_meet import TIMES, random_scene
+from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -111,7 +112,7 @@ def test_convex_programs_are_answered(seed):
 
 
 @pytest.mark.arithmetic
-@pytest.mark.parametrize("seed", [127, 1099])
+@mostly_long("seed", [127, 1099])
 def test_discs_that_share_a_node_settle(seed):
     """One is moved by the gap of another's face, and two that are too weak together are held by each other."""
     history, kind = answered(seed)

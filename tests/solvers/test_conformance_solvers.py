@@ -72,6 +72,7 @@ def test_an_accuracy_that_means_nothing_makes_no_solver(solver):
             dataclasses.replace(solver, accuracy=wrong)
 
 
+@pytest.mark.long
 def test_the_instances_have_every_feature_and_stick_and_slip():
     features = [instance.features for instance in INSTANCES.values()]
     assert frozenset().union(*features) == FEATURES

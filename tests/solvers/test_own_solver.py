@@ -173,8 +173,6 @@ def test_mistakes_in_python(solver, says):
 @mostly_long(
     "mesh",
     [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)],
-    "corner",
-    "discs",
     ids=["corner", "cells", "discs"],
 )
 def test_increments_alone_are_enough_where_rows_share_unknowns(mesh):

@@ -125,7 +125,7 @@ def run(family, course, solver):
 
 @few_families
 @mostly_long("course", ["monotone", "cyclic"], "cyclic")
-@pytest.mark.parametrize("pair", [("newton", "clarabel"), ("newton", "osqp"), ("clarabel", "osqp")])
+@mostly_long("pair", [("newton", "clarabel"), ("newton", "osqp"), ("clarabel", "osqp")])
 def test_histories_agree_within_their_accumulated_certificates(family, course, pair):
     one, other = (run(family, course, solver) for solver in pair)
     assert_within_certificates(one, other)

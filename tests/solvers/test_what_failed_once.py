@@ -122,8 +122,9 @@ def block_on_a_rough_floor(angle, part):
     return scene, vx.meshes.cubes((2, 2, 1), box=((0, 1), (0, 1), (0, 0.2))), shear
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
-@mostly_long("angle", [0.1, 1.2, 2.8, 3.3, 4.9])
+@pytest.mark.parametrize("angle", [0.1, 1.2, 2.8, 3.3, 4.9])
 def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
     """The floor bears the load; beyond the ellipse the step is refused (answers of 1e15 were certified)."""
     scene, mesh, shear = block_on_a_rough_floor(angle, 0.9)
@@ -134,8 +135,9 @@ def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
         vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*weights may fall faster with slip than the body gives way")
-@mostly_long("seed", [25, 146, 325])
+@pytest.mark.parametrize("seed", [25, 146, 325])
 def test_friction_that_weakens_faster_than_the_body_gives_way(seed):
     """Sets begin at the slips of an answer, not at none: these scenes missed 1e-8 by the rounding of Clarabel's."""
     assert frozen_scenes.draw(seed).run().certified.max() <= 1e-8

@@ -92,6 +92,7 @@ def test_a_block_is_unloaded_to_zero_while_its_top_is_warmed(n):
     assert np.abs(history.forces[1]).max() <= 1e-8 * 2.0
 
 
+@pytest.mark.long
 def test_a_block_between_compliant_contacts_is_pressed_and_then_lifted():
     """Pressed with -.01 and dragged, then raised by .001: what is left are free bodies, without any force."""
     lower, upper = (vx.meshes.squares(1, box=((0, 1), (low, low + 0.4))) for low in (0.0, 0.4))
@@ -152,6 +153,7 @@ def test_what_sticks_where_two_obstacles_meet_is_held_twice(mu):
     assert history.certificate.max() <= 1e-12
 
 
+@pytest.mark.long
 def test_more_push_than_friction_holds_is_refused():
     with pytest.raises(vx.SceneError, match=r"with a force of 0\.\d+ and friction holds 0\.3 "):
         vx.simulate(resting(0.5), vx.meshes.squares(3), np.linspace(0, 1, 5), initial="settled")

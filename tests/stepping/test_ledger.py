@@ -45,7 +45,7 @@ def run(of, family, moving, condense):
 
 @few_families
 @mostly_long("condense", [True, False])
-@pytest.mark.parametrize("moving", [False, True])
+@mostly_long("moving", [False, True], 1)
 @pytest.mark.parametrize("of", [scene, on_a_belt])
 def test_ledger_closes(family, of, moving, condense):
     history = run(of, family, moving, condense)
@@ -107,7 +107,7 @@ FLOORS = {
 
 
 @few_families
-@pytest.mark.parametrize("floor", FLOORS)
+@mostly_long("floor", FLOORS, "rigid", "soft", "with Coulomb's friction")
 def test_ledger_closes_while_obstacles_move(family, floor):
     """work - dE - loss = 1/2 a(du, du) + p . dz with z = u . n - gap, and what soft limits store taken off p . dz."""
     history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
@@ -134,7 +134,7 @@ def test_ledger_closes_while_obstacles_move(family, floor):
 
 @few_families
 @pytest.mark.parametrize("stiffness", [None, 500.0])
-@pytest.mark.parametrize("damped", [False, True])
+@mostly_long("damped", [False, True])
 def test_work_of_a_floor_that_rises(family, stiffness, damped):
     """Nothing else moves: all the work is the floor's, pressure times way, of uniaxial strain."""
     H, L, way = 0.5, 2.0, 0.05

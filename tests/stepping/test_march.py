@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import cyclic, paper_scene, small
+from scenes import cyclic, mostly_long, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.base.arrays import EPS
@@ -17,13 +17,16 @@ def equal_but_for_rounding(one, other):
     return np.abs(one - other).max() <= 1e3 * EPS * np.abs(other).max()
 
 
+@pytest.fixture(scope="module")
+def every():
+    return vx.simulate(paper_scene(cyclic), small("voronoi", 4), TIMES)
+
+
 @pytest.mark.parametrize(
     ("store", "rows"), [("all", range(13)), ("last", [12]), (5, [0, 5, 10, 12]), (100, [0, 12]), ([7, 5], [5, 7, 12])]
 )
-def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
-    scene, mesh = paper_scene(cyclic), small("voronoi", 4)
-    every = vx.simulate(scene, mesh, TIMES)
-    some = vx.simulate(scene, mesh, TIMES, store=store)
+def test_store_keeps_what_it_says_and_changes_nothing(store, rows, every):
+    some = vx.simulate(every.scene, every.mesh, TIMES, store=store)
     rows = list(rows)
     assert some.stored.tolist() == rows
     for name in ("times", "energy", "dissipated", "work", "iterations"):
@@ -95,7 +98,7 @@ def test_a_load_that_friction_carries_from_the_start(solver):
     assert history.state[1] == pytest.approx([2.0, -1.0 / 3], abs=1e-5)
 
 
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP(), vx.ThroughCvxpy("SCS", accuracy=1e-4)])
+@mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP(), vx.ThroughCvxpy("SCS", accuracy=1e-4)], 0, 1)
 def test_the_library_never_prints(solver, capfd):
     vx.simulate(
         paper_scene(bound=lambda x, t: 0.0 if t < 0.5 else 4.0), small("squares", 4), [0, 0.3, 1], solver=solver

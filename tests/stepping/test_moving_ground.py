@@ -93,7 +93,7 @@ def test_ground_that_moves_is_a_body_that_moves_the_other_way(kind):
 
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
 @mostly_long("way", [0.1, 100.0], 1)
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
+@mostly_long("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_body_on_a_belt_is_carried_along(way, solver):
     """Nothing else holds it, so nothing strains it: it moves with the belt, however far that runs."""
     scene = vx.Scene(STEEL, TOUCHING, vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (way * t, 0.0)))

@@ -128,7 +128,7 @@ def test_a_violation_is_told(family, caplog):
         caplog.clear()
 
 
-@pytest.mark.parametrize("mesh", [vx.meshes.squares(3), vx.meshes.cubes(2)], ids=["squares", "cubes"])
+@mostly_long("mesh", [vx.meshes.squares(3), vx.meshes.cubes(2)], "squares", ids=["squares", "cubes"])
 @pytest.mark.parametrize("pressed", [-1.0, 1.0])
 def test_what_nothing_holds_comes_to_rest(mesh, pressed, caplog):
     """Lifted off or pressed into an obstacle at first: rounding of the stresses that were is no displacement."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import mostly_long
 
 import slip_weakening as weak
 import vemcvx as vx
@@ -31,7 +32,7 @@ def pulled(law, out=(0.0, 0.02)):
 LAWS = {"Tresca": [vx.TrescaFriction(1.0, on="low|up")], "Coulomb": [vx.CoulombFriction(0.3, on="low|up")]}
 
 
-@pytest.mark.parametrize("name", LAWS)
+@mostly_long("name", LAWS, "Coulomb")
 def test_two_stages_are_one_run(name, tmp_path):
     scene, times = pulled(LAWS[name]), np.linspace(0.0, 2.0, 9)
     whole = vx.simulate(scene, MESH, times)
@@ -54,6 +55,7 @@ def test_two_stages_are_one_run(name, tmp_path):
             )
 
 
+@pytest.mark.long
 def test_a_law_of_slip_reads_the_way_of_both_stages():
     """In the closed form of the problem file friction weakens with the whole way: it turns after the first stage."""
     scene, mesh, times = weak.scene(), weak.mesh(3), weak.times(40)

@@ -8,7 +8,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from scenes import cyclic, paper_scene, small
+from scenes import cyclic, mostly_long, paper_scene, small
 
 import vemcvx as vx
 
@@ -49,7 +49,7 @@ def test_threads_share_nothing(solver):
         np.testing.assert_array_equal(displacement, alone)
 
 
-@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
+@mostly_long("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
 def test_streams_and_filters_of_the_process_are_left_alone(solver, monkeypatch):
     """Also while a solver runs: another thread that prints or warns meanwhile must not notice."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP

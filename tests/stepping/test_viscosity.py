@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import few_families, small
+from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
 
@@ -25,7 +25,7 @@ def mesh_of(family, n=4):
 
 
 @few_families
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), None], ids=str)
+@mostly_long("solver", [vx.Newton(), vx.Clarabel(), None], 0, 2, ids=str)
 def test_creep_under_a_steady_pull(family, solver):
     """u_n = (u_inf + tau/k u_{n-1}) / (1 + tau/k), steps of any length; energy, loss and work follow."""
     scene = vx.Scene(
@@ -130,7 +130,7 @@ def test_shear_over_a_rough_floor(family, solver, floor, tau):
 
 
 @few_families
-@pytest.mark.parametrize("store", ["all", 3])
+@mostly_long("store", ["all", 3], 1)
 def test_dashpots_push_on_supports_and_floors(family, store):
     """Whatever share of a steady pull dashpots still bear, supports bear all of it; and so does a floor of pressure."""
     scene = vx.Scene(

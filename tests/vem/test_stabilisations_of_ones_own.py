@@ -78,14 +78,9 @@ WOOD = vx.Orthotropic(young=(1000.0, 10.0), poisson=0.3, shear=2.0, angle=0.3, s
 STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
-@pytest.mark.parametrize(
-    ("west", "east"),
-    [
-        ("shear", "unit"),
-        ("unit", own.Boundary()),
-        *(pytest.param(west, "unit", marks=pytest.mark.long) for west in OWN),
-        pytest.param(own.DRecipe(), own.Boundary(), marks=pytest.mark.long),
-    ],
+@mostly_long(
+    "west, east",
+    [("unit", own.Boundary()), ("shear", "unit"), *((west, "unit") for west in OWN), (own.DRecipe(), own.Boundary())],
 )
 def test_one_form_of_the_stiffness_the_budget_and_the_nodal_distance(west, east):
     """|w|^2_{a^h} = w'Aw: of the nodal distance as it is, of the budget with what projected strains store."""
@@ -295,7 +290,8 @@ class Springs(vx.Stabilisation):
         return weights[:, None, None] * np.eye(cells.nodes.shape[1])
 
 
-@mostly_long("family", ["prisms", "cubes", "voronoi3"])
+@pytest.mark.long
+@pytest.mark.parametrize("family", ["prisms", "cubes", "voronoi3"])
 def test_in_space(family):
     """Patch test, and one form: half of the default's energy of what Pi misses, and w'Aw."""
     mesh = vx.meshes.SPACE_FAMILIES[family](2)

@@ -185,12 +185,7 @@ def contributed(tmp_path_factory):
 @pytest.mark.parametrize(
     "asked",
     [
-        [
-            "-k",
-            "Robin or missing or permutation or valid",
-            "tests/effects",
-            "tests/whole/test_wrong_kinds.py",
-        ],
+        ["-k", "Robin or missing or permutation or valid", "tests/effects", "tests/whole/test_wrong_kinds.py"],
         ["-m", "slow", "-k", "Robin", "tests/whole/test_wrong_kinds.py"],
         ["-k", "bricks or missing", "tests", "--ignore", "tests/whole"],
         ["-m", "slow", "-k", "bricks", "tests/estimate", "tests/problems", "tests/meshes"],
@@ -255,7 +250,7 @@ def takes(key):
     """A case of the suite with the mark of the time that it takes."""
     if key.endswith(ENDLESS):
         return pytest.param(key, marks=pytest.mark.slow)
-    is_quick = ": friction: " in key or ": plain matrices: " in key or key.count(":") == 1
+    is_quick = ": plain matrices: " in key or key.count(":") == 1
     is_long = not is_quick or key.endswith(("is_as_near_to_newton_as_certified", "gives_the_same_answer_twice"))
     return pytest.param(key, marks=pytest.mark.long) if is_long else key
 
@@ -288,6 +283,7 @@ def test_it_is_compared_first_time(mine):
     assert second.startswith("2 of 2: Fista: certified to")
 
 
+@pytest.mark.long
 def test_answers_to_the_same_steps_are_as_near_as_certified(fista):
     """No farther apart than the errors of both, certified step by step, add up to."""
     scene, mesh, times = paper_scene(lambda t: np.sin(6 * t)), vx.meshes.voronoi(4), np.linspace(0.0, 1.0, 7)

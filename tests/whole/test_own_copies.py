@@ -40,7 +40,7 @@ def spoil(value):
         value[:] = [each * 0.5 if isinstance(each, float) else "top" for each in value]
 
 
-@mostly_long("name", GIVEN, "Elasticity", "TrescaFriction")
+@mostly_long("name", GIVEN, "TrescaFriction")
 def test_effects_keep_copies(name):
     kind, given = GIVEN[name]
     given = {key: value.copy() if hasattr(value, "copy") else value for key, value in given.items()}

@@ -208,9 +208,7 @@ def test_the_given_arguments_are_valid():
         use(called, called(**given))
 
 
-@pytest.mark.parametrize("every", [EVERY, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("place", PLACES)
-def test_an_argument_of_a_wrong_kind_is_refused_by_name(place, every):
+def check_place(place, every):
     called, given, parameter = PLACES[place]
     for name in list(WRONG)[list(PLACES).index(place) % every :: every]:
         if name in FUNCTIONS and place in ANY_FUNCTION:
@@ -225,6 +223,19 @@ def test_an_argument_of_a_wrong_kind_is_refused_by_name(place, every):
             raise AssertionError(f"{name} was accepted")
         subject = parameter.rstrip("s").split("_")[-1].lower()
         assert subject in said or called.__name__.lower() in said or (called is vx.Law and "norms: w" in said), said
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_an_argument_of_a_wrong_kind_is_refused_by_name(place):
+    check_place(place, EVERY)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("called", sorted({place.split(".")[0] for place in PLACES}))
+def test_arguments_of_all_wrong_kinds_are_refused_by_name(called):
+    for place in PLACES:
+        if place.split(".")[0] == called:
+            check_place(place, 1)
 
 
 @pytest.mark.parametrize("part", ["indices", "indptr"])

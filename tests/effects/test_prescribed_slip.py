@@ -47,6 +47,8 @@ def test_friction_acts_against_the_slip_and_the_slip_takes_it():
     assert history.dissipated[-1] == pytest.approx(0.05, abs=1e-14)
     assert history.reaction("low|up")[-1] == pytest.approx([-0.5, 0.0], abs=1e-12)
     assert history.force("low|up")[-1] == pytest.approx([0.5, 0.0], abs=1e-12)
+    with pytest.raises(vx.SceneError, match=r"^CoulombFriction on low\|up: no pressure is known"):
+        settled(stacked(), vx.Clamp(on="low.bottom"), slip, vx.CoulombFriction(0.5, on="low|up"))
 
 
 def fault(size, levels):

@@ -60,7 +60,7 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_262, "solvers": 1_423, "stepping": 1_791, "linear": 940, "scene": 1_961, "effects": 1_996}
+LINES = {"program": 2_262, "solvers": 1_423, "stepping": 1_791, "linear": 940, "scene": 1_961, "effects": 1_997}
 LINES |= {"exchange": 704, "testing": 977, "cli/collection": 1_146}
 LINES |= {"bound": 3_260, "results": 2_690, "estimate": 2_173, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_649}
@@ -68,10 +68,10 @@ LINES |= {"meshes": 7_231, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_664
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_159
+TESTS = 27_161
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 39_495
+ALL_TESTS = 39_497
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

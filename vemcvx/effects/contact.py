@@ -62,7 +62,8 @@ class PrescribedSlip(Effect):
 
     The jump is that of the body named first against the second; on a boundary it is that of the body against the
     ground. Slip is 0 at the tip of a crack, which is one node. `history.reaction(on)` is the force along the fault that
-    the slip takes, `history.force(on)` that across it; friction on the same interface acts against the slip.
+    the slip takes, `history.force(on)` that across it. TrescaFriction on the same interface acts against the slip;
+    CoulombFriction, which reads the pressure of one-sided contact, is refused there.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ class Space:
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
                 f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
-                "bodies, where only contact, friction and Pressure act; name outer boundaries."
+                "bodies, where only contact, friction, Pressure and PrescribedSlip act; name outer boundaries."
             )
         key = tuple(sorted(set(names)))
         if key not in self._parts:

@@ -44,7 +44,7 @@ import scipy.sparse as sp
 import vemcvx as vx
 from spring_slider_chain import course, sampled, turning_instants
 from vemcvx.vem import Space
-from vemcvx.vem.stabilisation import missed_products
+from vemcvx.vem.stabilisation import products_of_remainder
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)
@@ -73,7 +73,7 @@ def scalar_stiffness(mesh):
         areas, g = group.gradients()
         local = g @ g.transpose(0, 2, 1) / areas[:, None, None]
         if g.shape[1] > 3:
-            local += missed_products(group.vertex_values())
+            local += products_of_remainder(group.vertex_values())
         rows.append(np.repeat(group.nodes, g.shape[1], axis=1).ravel())
         columns.append(np.tile(group.nodes, g.shape[1]).ravel())
         values.append(local.ravel())

@@ -14,7 +14,7 @@ from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
 from vemcvx.stepping import certify_in_full, initial_state, prepare
-from vemcvx.stepping.course import course
+from vemcvx.stepping.course import sample_course
 
 MOST = 5.0
 NOISE = 1e-6
@@ -24,7 +24,7 @@ NOISE = 1e-6
 def finest(times, system, parts):
     """So many steps in each of the run, and one each where data bend or jump."""
     equal = [np.linspace(a, b, parts + 1) for a, b in pairwise(times)]
-    return np.union1d(np.concatenate(equal), course(system, times).bends)
+    return np.union1d(np.concatenate(equal), sample_course(system, times).bends)
 
 
 def ratio(scene, mesh, times, initial=None, parts=24):
@@ -112,7 +112,7 @@ def test_steps_go_to_where_a_bound_dips_and_jumps_are_named():
 
 
 def bends_of(scene, times=(0.0, 1.0)):
-    return course(pose_scene(scene, vx.meshes.squares(3)).system, np.array(times))
+    return sample_course(pose_scene(scene, vx.meshes.squares(3)).system, np.array(times))
 
 
 def bending(t):
@@ -169,7 +169,7 @@ def effectivity(seed):
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)
     system = pose_scene(scene, mesh).system
-    fine = np.union1d(np.linspace(0, 1, 60 * (len(times) - 1) + 1), course(system, times).bends)
+    fine = np.union1d(np.linspace(0, 1, 60 * (len(times) - 1) + 1), sample_course(system, times).bends)
     fine = fine[np.append(True, np.diff(fine) > 1e-13)]
     at = [int(np.abs(fine - t).argmin()) for t in times]
     truth = vx.simulate(scene, mesh.refine().refine().refine(), fine, store=at, initial=initial)

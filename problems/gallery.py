@@ -43,7 +43,7 @@ LESSONS = (
 
 @cache
 def problem_files():
-    """Names of all problem files of this folder: what defines a scene, a mesh and times at its outermost level."""
+    """Names of all problem files of this folder: what defines a mesh, and scene and times or stages, outermost."""
     return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]
 
 
@@ -58,9 +58,12 @@ def quiet():
 def small_run(problem):
     """The history of a problem file in its small setting."""
     small = {"n": 8, "steps": 8, "accuracy": 1e-8, **getattr(problem, "SMALL", {})}
-    mesh, times, initial = problem.mesh(small["n"]), problem.times(small["steps"]), getattr(problem, "initial", None)
+    mesh, found = problem.mesh(small["n"]), [getattr(problem, "initial", None)]
+    has_stages = hasattr(problem, "stages")
     with quiet():
-        return vx.simulate(problem.scene(), mesh, times, initial=initial, solver=vx.Newton(small["accuracy"]))
+        for scene, times in problem.stages() if has_stages else [(problem.scene(), problem.times(small["steps"]))]:
+            found.append(vx.simulate(scene, mesh, times, initial=found[-1], solver=vx.Newton(small["accuracy"])))
+    return vx.joined(found[1:]) if has_stages else found[-1]
 
 
 def picture(problem, history):

@@ -61,6 +61,7 @@ from .estimate.quantities import quantities as quantities
 from .exchange import read_program as read_program
 from .exchange import write_program as write_program
 from .history import History as History
+from .history import joined as joined
 from .history import read_history as read_history
 from .linear import Iterative as Iterative
 from .linear import LinearSolver as LinearSolver

@@ -23,6 +23,7 @@ from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.sections import Section, mean, section
+from vemcvx.results.stages import join
 from vemcvx.results.tables import Columns, dataset, frame, table
 from vemcvx.scene import Scene
 
@@ -39,7 +40,7 @@ class History(Results, Outlined):
     ----------
     mesh : PolygonMesh or PolyhedralMesh
     scene : Scene or None
-        None if the history was read from files, which do not keep the functions of a scene.
+        None if the history was read from files, which do not keep the functions of a scene, or joined of stages.
     effects : tuple of str
         The effects of the scene in words.
     displacement : (S, n_nodes, dim)
@@ -94,8 +95,9 @@ class History(Results, Outlined):
         That boundary, by its name, and the number of that axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
         S_K of the run's a^h, in which nodal distances are measured; None if a class of the user's was read from files.
-    begins : {"given", "equilibrium", "settled", "projected"}
-        What the run begins from: nodal values, a word of `initial`, or vx.projected(u_0); files do not keep it.
+    begins : {"given", "equilibrium", "settled", "projected", "continued"}
+        What the run begins from: nodal values, a word of `initial`, vx.projected(u_0), or the end of another run.
+        Files do not keep it.
     """
 
     begins: str = "given"
@@ -285,7 +287,7 @@ def scene_of(history: object, subject: str) -> Scene:
         raise HistoryError(f"{subject}: found {brief(history)} where a History is wanted.")
     if history.scene is None:
         raise HistoryError(
-            f"{subject}: this history was read from files, and its scene is not among them; simulate the scene."
+            f"{subject}: this history was read from files, or joined, and has no scene; simulate it, or take a stage."
         )
     return history.scene
 
@@ -301,6 +303,47 @@ def read_history(folder: str | Path) -> History:
         There is no such folder, no history in it, or one that is damaged or of another format.
     """
     return History.of(read_results(folder))
+
+
+def joined(histories: Sequence[History]) -> History:
+    """Return stages as one history, of which there are tables, pictures, films and files as of any other.
+
+    A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Effects
+    are those of all stages, each acting in its own; steps are numbered through. Slips, wear, work and losses go on.
+    Bounds and estimated errors are those of single stages, and are left out, and `scene` is None.
+
+    Parameters
+    ----------
+    histories : sequence of History
+        In their order in time, with all steps stored, or every n-th.
+
+    Returns
+    -------
+    History
+
+    Raises
+    ------
+    HistoryError
+        One is no history, or does not go on from the one before: it has another mesh, material, or places of contact,
+        or begins at another instant, in another state, or with other losses.
+
+    Examples
+    --------
+    >>> import vemcvx as vx
+    >>> pad, held = vx.meshes.squares(4), (vx.Elasticity(10.0, 0.3), vx.Clamp(on="bottom"))
+    >>> press = vx.Pressure(lambda x, t: min(t, 1.0) + 0 * x[:, 0], on="top")
+    >>> pull = vx.Traction(lambda x, t: [t - 1.0, 0.0] + 0 * x, on="right")
+    >>> first = vx.simulate(vx.Scene(*held, press), pad, [0.0, 1.0])
+    >>> second = vx.simulate(vx.Scene(*held, press, pull), pad, [1.0, 2.0], initial=first)
+    >>> vx.joined([first, second]).times.tolist()
+    [0.0, 1.0, 2.0]
+    """
+    stages = list(histories) if isinstance(histories, (list, tuple)) else []
+    if not stages or not all(isinstance(stage, History) for stage in stages):
+        raise HistoryError(
+            f"joined: found {brief(histories)}; wanted a list of histories, one for each stage, in their order."
+        )
+    return History.of(join(stages), stages[0].begins)
 
 
 FOR_GIVEN = "for the given friction: bounds of friction are those of the answer's own pressure and slip"

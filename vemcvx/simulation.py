@@ -299,6 +299,8 @@ def projected(displacement: data.Datum) -> Projected:
 
 def begins(initial: object) -> str:
     """Return what a run begins from, in a word of :class:`vemcvx.History`."""
+    if isinstance(initial, (Path, Results)) or (isinstance(initial, str) and Path(initial).is_dir()):
+        return "continued"
     word = initial if isinstance(initial, str) and initial in ("equilibrium", "settled") else "given"
     return "projected" if isinstance(initial, Projected) else word
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import mostly_long
 
+import pressed_then_sheared as pressed
 import slip_weakening as weak
 import vemcvx as vx
 
@@ -14,7 +15,7 @@ def blocks(n):
     return vx.meshes.bodies({name: vx.meshes.squares(n, box=box) for name, box in boxes.items()})
 
 
-MESH = blocks(2)
+MESH, SIDES = blocks(2), ["left", "right"]
 
 
 def pulled(law, out=(0.0, 0.02)):
@@ -99,3 +100,86 @@ def test_what_cannot_go_on_is_refused():
         vx.simulate(other, MESH, [1.0, 2.0], initial=first)
     with pytest.raises(vx.SceneError, match="contradicts its supports"):
         vx.simulate(scene, MESH, times, initial=first)
+
+
+@pytest.mark.filterwarnings("ignore:supports")
+def test_stages_joined_are_one_run_in_closed_form(tmp_path):
+    """Pressed, then sheared: fields, energies, losses, forces and tables of both are those of the closed form."""
+    mesh, ((press, before), (shear, after)) = pressed.mesh(2), pressed.stages()
+    first = vx.simulate(press, mesh, before)
+    second = vx.simulate(shear, mesh, after, initial=first)
+    both, (gamma, a) = vx.joined([first, second]), pressed.closed_form()
+    assert both.times.tolist() == [*before, *after[1:]]
+    assert both.stored.tolist() == list(range(len(both.times)))
+    y, begun = mesh.points[:, 1], len(before) - 1
+    exact = np.stack([a[:, None] + gamma[:, None] * y, np.tile(-pressed.PRESSURE * y / pressed.YOUNG, (len(a), 1))], 2)
+    assert both.displacement[begun:] == pytest.approx(exact, abs=1e-9 * np.abs(exact).max())
+    area, most = pressed.LENGTH * pressed.HEIGHT, pressed.COEFFICIENT * pressed.PRESSURE
+    energy = (pressed.PRESSURE**2 / pressed.YOUNG + pressed.MU * gamma**2) * area / 2
+    lost = most * pressed.LENGTH * np.append(0.0, np.abs(np.diff(a)).cumsum())
+    assert both.energy[begun:] == pytest.approx(energy, rel=1e-8)
+    assert both.dissipated[begun:] == pytest.approx(lost, abs=1e-8 * lost[-1])
+    assert both.work_second_order[begun:] == pytest.approx(energy + lost, rel=1e-8)
+    pulls = both.reaction("top")
+    assert pulls[begun:, 0] == pytest.approx(pressed.MU * gamma * pressed.LENGTH, abs=1e-7)
+    contact = both.contact
+    assert contact.wear[-1] @ contact.friction_lengths == pytest.approx(lost[-1], rel=1e-8)
+    table = both.table("steps")
+    assert np.array_equal(table["reaction_top_x"], pulls[:, 0])
+    assert table["dissipated"][-1] == both.dissipated[-1] == second.dissipated[-1]
+    read = vx.read_history(both.write(tmp_path / "both"))
+    assert np.array_equal(read.contact.pressure, contact.pressure)
+    assert read.force("bottom")[-1] == pytest.approx([-most * pressed.LENGTH, pressed.PRESSURE * pressed.LENGTH])
+
+
+@pytest.mark.filterwarnings("ignore:supports")
+def test_an_effect_acts_in_its_own_stage_and_wear_stays_where_friction_ends():
+    """A pad is pressed on a smooth floor, rubbed by it, and then lies on a smooth one again, held where it is."""
+    pad, common = vx.meshes.squares(2), (vx.Elasticity(1000.0, 0.0), vx.UnilateralContact(on="bottom"))
+    press = vx.Pressure(lambda x, t: 5.0 * min(t, 1.0), on="top")
+    move = vx.PrescribedDisplacement(lambda x, t: np.interp(t, [1, 2], [0, 0.1]), on=SIDES, direction=(1, 0))
+    rub = vx.TrescaFriction(lambda x, t: np.interp(t, [2, 3], [0.5, 0.0]), on="bottom")
+    stages = []
+    for more, times in (([], [0.0, 0.5, 1.0]), ([rub], [1.0, 1.5, 2.0, 3.0]), ([], [3.0, 4.0])):
+        scene = vx.Scene(*common, press, move, *more)
+        stages.append(vx.simulate(scene, pad, times, initial=stages[-1] if stages else None))
+    both = vx.joined(stages)
+    assert both.times.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0]
+    assert both.force(rub)[:, 0] == pytest.approx([0, 0, 0, -0.5, -0.5, 0, 0], abs=1e-8)
+    assert both.force(press)[-1] == pytest.approx([0.0, -5.0])
+    worn = both.contact.wear @ both.contact.friction_lengths
+    assert worn[:3].tolist() == [0, 0, 0]
+    assert worn[3:] == pytest.approx([*both.dissipated[3:6], both.dissipated[5]], rel=1e-8)
+    assert worn[4] == pytest.approx(0.05, rel=0.01)
+    assert not stages[2].contact.wear.any()
+    assert both.contact.pressure[-1] == pytest.approx(5.0)
+    assert both.contact.slip[-1, :, 0] == pytest.approx(0.1)
+
+
+def test_histories_that_are_no_stages_of_one_run_are_not_joined():
+    scene, times = pulled(LAWS["Tresca"]), np.linspace(0.0, 2.0, 5)
+    first = vx.simulate(scene, MESH, times[:3])
+    with pytest.raises(vx.HistoryError, match="joined: stage 2 does not go on from stage 1: it begins at t = 0, and"):
+        vx.joined([first, first])
+    alone = vx.simulate(scene, MESH, times[2:], initial=first.displacement[-1])
+    with pytest.raises(vx.HistoryError, match="`dissipated` begins at 0, and the other ended with"):
+        vx.joined([first, alone])
+    last = vx.simulate(scene, MESH, times[2:], initial=first, store="last")
+    with pytest.raises(vx.HistoryError, match="its initial instant was not stored"):
+        vx.joined([first, last])
+    finer = vx.simulate(scene, blocks(4), times[:3])
+    with pytest.raises(vx.HistoryError, match="it is on another mesh"):
+        vx.joined([finer, vx.simulate(scene, MESH, times[2:], initial=first)])
+    with pytest.raises(vx.HistoryError, match="joined: found .*wanted a list of histories, one for each stage"):
+        vx.joined([first, "second"])
+
+
+def test_errors_of_a_stage_alone_are_refused():
+    """The runs beside it would begin without what the first stage lost."""
+    scene, times = pulled(LAWS["Tresca"]), np.linspace(0.0, 2.0, 5)
+    first = vx.simulate(scene, MESH, times[:3])
+    second = vx.simulate(scene, MESH, times[2:], initial=first)
+    with pytest.raises(vx.HistoryError, match="quantities: the run goes on from another one"):
+        vx.quantities(second)
+    with pytest.raises(vx.HistoryError, match="read from files, or joined, and has no scene"):
+        vx.quantities(vx.joined([first, second]))

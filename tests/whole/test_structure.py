@@ -62,16 +62,16 @@ HEAVY = {
 
 LINES = {"program": 2_262, "solvers": 1_423, "stepping": 1_791, "linear": 940, "scene": 1_961, "effects": 1_997}
 LINES |= {"exchange": 704, "testing": 977, "cli/collection": 1_146}
-LINES |= {"bound": 3_260, "results": 2_690, "estimate": 2_173, "plots": 1_918}
-LINES |= {"cost": 677, "cli": 3_649}
+LINES |= {"bound": 3_260, "results": 2_811, "estimate": 2_179, "plots": 1_918}
+LINES |= {"cost": 677, "cli": 3_715}
 LINES |= {"meshes": 7_231, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_664
+TOP = 1_710
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_161
+TESTS = 27_334
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 39_497
+ALL_TESTS = 39_670
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -114,7 +114,7 @@ GIVEN = {
     "coefficient": 0.1, "scene": SCENE, "mesh": MESH, "times": TIMES, "system": vx.System(K, load), "K": K,
     "load": load, "B": np.eye(2), "w": [0.1, 0.2], "D": np.eye(2), "e": [0.1, 0.2], "C": np.eye(2),
     "weights": lambda t, p, past, slip: np.zeros(2), "modes": np.ones((2, 1)), "names": ("all",), "solver": "CLARABEL",
-    "displacement": lambda x, t: 0 * x, "values": [0.0, 1.0], "history": HISTORY, "n": 1,
+    "displacement": lambda x, t: 0 * x, "values": [0.0, 1.0], "history": HISTORY, "histories": [HISTORY], "n": 1,
     "program": next(vx.programs(SCENE, MESH, TIMES)), "path": Path(tempfile.mkdtemp()) / "step.npz",
     "radii": [0.5, 1.0], "sectors": 4, "heights": TIMES,
     "points": MESH.points, "cells": MESH.cells, "name": "a", "h": [1.0, 0.5], "errors": [1.0, 0.5], "step": 1,

@@ -10,7 +10,7 @@ import re
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from itertools import product
@@ -93,12 +93,13 @@ def several(text: str) -> list[str]:
 
 SPACE_N = 8  # Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
-KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,)}
+KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
 
 RETURNS = {
     "scene": "a vemcvx.Scene",
     "mesh": "a mesh for every number n of cells across the shortest side",
     "times": "instants for every number of steps",
+    "stages": "a list of (scene, times), one for each stage",
 }
 
 
@@ -149,7 +150,7 @@ class Problem:
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
         """The parameters of the scene with their values in words: those given as "name=value", else their defaults."""
         given = self._given(settings)
-        own = inspect.signature(self.module.scene).parameters
+        own = self._signature()
         known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
 
@@ -161,7 +162,7 @@ class Problem:
         """
         choices: dict[str, list[str]] = {}
         for setting, (name, value) in zip(settings, self._given(settings).items(), strict=True):
-            default = inspect.signature(self.module.scene).parameters.get(name)
+            default = self._signature().get(name)
             rows = isinstance(value, tuple) and all(isinstance(one, (tuple, list)) for one in value)
             single = default is not None and isinstance(default.default, (tuple, list)) and not rows
             text = setting.partition("=")[2]
@@ -175,7 +176,23 @@ class Problem:
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""
-        return self._call("scene", **self._given(settings))
+        return self._call("scene", **self._given(settings, "scene"))
+
+    @property
+    def has_stages(self) -> bool:
+        """True if the file defines stages, which `run` and `show` take in place of scene and times."""
+        return callable(getattr(self.module, "stages", None))
+
+    def stages(self, settings: Sequence[str] = ()) -> list[tuple[Scene, Floats]]:
+        """The scene and the instants of every stage, with parameters given as "name=value"."""
+        made = self._call("stages", **self._given(settings, "stages"))
+        try:
+            found = [(scene, check_times(times)) for scene, times in made]
+        except (TypeError, ValueError):
+            found = []
+        if not found or not all(isinstance(scene, Scene) for scene, _ in found):
+            raise ProblemError(f"{self.path}: stages(...) returned {brief(made)}; wanted {RETURNS['stages']}.")
+        return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
         """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file.
@@ -184,7 +201,8 @@ class Problem:
         interfaces, such as "plate|pin".
         """
         if family is not None and is_file(family):
-            names = [where(getattr(effect, "on", "")) for effect in self.scene(settings).effects]
+            scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
+            names = [where(getattr(effect, "on", "")) for scene in scenes for effect in scene.effects]
             return read(family, bodies="physical" if any(sign in name for name in names for sign in ".|") else None)
         if family is not None and family not in (*self.families, self.family):
             known = ", ".join(self.families)
@@ -232,9 +250,14 @@ class Problem:
         """The names of units of the problem's data, if the file has them as UNITS."""
         return checked_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS") or None
 
-    def _given(self, settings: Sequence[str]) -> dict[str, Any]:
+    def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
+        """The parameters of scene or stages; by default of stages, if there are some."""
+        chosen = part or ("stages" if self.has_stages else "scene")
+        return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
+
+    def _given(self, settings: Sequence[str], part: str = "") -> dict[str, Any]:
         """The parameters that settings give, each of them once."""
-        known, given = inspect.signature(self.module.scene).parameters, dict[str, Any]()
+        known, given = self._signature(part), dict[str, Any]()
         any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in known.values())
         for setting in settings:
             name, equals, text = setting.partition("=")
@@ -255,6 +278,11 @@ class Problem:
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
         """The answer of a function of the file, checked to be of the kind that it should be."""
+        if not callable(getattr(self.module, part, None)):
+            raise ProblemError(
+                f"{self.path}: it has stages and no {PARTS[part]}; only `vemcvx run` and `show` take stages. Define "
+                f"{PARTS['scene']} and {PARTS['times']} beside stages() for the other commands."
+            )
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         wanted = f". That is the problem file's own {part}, which is to return {RETURNS[part]}."
         made = own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)
@@ -268,7 +296,8 @@ def read_problem(file: str | Path) -> Problem:
     """Execute a problem file: one that is here, or one that came with the package, by its name."""
     path = problem_path(file)
     module = executed(path, "problem file")
-    missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
+    needed = ("mesh",) if callable(getattr(module, "stages", None)) else tuple(PARTS)
+    missing = [PARTS[name] for name in needed if not callable(getattr(module, name, None))]
     if missing:
         raise ProblemError(
             f"{path}: does not define {' nor '.join(missing)}; a problem file defines {', '.join(PARTS.values())}."

@@ -24,7 +24,7 @@ from vemcvx.base.outline import Outline
 from vemcvx.base.version import __version__
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.show import scene_in_words
+from vemcvx.cli.show import problem_in_words
 from vemcvx.cli.terminal import write_text
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.quantities import with_quantities
@@ -62,7 +62,7 @@ def write_report(
     results: str,
 ) -> Path:
     """Write the page: `results` are those of the terminal, `mesh` is the mesh in words."""
-    rows = scene_in_words(problem.scene(settings), history.mesh, history.trajectory.times, mesh)
+    rows = problem_in_words(problem, settings, history.mesh, mesh)
     parameters = problem.parameters(settings)
     text = problem.path.read_text(encoding="utf-8", errors="replace")
     packages = {name: found for name in (*NEEDED, *EXTRAS) if (found := version_of(name))}

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from logging.handlers import BufferingHandler
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
@@ -28,7 +29,7 @@ from vemcvx.cost import study
 from vemcvx.cost.rows import Row, figures, labels
 from vemcvx.cost.workers import DONE, call_safely
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
-from vemcvx.history import History
+from vemcvx.history import History, joined
 from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.plots.style import Units, in_units
 from vemcvx.results import files, largest, places
@@ -120,7 +121,9 @@ class Run:
             mesh = problem.mesh(n, self.mesh, self.settings)
             if self.points is not None:
                 places(mesh, self.points, "--probe")
-            if self.target is None:
+            if problem.has_stages:
+                history, told = self._staged(problem, mesh, stored, shown=shown, folder=folder)
+            elif self.target is None:
                 history, told = self.simulated(problem, mesh, steps, stored, shown=shown, rows=rows)
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target, shown)
@@ -226,6 +229,22 @@ class Run:
         history = posed.simulated(store=store, progress=advance, resume=resumed, **how)
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
 
+    def _staged(
+        self, problem: Problem, mesh: AnyMesh, store: int | str, *, shown: Shown, folder: Path | None
+    ) -> tuple[History, list[str]]:
+        """Return the stages as one history, and a line for each; those go into folders of their own."""
+        solver, found, lines = named_solver(self.solver, self.accuracy), list[History](), list[str]()
+        for k, (scene, times) in enumerate(problem.stages(self.settings), start=1):
+            warn_of_turns(scene, mesh, times)
+            posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
+            how: dict[str, Any] = {"condense": self.condense, "linear": named_linear(self.linear)}
+            advance = partial(shown, f"stage {k}, marching")
+            found.append(posed.simulated(store=store, progress=advance, **how))
+            own = folder and write_results(found[-1], folder / f"stage_{k}", Origin(problem.name), self.points)
+            where = f", in {own}" if own else ""
+            lines.append(f"stage {k:<6d}t = {times[0]:.6g} ... {times[-1]:.6g}, {found[-1].steps} steps{where}")
+        return joined(found), lines
+
     def _posed(self, problem: Problem, mesh: AnyMesh, steps: int) -> Posed:
         return problem.posed(self.settings, mesh, steps, named_solver(self.solver, self.accuracy))
 
@@ -262,6 +281,13 @@ class Run:
             if self.target is None:
                 words = "the relative error that mesh and steps are for"
                 raise ProblemError(f"--of: {self.of} goes with --target X, {words}.")
+        given = {"--steps": self.steps, "--target": self.target, "--resume": self.resume, "--bound": self.bound or None}
+        given["--store last"] = True if self.store == "last" else None
+        if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
+            raise ProblemError(
+                f"{found[0]}: {problem.name} has stages, which have their own instants and go on from one another; "
+                f"{', '.join(given)} are for problem files without stages()."
+            )
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.points is not None and folder is None:

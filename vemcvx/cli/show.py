@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -38,11 +39,21 @@ class Show:
         """Print the problem's title, and a table of its scene."""
         problem = read_problem(self.file)
         n = self.n or problem.usual_n(64, self.mesh)
-        # Data are evaluated at 64 instants, to see whether they are zero at all times.
-        scene, times = problem.scene(self.settings), check_times(problem.times(64))
         mesh = problem.mesh(n, self.mesh, self.settings)
-        rows = scene_in_words(scene, mesh, times, mesh_name(problem, self.mesh, n))
+        rows = problem_in_words(problem, self.settings, mesh, mesh_name(problem, self.mesh, n))
         say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")
+
+
+def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, name: str) -> list[tuple[str, str]]:
+    """Return the scene of a problem as rows of a name and words, or the scenes of its stages one after the other."""
+    if not problem.has_stages:
+        # Data are evaluated at 64 instants, to see whether they are zero at all times.
+        return scene_in_words(problem.scene(settings), mesh, check_times(problem.times(64)), name)
+    rows = list[tuple[str, str]]()
+    for k, (scene, times) in enumerate(problem.stages(settings), start=1):
+        rows.append((f"stage {k}", f"t = {times[0]:.6g} ... {times[-1]:.6g}, {len(times) - 1} steps"))
+        rows += scene_in_words(scene, mesh, times, name)
+    return rows
 
 
 def mesh_name(problem: Problem, family: str | None, n: int | None) -> str:

@@ -40,9 +40,9 @@ class Supplied:
 
     @property
     def is_problem(self) -> bool:
-        """True if it is a problem file: it defines a scene, a mesh and times."""
+        """True if it is a problem file: it defines a mesh, and a scene and times, or stages."""
         defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
-        return defined.issuperset({"scene", "mesh", "times"})
+        return defined >= {"scene", "mesh", "times"} or defined >= {"mesh", "stages"}
 
 
 def problems_folder() -> Path:

@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.base.arrays import SAME, Floats
-from vemcvx.base.errors import MeshError
+from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import Mesh
@@ -61,7 +61,8 @@ def quantities(history: History) -> dict[str, Quantity]:
     Raises
     ------
     HistoryError
-        The history was read from files, so that its scene is not known, or does not say where it began.
+        The history was read from files, so that its scene is not known, or does not say where it began; or it goes on
+        from another run.
     SceneError
         The scene has moduli cell by cell that do not go with a refined mesh; name cell data instead.
     """
@@ -156,6 +157,11 @@ def _wear_without_limit(history: History) -> str:
 
 def _start(history: History) -> Floats:
     """Return the nodal displacements (n_nodes, dim) at the initial instant."""
+    if history.begins == "continued":
+        raise HistoryError(
+            "quantities: the run goes on from another one, whose friction work and work it counts, and runs beside it "
+            "would not. Simulate all stages as one scene for estimates."
+        )
     times, initial = history.trajectory.times, history.trajectory.initial
     assert initial is not None
     with unwarned():

@@ -628,8 +628,8 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
     """
     if history.scene is None:
         raise HistoryError(
-            "program: the history was read from files, which do not keep the functions of a scene; simulate again, or "
-            "take vemcvx.programs(scene, mesh, times)."
+            "program: the history was read from files, which do not keep the functions of a scene, or joined; take a "
+            "stage, simulate again, or take vemcvx.programs(scene, mesh, times)."
         )
     with unwarned():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())

@@ -20,8 +20,8 @@ NO_PROBLEMS = "gallery", "problem_pictures", "live_page"
 """Files that others draw with; the live page has a page of its own."""
 GROUPS = {
     "Friction": "feng_han_huang frictional_hysteresis circular_hysteresis shear_lag block_on_incline janssen_silo "
-    "strip_on_a_belt pretensioned_tendon thermal_expansion_blocked_by_friction kelvin_voigt_creep slip_weakening "
-    "manufactured_start_and_stop",
+    "strip_on_a_belt pressed_then_sheared pretensioned_tendon thermal_expansion_blocked_by_friction kelvin_voigt_creep "
+    "slip_weakening manufactured_start_and_stop",
     "Contact": "hertz_contact cattaneo_mindlin rough_layer plate_on_springs beam_on_a_stop liner_in_housing "
     "block_between_dies bonded_pad",
     "Several bodies": "two_blocks_in_series pack_of_blocks press_fit lap_joint hertz_two_cylinders bolted_joint "

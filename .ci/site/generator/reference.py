@@ -44,7 +44,7 @@ TOPICS = {
     "results": Topic(
         "Results",
         "What a run leaves: displacements, contact, stresses, energies, certificates, files, tables.",
-        "History read_history Contact Trajectory Quantity quantities",
+        "History read_history joined Contact Trajectory Quantity quantities",
         returned="results.quoted.Extreme results.probe.Profile",
         modules="results.probe results.files results.corners",
     ),

@@ -68,6 +68,7 @@ def test_a_body_that_slides_at_an_angle_goes_back_from_a_bump_between_nodes(dire
     assert bumped.upper > 1.1 * flat.upper
 
 
+@pytest.mark.long
 def test_frictions_on_one_ground_are_one_friction():
     def belt(x, t):
         return 0.02 * t, 0.0

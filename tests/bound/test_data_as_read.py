@@ -180,6 +180,7 @@ def test_bounds_from_both_sides_allow_for_what_is_misread(name):
     assert 0.95 * bound.lower <= true <= 1.05 * bound.upper
 
 
+@pytest.mark.long
 def test_quantities_that_assemble_as_zero_are_no_zeros():
     effects = (*BAR, vx.Clamp(on="right"), vx.BodyForce(along(lambda x: 1.0 + 0.0 * x[:, 0])))
 
@@ -250,16 +251,15 @@ COURSES = {
     "more ripples": (sheared(ripples), 10),
     "fast ripples": (sheared(fast_ripples), 32),
 }
-QUICK = ("ground", "support")
 
 
 @pytest.mark.long
-@mostly_slow("name", COURSES, *QUICK)
+@mostly_slow("name", COURSES, "ground", "support")
 def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     effects, steps = COURSES[name]
     scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
     # Of what is piecewise linear, with bends at hundredths, a run at these loses nothing.
-    finer = np.union1d(times, np.linspace(0.0, 1.0, 101 if name in QUICK else 2001))
+    finer = np.union1d(times, np.linspace(0.0, 1.0, 101 if name in ("ground", "support") else 2001))
     history, fine = vx.simulate(scene, mesh, times), vx.simulate(scene, mesh, finer)
     caplog.clear()
     with caplog.at_level("WARNING", logger="vemcvx"):

@@ -73,6 +73,7 @@ def test_what_has_no_bound_says_so(effects, said):
         vx.error_bound(history, step=-1)
 
 
+@pytest.mark.long
 def test_friction_by_pressure_that_is_zero_at_nodes_is_given_friction():
     """It was called a bound of the scene, in which it acts between nodes."""
     between = vx.CoulombFriction(lambda x, t: np.where(x[:, 0] % 0.5 > 0.01, 0.5, 0.0), on="bottom")
@@ -103,6 +104,7 @@ class Rail(Effect):
         return "Rail"
 
 
+@pytest.mark.long
 def test_supports_of_interfaces_that_hold_together_have_no_bound():
     history = vx.simulate(STACKS["frictionless"].with_(Rail()), stacked(2), [0.0, 1.0])
     with pytest.raises(vx.SceneError, match="end it beside the interface"):

@@ -232,6 +232,7 @@ def test_what_springs_do_not_feel_floats():
         assert np.linalg.eigvalsh(posed.system.K.toarray())[0] > 1e-3
 
 
+@pytest.mark.long
 def test_loads_and_strains_in_some_cells_alone():
     """Two bars side by side, of which one is pulled, warms or is stressed: the other does not feel it."""
     bars = {name: vx.meshes.voronoi((2, 4), box=((x, x + 1), (0, 2)), seed=1) for name, x in (("one", 0), ("two", 2))}

@@ -39,6 +39,7 @@ def test_an_open_joint_is_two_bodies_under_pressure(family):
     assert history.reaction("low.bottom")[-1][-1] == pytest.approx(2.0, abs=1e-11)
 
 
+@pytest.mark.long
 def test_meshes_need_not_match_and_what_presses_more_keeps_the_joint_shut():
     """Under 5 from outside and 2 inside, contact bears 3 on meshes of other cells."""
     mesh, _ = stacked(("squares", "voronoi"), (3, 4))

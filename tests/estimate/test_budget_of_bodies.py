@@ -42,6 +42,7 @@ def test_constant_shear_has_no_residual_on_either_body():
         assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
 
 
+@pytest.mark.long
 def test_constant_pressure_has_no_residual_where_three_bodies_meet():
     """The node of the lower body below the joint of the upper ones has two partners along one normal."""
     boxes = {"lower": ((0, 2), (0, 1)), "left": ((0, 1), (1, 2)), "right": ((1, 2), (1, 2))}

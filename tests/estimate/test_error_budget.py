@@ -114,6 +114,7 @@ def test_effectivity_is_printed():
     assert max(ratios) <= MOST
 
 
+@pytest.mark.long
 def test_nothing_is_lost_where_nothing_changes_its_mind():
     """Once everything slips, steps of any length lose nothing."""
     history = vx.simulate(paper_scene(bound=0.01), vx.meshes.squares(4), [0.0, 0.5, 0.6, 1.0])

@@ -128,12 +128,11 @@ def off_by(history, truth):
     return [*energies, np.abs(worn[0] - worn[1]).max()]
 
 
-LONG = {name for name in RUNS if name.startswith("Coulomb")}
 SECOND_ORDER = "dissipated_second_order", "work_second_order"
 
 
 @pytest.mark.long
-@mostly_slow("name", RUNS, *(set(RUNS) - LONG))
+@mostly_slow("name", RUNS, *(name for name in RUNS if not name.startswith("Coulomb")))
 def test_errors_of_steps_are_one_to_five_times_the_truth(name, caplog):
     """And where the work that backward Euler sums up is more than 5 % off, there is a warning, and nowhere else."""
     run, steps = RUNS[name]

@@ -82,7 +82,7 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
 
 
 @mostly_long("case", ["box", "far"], "far")
-@pytest.mark.parametrize("family", SPACE_FAMILIES)
+@mostly_long("family", SPACE_FAMILIES, "voronoi3", "tetrahedra")
 def test_faces_are_plane_cells_are_convex_and_know_each_other(family, case):
     """Up to the rounding of the coordinates, which tilts the plane of a small face by its part of the face."""
     n, box = CASES[case]
@@ -286,7 +286,7 @@ def edge_lengths(mesh):
     return np.hypot(*(mesh.points[ends] - mesh.points[mesh.vertices]).T)
 
 
-@pytest.mark.parametrize("cells", [1, 2, 3, 50])
+@mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_number_of_cells_asked_for(cells):
     """Also in needles: short edges from side to side must stay, and so must the corners of the box."""
     for width, options in ((5.0, {}), (1e-3, {"relaxations": 0, "shortest": 0.1}), (1e3, {"shortest": 0.1})):

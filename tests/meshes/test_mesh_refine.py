@@ -23,10 +23,6 @@ FATTEST = defaultdict(
 )
 
 
-def corners_of(mesh, cell):
-    return mesh.points[mesh.cells[cell]]
-
-
 def slenderness(mesh):
     return (mesh.diameters**2 / mesh.areas).max()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from counted import calls
-from scenes import small
+from scenes import mostly_long, small
 
 import vemcvx as vx
 from vemcvx.meshes import PolygonMesh
@@ -175,9 +175,7 @@ def test_kinds_of_cells_and_the_first_fault_of_many():
     refused(mesh.points, cells, "cell 17 ")
 
 
-@pytest.mark.parametrize(
-    ("name", "message"), [("hanging", "do not fit together"), ("nonconvex", "overlap"), ("voronoi", None)]
-)
+@mostly_long("name, message", [("hanging", "do not fit together"), ("nonconvex", "overlap"), ("voronoi", None)])
 def test_a_vertex_left_out_of_one_cell(name, message):
     """A hanging node is missed; without a reflex vertex the cell covers a neighbour; a convex one opens a notch."""
     mesh = vx.meshes.FAMILIES[name](4, seed=1)

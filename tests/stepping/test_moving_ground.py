@@ -106,6 +106,7 @@ def test_a_body_on_a_belt_is_carried_along(way, solver):
     assert history.energy.max() < solver.accuracy**2 * way
 
 
+@pytest.mark.long
 def test_the_ground_rubs_on_what_supports_hold():
     """A clamped side: all of the way is slip, friction is its bound, and the clamp bears it."""
     scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (t, 0.0)))

@@ -67,6 +67,7 @@ def test_a_law_of_slip_reads_the_way_of_both_stages():
     np.testing.assert_allclose(np.abs(moved), np.abs(q[17:])[:, None] * np.ones(moved.shape[1]), rtol=1e-6)
 
 
+@pytest.mark.long
 def test_the_second_scene_may_have_other_effects():
     """A pad is pressed by a load; then the load stays, and its side is pulled: one run with both would do the same."""
     press = lambda t: 5.0 * min(2 * t, 1.0)  # noqa: E731

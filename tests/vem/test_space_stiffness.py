@@ -14,10 +14,10 @@ from vemcvx.vem.projection import face_groups
 
 EPS = np.finfo(float).eps
 SLOPE = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])
-DEAR = "kelvin", "prisms"
+LONG = dict.fromkeys(("kelvin", "prisms"), pytest.mark.long)
 
 
-@pytest.fixture(params=[pytest.param(name, marks=pytest.mark.long if name in DEAR else ()) for name in SOLIDS])
+@pytest.fixture(params=[pytest.param(name, marks=LONG.get(name, ())) for name in SOLIDS])
 def mesh(request):
     return solid(request.param, 2, ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6)))
 

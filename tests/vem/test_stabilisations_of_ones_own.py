@@ -128,6 +128,7 @@ class Softer(vx.Elasticity):
         return dataclasses.replace(ours, stiffness=unit.stiffness(space).whole())
 
 
+@pytest.mark.long
 def test_a_budget_of_another_form_is_refused():
     """It was silent: an estimate with the stabilisation of the material, whatever the stiffness had."""
     scene = vx.Scene(Softer(YOUNG, POISSON), vx.Clamp(on="left"), vx.Traction((0.3, 0.1), on="right"))

@@ -44,6 +44,7 @@ from .effects import PrescribedDisplacement as PrescribedDisplacement
 from .effects import PrescribedSlip as PrescribedSlip
 from .effects import Pressure as Pressure
 from .effects import Prestress as Prestress
+from .effects import Pretension as Pretension
 from .effects import Rigid as Rigid
 from .effects import Symmetry as Symmetry
 from .effects import Tabulated as Tabulated

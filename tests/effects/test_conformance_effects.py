@@ -303,7 +303,8 @@ def test_no_exported_effect_is_missing_from_the_samples():
         for thing in vars(space).values()
         if isinstance(thing, type) and issubclass(thing, vx.Effect) and not inspect.isabstract(thing)
     }
-    assert exported == {type(sample.effect) for sample in SAMPLES.values()}
+    # Pretension acts on an interface, which the bodies of samples do not have: test_pretension.py.
+    assert exported - {vx.Pretension} == {type(sample.effect) for sample in SAMPLES.values()}
     assert {kind.__name__ for kind in exported} <= set(vx.__all__)
 
 

@@ -178,4 +178,7 @@ def test_no_exported_effect_is_missing_from_the_samples_in_space():
     exported = {
         kind for kind in map(partial(getattr, vx), vx.__all__) if isinstance(kind, type) and issubclass(kind, vx.Effect)
     }
-    assert exported - {vx.Effect} == {type(sample.effect) for sample in SAMPLES.values()} - {SlipWeakening, Glue}
+    assert exported - {vx.Effect, vx.Pretension} == {type(sample.effect) for sample in SAMPLES.values()} - {
+        SlipWeakening,
+        Glue,
+    }

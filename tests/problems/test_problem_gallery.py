@@ -17,6 +17,7 @@ import circular_inclusion as inclusion
 import fault_slip as fault
 import gallery
 import janssen_silo as silo
+import joint_diagram as diagram
 import liner_in_housing as liner
 import plate_with_hole as hole
 import pressurised_crack as crack
@@ -316,3 +317,11 @@ def test_a_rigid_punch_tilts():
         wanted = punch.pressure(x[inside], history.times[step])
         assert p[step, inside] == pytest.approx(wanted, abs=0.1 * punch.FORCE)
     assert history.force(vx.Rigid) == pytest.approx(np.tile([0.0, -punch.FORCE], (len(p), 1)), abs=1e-9)
+
+
+def test_the_joint_diagram_of_a_bolt():
+    """Exact, before and after it opens, and when it is released."""
+    history = small("joint_diagram")
+    bolt, sleeve = history.force("shank|head")[:, 1], history.force("left|cap")[:, 1] + history.force("right|cap")[:, 1]
+    assert bolt == pytest.approx(diagram.bolt_force(history.times), abs=FLOOR * diagram.OPENS)
+    assert sleeve == pytest.approx(diagram.pull(history.times) - bolt, abs=FLOOR * diagram.OPENS)

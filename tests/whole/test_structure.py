@@ -43,7 +43,7 @@ PAGE = {
 APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 """Mechanics of programs on the one hand, of meshes on the other: neither knows the other; `scene` joins them."""
 HEAVY = {
-    "cvxpy": {"program/kernel.py", "program/step_program.py", "solvers/conic.py"},
+    "cvxpy": {"program/cvxpy_step.py", "program/kernel.py", "program/step_program.py", "solvers/conic.py"},
     "matplotlib": {"base/canvas.py"},
     "meshio": {"meshes/io/blocks.py", "meshes/io/gmsh.py", "meshes/io/nastran.py"},
     "skfem": {"meshes/io/objects.py"},
@@ -60,18 +60,18 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_262, "solvers": 1_423, "stepping": 1_791, "linear": 940, "scene": 1_961, "effects": 1_997}
-LINES |= {"exchange": 704, "testing": 977, "cli/collection": 1_146}
-LINES |= {"bound": 3_260, "results": 2_811, "estimate": 2_179, "plots": 1_918}
+LINES = {"program": 2_310, "solvers": 1_430, "stepping": 1_795, "linear": 940, "scene": 1_961, "effects": 2_083}
+LINES |= {"exchange": 709, "testing": 977, "cli/collection": 1_146}
+LINES |= {"bound": 3_260, "results": 2_829, "estimate": 2_179, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_715}
-LINES |= {"meshes": 7_231, "meshes/io": 1_549, "vem": 2_581}
+LINES |= {"meshes": 7_398, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_710
+TOP = 1_711
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_333
+TESTS = 27_560
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 39_669
+ALL_TESTS = 39_905
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

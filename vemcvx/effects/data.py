@@ -171,6 +171,13 @@ def finite_a_row(raw: object, m: int, subject: str) -> Floats:
     return finite(number_a_row(raw, m, subject), subject)
 
 
+def weight_a_row(raw: object, m: int, subject: str) -> Floats:
+    """Return the weight of friction of each of the m rows of a part: a number, or infinite where it always sticks."""
+    found = number_a_row(raw, m, subject)
+    finite(np.where(found == np.inf, 0.0, found), subject)
+    return found
+
+
 def varies(*values: object) -> bool:
     """Return True if one of the data is a function, of place or of time."""
     return any(callable(value) for value in values)

@@ -44,6 +44,7 @@ class Load:
     cells: Ints | None = None  #: (q,) of a load in the body: the cell of each point
     edges: Ints | None = None  #: (q, 2) of a load on the boundary: the edge of each point
     times: tuple[float, ...] = ()  # of the run, where they are known
+    between: bool = False  # True of the force of two bodies on each other, at their interface
 
     def at(self, x: Floats, t: float) -> Floats:
         """Return the datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
@@ -191,13 +192,14 @@ class Friction(ContactSurface):
     """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
 
     weights: Callable[[float], Floats] = _no_weight
-    """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
+    """t -> (m,) integrals of the friction bound against the nodal basis functions (force units); infinite: it sticks"""
     steady: bool = False  #: True if these are the same at all times
     in_the_air: bool = False  #: True if a warning is to say where it rubs while one-sided contact is open
     ground: Ground | None = None  #: the obstacle under it, if that moves
     law: Law | None = None  #: what forces of contact and slip add to the weights
     directions: Floats | None = None
     """(m, dim) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents"""
+    bond: bool = False  #: True of what holds the amplitude of a support, and is no place of contact
     ellipse: Ellipse | None = None
     """of friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|"""
 
@@ -236,7 +238,7 @@ class Friction(ContactSurface):
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """Return the weights (m,) under normal forces p (m,), after slips (m,) before the step and in it."""
         law = self.law
-        w = data.finite_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
+        w = data.weight_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if law is None:
             return w
         added = self._asked("law of friction", law.weights, t, (p, past, slip))

@@ -9,12 +9,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, one_point
+from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, one_point, shaped
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
-from vemcvx.effects.effect import Contribution, Effect, Load, Support, amount, where
+from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
 from vemcvx.effects.materials import cells_of, region
-from vemcvx.vem import Part, SideRule, Space, cell_load, edge_load, rigid_modes
+from vemcvx.vem import EdgeEnds, Part, SideRule, Space, cell_load, edge_load, rigid_modes
 
 
 @dataclass(frozen=True)
@@ -354,6 +354,81 @@ class Rigid(Effect):
         loads = [f"{name} {amount(value)}" for name, value in given.items() if value is not None]
         free = "free" if self.motion is None else ", ".join("free" if c is None else amount(c) for c in self.motion)
         return f"Rigid: motion {free} on {where(self.on)}" + (f", under {' and '.join(loads)}" if loads else "")
+
+
+@dataclass(frozen=True)
+class Pretension(Effect):
+    """A bolt that a given force tightens across a cut, and that is then locked at the length that it has.
+
+    The two sides of the cut are bonded, but for a jump along its mean normal, the same on all of it: what the bolt is
+    shorter by. Until an instant the force pulls the sides together; after it the jump stays what it is, and the bolt
+    bears what the rest of the scene asks of it. `history.force` of the cut, or of this effect, is what the bolt does to
+    the body named first: along the normal its tension, across it its shear.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        An interface across the bolt: of two parts of it that :func:`vemcvx.meshes.cut` made.
+    force : number, or callable f(x, t)
+        The tension while it is tightened (per unit thickness), evaluated at t_n; x (1, dim) is the middle of the cut.
+    until : float, optional
+        The last instant at which it is tightened; by default it never is locked. One of the instants of the run should
+        be this one: the bolt is locked as it is at the last one before or at `until`.
+    """
+
+    on: str | Sequence[str]
+    force: data.Datum
+    until: float = np.inf
+
+    def contribute(self, space: Space) -> Contribution:
+        subject, part, dim = self._subject, space.part(self.on, "Pretension", contact=True), space.dim
+        until = float(shaped(self.until, f"{subject}: until", "an instant", ()))
+        rows = part.node_normals
+        if (rows.partners < 0).any():
+            raise SceneError(
+                f"{subject}: found a boundary that is no interface. Cut the mesh of the bolt in two by vx.meshes.cut, "
+                "and join the parts by vx.meshes.bodies: their interface is the cut."
+            )
+        normal = part.measures @ part.normals
+        normal = normal / np.linalg.norm(normal)
+        nodes, partners = np.unique(np.column_stack([rows.nodes, rows.partners]), axis=0).T
+        held, axes = _all_components(nodes, dim)
+        bond = Support(
+            subject,
+            held,
+            axes,
+            space.mesh.points[held],
+            contact=True,
+            partners=np.repeat(partners, dim),
+            patterns=np.tile(normal, len(nodes))[:, None],
+        )
+        unknowns = (np.append(nodes, partners)[:, None] * dim + np.arange(dim)).ravel()
+        forces = np.concatenate([np.tile(sign * normal / len(nodes), len(nodes)) for sign in (1.0, -1.0)])
+        matrix = sp.csr_matrix((forces, (unknowns, np.zeros_like(unknowns))), shape=(space.n_unknowns, 1))
+        middle = space.mesh.points[nodes].mean(axis=0, keepdims=True)
+
+        def tension(x: Floats, t: float) -> Floats:
+            return data.scalar(self.force, x, min(t, until), f"{subject}: force")
+
+        # A row that reads the jump locks it: with a weight that is infinite from then on it always sticks.
+        first = np.flatnonzero(rows.ends.row == 0)
+        lock = Friction(
+            f"{subject}: lock",
+            rows.nodes[:1],
+            normal[None],
+            rows.lengths[:1],
+            ends=EdgeEnds(rows.ends.row[first], rows.ends.beyond[first], rows.ends.lengths[first]),
+            partners=rows.partners[:1],
+            weights=lambda t: np.array([0.0 if t <= until else np.inf]),
+            directions=normal[None],
+            bond=True,
+        )
+        load = Load(subject, middle, matrix, tension, between=True)
+        return Contribution(loads=(load,), supports=(bond,), frictions=(lock,) if until < np.inf else ())
+
+    def describe(self) -> str:
+        locked = "" if self.until == np.inf else f" until t = {amount(self.until)}, then locked"
+        return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
 # Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Traces are linear on edges, and two Gauss

@@ -84,6 +84,11 @@ def encode_program(program: StepProgram, name: str) -> Files:
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
         raise ProgramError("write_program: the program has no unknowns left; use condense=False (--no-condense).")
+    if program.stuck.any():
+        raise ProgramError(
+            f"write_program: {program.stuck.sum()} of its terms have infinite weights, as they always stick, and no "
+            "format here says so. Write a step before they are locked."
+        )
     return {**FORMATS[name][0](program), ".json": in_json(description(program))}
 
 

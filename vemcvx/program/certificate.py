@@ -131,14 +131,14 @@ class Certificate(ArrayRecord):
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
-    """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i.
+    """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i; if w_i is infinite, zero or infinite with s_i.
 
     It is computed without cancellation, as (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2.
     """
     size, slip = lengths(lam), lengths(s)
     # If lam or s vanishes, its factor |lam| or |s| removes the undefined direction from the sum.
     apart = directions(lam, size) - directions(s, slip)
-    short = np.where(size >= (1.0 - BOUND_ROUNDING) * w, 0.0, w - size)
+    short = np.where((size >= (1.0 - BOUND_ROUNDING) * w) | (slip == 0.0), 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * np.einsum("ij,ij->i", apart, apart)
     return gaps
 

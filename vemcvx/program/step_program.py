@@ -1,4 +1,4 @@
-"""The program of a step in the increment d = y - y_prev, its answers, and its form in cvxpy.
+"""The program of a step in the increment d = y - y_prev, and its answers; in cvxpy it is :mod:`.cvxpy_step`.
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
@@ -8,19 +8,13 @@ with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step
 steps are tiny compared with y. If the compliance c_j of a *limit* vanishes, its term in the last sum stands for the
 bound D_j d <= e_j; else it is a squared positive part. The program consists of arrays; each solver converts them.
 
-In cvxpy it is
-
-    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
-
-with one second-order cone per norm term. v_j = 0 if limit j is a bound, and v_j >= (z_j)_+ if it is soft. cvxpy's dual
-of the cone |s_i| <= t_i is (w_i, -lam_i), and its dual of D d - v <= e is p. Absolute values may be written as two
-inequalities -t <= B d - b <= t; their duals (upper, lower) give lam = upper - lower.
+A term of infinite weight always sticks: it is the constraint B_i d = b_i, and lam_i is free.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -50,6 +44,7 @@ from vemcvx.base.arrays import (
 from vemcvx.base.errors import SceneError, SolverFailed
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.program.certificate import ROUNDED, Certificate, limit_gaps, norm_gaps
+from vemcvx.program.cvxpy_step import CvxpyStep, to_cvxpy
 from vemcvx.program.kernel import balance_multipliers
 from vemcvx.program.operators import Operators, product
 
@@ -65,93 +60,6 @@ GAIN_TOLERANCE = 1e-9
 def has_diverged(x: Floats) -> bool:
     """Return True if squares of entries are close to overflow, as in motions that no support holds."""
     return bool(np.vdot(x, x) > 1e250)
-
-
-@dataclass(frozen=True)
-class CvxpyStep:
-    """The program in cvxpy, and once it is solved its multipliers with the signs of :class:`StepProgram`.
-
-    Attributes
-    ----------
-    problem : cvxpy.Problem
-    d : cvxpy.Variable
-        The increments (n,).
-    parameters : tuple of cvxpy.Parameter
-        Parameters g, w, b and e, if the program was posed without data.
-    """
-
-    problem: cp.Problem
-    d: cp.Variable
-    _multipliers: Callable[[], tuple[Floats, Floats]] = field(repr=False)
-    parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
-
-    def at(self, data: Sequence[Floats]) -> CvxpyStep:
-        """Set the parameters g, w, b and e, and return the program."""
-        for parameter, value in zip(self.parameters, data, strict=True):
-            parameter.value = value
-        return self
-
-    @property
-    def lam(self) -> Floats | None:
-        """Multipliers (m, block) of the norm terms; None if the solver returned none."""
-        return self._multipliers()[0] if self._solved else None
-
-    @property
-    def p(self) -> Floats | None:
-        """Multipliers (r,) of the limits; None if the solver returned none."""
-        return self._multipliers()[1] if self._solved else None
-
-    @property
-    def _solved(self) -> bool:
-        return all(dual.value is not None for one in self.problem.constraints for dual in one.dual_variables)
-
-
-def to_cvxpy(
-    operators: Operators, data: Sequence[Floats] | None, cones: bool = True, corners: Floats | None = None
-) -> CvxpyStep:
-    """Write a step in cvxpy, with data g, w, b, e, or with parameters if data are not given.
-
-    Without `cones` each absolute value is written as two inequalities. With `corners` (P, block), unit vectors, discs
-    of multipliers are replaced by polygons with these corners.
-    """
-    import cvxpy as cp
-
-    (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance
-    parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(operators.sizes) if data is None)
-    g, w, b, e = parameters if data is None else data
-    d = cp.Variable(n)
-    # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
-    sides: list[cp.Constraint] = []
-    limits: list[cp.Constraint] = []
-    corners = np.array([[1.0], [-1.0]]) if block == 1 else corners
-    if m:
-        t, s = cp.Variable(m), operators.B @ d - b
-        energy += w @ t
-        if corners is None or (cones and block == 1):
-            sides = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
-        else:
-            sides = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
-    if r:
-        z, soft = operators.D @ d - e, np.flatnonzero(c > 0)
-        if len(soft):
-            v = cp.Variable(len(soft))
-            z = z - sp.eye_array(r, format="csr")[:, soft] @ v
-            energy += 0.5 * cp.sum_squares(cp.multiply(c[soft] ** -0.5, v))
-        limits = [z <= 0]
-
-    def multipliers() -> tuple[Floats, Floats]:
-        lam, p = np.zeros((m, block)), np.asarray(limits[0].dual_value) if r else np.zeros(0)
-        if m and isinstance(sides[0], cp.SOC):
-            lam = -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
-        elif corners is not None:
-            lam = sum((np.outer(side.dual_value, corner) for side, corner in zip(sides, corners, strict=False)), lam)
-        return lam, p
-
-    # OSQP prints, verbose or not, if it finds no constraint active; the added constraint idle >= 0 always is active.
-    # SCS fails on programs without constraints.
-    idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
-    return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *limits]), d, multipliers, parameters)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -171,7 +79,7 @@ class StepProgram(ArrayRecord):
     g : (n,) array
         Unbalanced forces at the beginning of the step.
     w : (m,) array
-        Weights >= 0: friction bounds, as forces.
+        Weights >= 0: friction bounds, as forces; infinite for terms that always stick.
     b : (m * block,) array
         Minus the slip due to moving supports and ground: the slip is B d - b.
     e : (r,) array
@@ -204,6 +112,16 @@ class StepProgram(ArrayRecord):
         return self.g, self.w, self.b, self.e
 
     @property
+    def stuck(self) -> Bools:
+        """The terms (m,) that always stick."""
+        return np.asarray(self.w == np.inf)
+
+    @property
+    def finite_weights(self) -> Floats:
+        """w (m,), with zero for the terms that always stick: what slips of the others cost."""
+        return np.where(self.stuck, 0.0, self.w)
+
+    @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shapes of the increments d and of the multipliers lam and p."""
         return {"d": self.g.shape, "lam": (len(self.w), self.operators.block), "p": self.e.shape}
@@ -216,8 +134,10 @@ class StepProgram(ArrayRecord):
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
         soft = operators.limit_flexibility + operators.compliance
         pushed = np.maximum(-self.e, 0.0) / np.sqrt(np.where(soft > 0, soft, 1.0))
-        size = max(size, float(pushed.max(initial=0.0)))
-        return size or float(np.sqrt(self.w @ lengths(operators.blocks(self.b))))
+        way, flexible = lengths(operators.blocks(self.b)), operators.norm_flexibility
+        drawn = np.where(self.stuck, way, 0.0) / np.sqrt(np.where(flexible > 0, flexible, 1.0))
+        size = max(size, float(pushed.max(initial=0.0)), float(drawn.max(initial=0.0)))
+        return size or float(np.sqrt(self.finite_weights @ way))
 
     def slip(self, d: Floats) -> Floats:
         """Return s = B d - b, as (m, block)."""
@@ -256,10 +176,11 @@ class StepProgram(ArrayRecord):
         """Return the energy that the step minimises; infinite beyond a bound."""
         z, c = self.excess(d), self.operators.compliance
         over = np.where(z <= self.zero_levels(d)[1], 0.0, z)
-        if (over[c == 0] > 0).any():
+        s = lengths(self.slip(d))
+        if (over[c == 0] > 0).any() or (s > self.zero_levels(d)[0])[self.stuck].any():
             return np.inf
         pressed = 0.5 * float(over[c > 0] @ (over[c > 0] / c[c > 0]))
-        return float(0.5 * d @ product(self.operators.K, d) - self.g @ d + self.w @ lengths(self.slip(d))) + pressed
+        return float(0.5 * d @ product(self.operators.K, d) - self.g @ d + self.finite_weights @ s) + pressed
 
     def project(self, lam: Floats) -> Floats:
         """Return the multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
@@ -292,8 +213,10 @@ class StepProgram(ArrayRecord):
         gain: cp.Expression = (push / largest) @ c
         if rows:
             slips = cp.reshape(modes[:rows] @ c, (self.operators.block, len(self.w)), order="F")
-            gain -= (self.w / largest) @ cp.norm(slips, axis=0)
+            gain -= (self.finite_weights / largest) @ cp.norm(slips, axis=0)
         limits = [modes[rows:] @ c <= 0] if len(self.e) else []
+        held = np.flatnonzero(np.repeat(self.stuck, self.operators.block))
+        limits += [modes[held] @ c == 0] if len(held) else []
         problem = cp.Problem(cp.Maximize(gain), [cp.norm(c) <= 1, *limits])
         with warnings.catch_warnings(), suppress(cp.error.SolverError):
             warnings.simplefilter("ignore")  # cvxpy warns of inaccurate answers
@@ -325,8 +248,9 @@ class StepProgram(ArrayRecord):
         free = np.repeat([lam is None, p is None], [rows, len(c)])
         if lawful:
             s, z, (slips, lacks) = self.slip(d), self.excess(d), self.zero_levels(d)
-            size = np.where(lengths(s) <= slips, 0.0, lengths(s))
-            law = self.w[:, None] * directions(s, size), np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
+            size = np.where((lengths(s) <= slips) | self.stuck, 0.0, lengths(s))
+            of_terms = self.finite_weights[:, None] * directions(s, size)
+            law = of_terms, np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
         if operators.own_columns is None:  # Rows that share unknowns must share the forces on them within their bounds.
@@ -402,7 +326,7 @@ class StepProgram(ArrayRecord):
         lack, over = np.where((p > 0) | (z > 0), z - met, 0.0), rigid & (z > 0)
         gains = lack**2 <= np.where(over, 0.0, plain.limits) * operators.limit_flexibility
         near = ((p > 0) | (z > 0)) & (np.abs(lack) <= lacks) & (gains | over)
-        still = (size <= slips) & (size**2 <= plain.friction * operators.norm_flexibility)
+        still = (size <= slips) & (size**2 <= plain.friction * operators.norm_flexibility) | self.stuck
         held = np.append(np.repeat(still, operators.block), near)
         v = operators.move(held, np.append(s, lack)[held])
         s = np.where(still[:, None], 0.0, s - operators.blocks(operators.B @ v))
@@ -461,7 +385,7 @@ class StepProgram(ArrayRecord):
         if len(self.g) == 0:
             raise SceneError("to_cvxpy: the program has no unknowns left to solve for; take condense=False.")
         cones = self.operators.block > 1 if cones is None else cones
-        return to_cvxpy(self.operators, self.data, cones)
+        return to_cvxpy(self.operators, (self.g, self.finite_weights, self.b, self.e), cones, stuck=self.stuck)
 
     def at_rest(self) -> Floats | None:
         """Return multipliers (m, block) for which d = 0 is the exact answer, if each row reads its own unknown."""
@@ -640,5 +564,6 @@ class SolvedProgram(StepProgram):
         rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
         # Here slips and gaps at rounding level count, which certificates leave out.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
-        parts = norm_gaps(self.w, lam, self.slip(d)).sum() + limit_gaps(c, p, z).sum()
+        s = np.where(self.stuck[:, None], 0.0, self.slip(d))
+        parts = norm_gaps(self.w, lam, s).sum() + limit_gaps(c, p, z).sum()
         return value - self.certificate.equilibrium - float(parts) - rounding, value + rounding

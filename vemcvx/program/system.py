@@ -63,10 +63,10 @@ class Rows(ArrayRecord):
         return str(called(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one finite number per row (count,); raise SceneError for negative ones unless they are `signed`."""
+        """Return one finite number per row (count,), of weights perhaps infinite; SceneError for wrong signs."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}", type(self).__name__
-        found = finite(shaped(raw, f"{owner}: {name}", wanted, (), (self.count,)), f"{owner}: {name}")
-        found = np.full(self.count, found)
+        found = np.full(self.count, shaped(raw, f"{owner}: {name}", wanted, (), (self.count,)))
+        finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
         if not signed and (found < 0).any():
             i = int(np.argmin(found))
             raise SceneError(f"{owner}: found the {what} {found[i]:.6g} of {self.name(i)}; it must be >= 0.")
@@ -81,7 +81,7 @@ class Norms(Rows):
     ----------
     B : (m * block, n) array or sparse matrix
     w : (m,) array, or callable t -> (m,)
-        Weights >= 0.
+        Weights >= 0; of a term that always sticks infinite: it is the constraint B_i v = 0, of any force.
     block : int
         Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
     places : callable i -> str, optional

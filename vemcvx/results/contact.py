@@ -15,7 +15,7 @@ Pressures and tractions are recovered from these by :mod:`vemcvx.results.contact
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -159,7 +159,9 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     traction = -force / np.where(length > 0, length, 1.0)[:, None]
     pressure, closed = _pressure(posed, trajectory, forces) + cohesion / surface.lengths, _closed(posed, trajectory, u)
     smooth = _recovered(posed, traction, pressure, closed, at)
-    return Contact(
+    bonds = [surface.find(ContactRows.of([f], u.shape[2])) for f in terms.frictions if f.bond]
+    kept = np.setdiff1d(np.arange(m), np.concatenate([at[:0], *bonds]))
+    whole = Contact(
         nodes=surface.nodes,
         partners=surface.partners,
         points=posed.space.mesh.points[surface.nodes],
@@ -178,6 +180,8 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         lengths=surface.lengths,
         friction_lengths=length,
     )
+    each = {"nodes", "partners", "points", "normals", "lengths", "friction_lengths"}
+    return replace(whole, **{k: x[kept] if k in each else x[:, kept] for k, x in vars(whole).items()})
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:

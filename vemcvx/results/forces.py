@@ -19,7 +19,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,20 +93,22 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         *_of_contact(posed, posed.obstacles, posed.stops, "obstacles", _pressing(posed, trajectory)),
         *_of_supports(posed, trajectory, forces),
         *_of_springs(posed, u),
+        *_of_joints(posed, _instants(trajectory)),
     ]
     none = np.zeros((0, 2), dtype=np.int64)
     causes, ends = (np.concatenate([none, *(getattr(rows, name) for rows in found)]) for name in ("causes", "ends"))
     held = np.concatenate([np.zeros(0, dtype=bool), *(np.full(len(rows.ends), rows.held) for rows in found)])
     force = np.concatenate([np.zeros((S, 0, dim)), *(rows.force for rows in found)], axis=1)
     keys, row = np.unique(np.column_stack([held, causes, ends]), axis=0, return_inverse=True)
-    loads = [[load.forces(t).sum(axis=0) for _, load in posed.caused_loads] for t in _instants(trajectory)]
+    given = [(cause, load) for cause, load in posed.caused_loads if not load.between]
+    loads = [[load.forces(t).sum(axis=0) for _, load in given] for t in _instants(trajectory)]
     return BoundaryForces(
         causes=keys[:, 1:3],
         ends=keys[:, 3:],
         held=keys[:, 0].astype(bool),
         force=summed_columns(force, row.ravel(), len(keys)),
         loads=np.array(loads).reshape(S, -1, dim),
-        load_causes=np.array([cause for cause, _ in posed.caused_loads], dtype=np.int64),
+        load_causes=np.array([cause for cause, _ in given], dtype=np.int64),
     )
 
 
@@ -183,6 +185,18 @@ def _of_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
         nodes = np.unique(K.indices // u.shape[2])
         force = -(u.reshape(len(u), -1) @ K.T).reshape(u.shape)
         yield _spread(posed, cause, nodes, force[:, nodes])
+
+
+def _of_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows]:
+    """Yield the loads that are forces of two bodies on each other."""
+    for cause, load in ((cause, load) for cause, load in posed.caused_loads if load.between):
+        force = np.stack([load.vector(t) for t in instants]).reshape(len(instants), -1, posed.space.dim)
+        nodes: Ints = np.unique(load.matrix.nonzero()[0] // posed.space.dim).astype(np.int64)
+        effect: Any = posed.scene.canonical[cause]
+        own = np.isin(nodes, posed.space.part(effect.on, "force", contact=True).nodes)
+        yield _spread(posed, cause, nodes[own], force[:, nodes[own]])
+        ends = np.column_stack([nodes[~own], np.full((~own).sum(), ACROSS)])
+        yield _Rows(_alone(cause, len(ends)), ends, False, force[:, nodes[~own]])
 
 
 def _alone(cause: int, count: int) -> Ints:

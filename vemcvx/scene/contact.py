@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.base.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.effects import ContactSurface, Friction, Law, Obstacle, Support
-from vemcvx.effects.data import finite_a_row
+from vemcvx.effects.data import finite_a_row, weight_a_row
 from vemcvx.meshes import Interface
 from vemcvx.meshes.polygons import all_found_in
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits, Norms
@@ -143,7 +143,7 @@ class Terms(ContactRows):
     def weights(self, t: float) -> Floats:
         """Return weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
         at, own = f"weights at t = {t:.6g}", self.frictions
-        each = (finite_a_row(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
+        each = (weight_a_row(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
         return self.gather @ np.concatenate([np.zeros(0), *each])
 
     @property

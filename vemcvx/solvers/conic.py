@@ -21,8 +21,9 @@ import numpy as np
 
 from vemcvx.base.arrays import Floats, brief, flag, is_whole
 from vemcvx.base.errors import NotAccepted, SceneError
+from vemcvx.program.cvxpy_step import CvxpyStep, to_cvxpy
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
-from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.law import GivenWeights
 from vemcvx.solvers.newton import PreparedNewton
 from vemcvx.solvers.solver import INNER_FRACTION, TARGET_FRACTION, Solver
@@ -335,8 +336,9 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        # For cones = True or False: the step in cvxpy, and the solver objects that cvxpy keeps for a warm start.
-        self._compiled: dict[bool, tuple[CvxpyStep, dict[str, Any]]] = {}
+        # By cones = True or False and the terms that always stick: the step in cvxpy, and the solver objects that cvxpy
+        # keeps for a warm start.
+        self._compiled: dict[tuple[bool, bytes], tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
@@ -350,15 +352,16 @@ class _PreparedConic:
         return polish_answer(program, answer) if self._settings.polish else answer
 
     def _solve_once(self, program: StepProgram, target: float, cones: bool, retry: bool = False) -> Answer:
-        operators, corners = program.operators, self._settings.corners
+        operators, corners, stuck = program.operators, self._settings.corners, program.stuck
+        data = program.g, program.finite_weights, program.b, program.e
         with COMPILING:
             if isinstance(operators.K, np.ndarray):
-                if cones not in self._compiled:
-                    self._compiled[cones] = to_cvxpy(operators, None, cones, corners), {}
-                step, kept = self._compiled[cones]
-                step.at(program.data)
+                if (key := (cones, stuck.tobytes())) not in self._compiled:
+                    self._compiled[key] = to_cvxpy(operators, None, cones, corners, stuck), {}
+                step, kept = self._compiled[key]
+                step.at(data)
             else:
-                step, kept = to_cvxpy(operators, program.data, cones, corners), {}
+                step, kept = to_cvxpy(operators, data, cones, corners, stuck), {}
         options = self._settings.choose_options(target, semidefinite=operators.kernel is not None, retry=retry)
         status, iterations = _run(step, kept, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((operators.count, operators.block)), np.zeros_like(program.e)

@@ -103,6 +103,7 @@ class StepLaw:
         if not (self.norms.sloped and self.norms.remembers):
             return
         w, own = self.at(p, slip), self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip)
+        w, own = (np.where(weights == np.inf, 0.0, weights) for weights in (w, own))
         off = np.abs(own - w) - SAME * np.maximum(own, w)
         if (off > 0).any():
             i = int(np.argmax(off))

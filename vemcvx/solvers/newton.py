@@ -121,6 +121,7 @@ class ActiveSets:
 
     def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
         """Return x_law (N,): x with w along slips, and zero on open limits."""
+        w = np.where(self.stick, 0.0, w)  # perhaps infinite there
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
@@ -384,7 +385,9 @@ class PreparedNewton:
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = WeightsInUnits(law, delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
-        begin = search.system(ActiveSets.at(delassus, point, own), point) if near else self.system
+        # A system in which a term slips that now always sticks is no start.
+        last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None
+        begin = search.system(ActiveSets.at(delassus, point, own), point) if near else last
         point, system, error = search.find_solution(point, begin)
         self.system = None if near else system
         status = "converged" if error <= STALL_TOLERANCE else f"sets did not settle in {search.count} systems"
@@ -409,7 +412,7 @@ def apply_law_to_answer(
     w = law.at(p, np.where(sets.stick, 0.0, size))
     lam = onto_discs(lam, w)
     slips = ~(sets.stick | program.still(d)) & (np.einsum("ij,ij->i", s, lam) > 0)
-    lam = np.where(slips[:, None], w[:, None] * directions(s, size), lam)
+    lam = np.where(slips[:, None], np.where(slips, w, 0.0)[:, None] * directions(s, size), lam)
     if len(point.a) and operators.block > 1 and slips.any():
         # Held rows and forces across slips take the imbalance on the kernel: there it adds least to the gap.
         rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))

@@ -87,7 +87,9 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
     """Return the names and arrays of all data of a system at an instant."""
     gap, motion, ground = system.remaining_gap(t), system.motion, system.ground(t)
     found = [("load", system.force(t)), ("gap", gap)]
-    found += [] if system.norms is None else [("bound of friction", system.norms.weights_under(t, np.ones(len(gap))))]
+    if system.norms is not None:
+        w = system.norms.weights_under(t, np.ones(len(gap)))
+        found.append(("bound of friction", np.where(w == np.inf, 0.0, w)))  # Where it is infinite nothing slips.
     found += [] if ground is None else [("ground", ground)]
     return found + ([] if motion is None else [("support", motion.prescribed_slip(t))])
 

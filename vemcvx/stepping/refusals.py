@@ -97,7 +97,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     # Unknowns of a joint are jumps, which are smaller than the displacements of the bodies.
     field /= kernel.reach(parts)
     push = float(field @ program.g)
-    holds = float(program.w @ lengths(program.operators.blocks(program.operators.B @ field)))
+    holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))
     holds = holds if holds > 1e-12 * push else 0.0  # Smaller values are rounding of zero slips.
     raise SceneError(
         f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "

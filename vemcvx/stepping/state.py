@@ -313,7 +313,9 @@ def losses(before: State, after: State) -> tuple[Floats, Floats]:
         return loss, loss
     # Compute |s| as loss / w; use |s| itself if the weight is zero at the end of the step.
     size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
-    return loss, np.maximum(0.5 * (before.bound + after.bound) * size, 0.0)
+    mean = 0.5 * (before.bound + after.bound)
+    # Terms that always stick, at an end of the step, lose nothing.
+    return loss, np.maximum(np.multiply(mean, size, out=loss.copy(), where=mean < np.inf), 0.0)
 
 
 def evaluate_dragged(

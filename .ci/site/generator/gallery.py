@@ -25,7 +25,7 @@ GROUPS = {
     "Contact": "hertz_contact cattaneo_mindlin rough_layer plate_on_springs beam_on_a_stop liner_in_housing "
     "block_between_dies bonded_pad",
     "Several bodies": "two_blocks_in_series pack_of_blocks press_fit lap_joint hertz_two_cylinders bolted_joint "
-    "brake_pad_on_disc cohesive_interface rigid_punch pressurised_crack fault_slip",
+    "brake_pad_on_disc cohesive_interface rigid_punch joint_diagram pressurised_crack fault_slip",
     "In space": "block_in_space spherical_indenter hertz_two_balls tubes_shrunk_on cone_clutch lug_and_pin twisted_pad "
     "ball_in_socket dovetail skew_joint bolted_lap_joint bolted_flange block_dragged_along_a_curve",
     "Materials": "plate_with_hole circular_inclusion bimetallic_strip block_with_grain",

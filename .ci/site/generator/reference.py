@@ -56,7 +56,8 @@ TOPICS = {
     "loads-and-supports": Topic(
         "Loads and supports",
         "What pulls a body, and what holds it.",
-        "Traction Pressure BodyForce PointLoad Clamp PrescribedDisplacement Rigid Symmetry ElasticFoundation Tabulated",
+        "Traction Pressure BodyForce PointLoad Clamp PrescribedDisplacement Pretension Rigid Symmetry "
+        "ElasticFoundation Tabulated",
     ),
     "contact-and-friction": Topic(
         "Contact and friction",
@@ -70,7 +71,8 @@ TOPICS = {
         "PolygonMesh PolyhedralMesh meshes.Mesh meshes.squares meshes.triangles meshes.hexagons meshes.voronoi "
         "meshes.distorted meshes.nonconvex meshes.hanging meshes.l_shape meshes.ring meshes.FAMILIES meshes.cubes "
         "meshes.tetrahedra meshes.prisms meshes.kelvin meshes.voronoi3 meshes.SPACE_FAMILIES meshes.read "
-        "meshes.convert meshes.plane_mesh meshes.bodies meshes.Interface meshes.refinement meshes.Refinement",
+        "meshes.convert meshes.plane_mesh meshes.cut meshes.bodies meshes.Interface meshes.refinement "
+        "meshes.Refinement",
         returned="meshes.quality.Quality",
         modules="meshes.quality",
     ),

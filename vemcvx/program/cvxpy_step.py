@@ -1,0 +1,123 @@
+"""The program of a step in cvxpy: :class:`vemcvx.program.StepProgram` has its notation.
+
+    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
+
+with one second-order cone per norm term. v_j = 0 if limit j is a bound, and v_j >= (z_j)_+ if it is soft. cvxpy's dual
+of the cone |s_i| <= t_i is (w_i, -lam_i), and its dual of D d - v <= e is p. Absolute values may be written as two
+inequalities -t <= B d - b <= t; their duals (upper, lower) give lam = upper - lower.
+
+A term that always sticks is a zero cone, B_i d = b_i, whose dual is lam_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.base.arrays import Bools, Floats
+from vemcvx.program.operators import Operators
+
+if TYPE_CHECKING:
+    import cvxpy as cp
+
+
+@dataclass(frozen=True)
+class CvxpyStep:
+    """The program in cvxpy, and once it is solved its multipliers, with the signs of `vemcvx.program.StepProgram`.
+
+    Attributes
+    ----------
+    problem : cvxpy.Problem
+    d : cvxpy.Variable
+        The increments (n,).
+    parameters : tuple of cvxpy.Parameter
+        Parameters g, w, b and e, if the program was posed without data.
+    """
+
+    problem: cp.Problem
+    d: cp.Variable
+    _multipliers: Callable[[], tuple[Floats, Floats]] = field(repr=False)
+    parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
+
+    def at(self, data: Sequence[Floats]) -> CvxpyStep:
+        """Set the parameters g, w, b and e, and return the program."""
+        for parameter, value in zip(self.parameters, data, strict=True):
+            parameter.value = value
+        return self
+
+    @property
+    def lam(self) -> Floats | None:
+        """Multipliers (m, block) of the norm terms; None if the solver returned none."""
+        return self._multipliers()[0] if self._solved else None
+
+    @property
+    def p(self) -> Floats | None:
+        """Multipliers (r,) of the limits; None if the solver returned none."""
+        return self._multipliers()[1] if self._solved else None
+
+    @property
+    def _solved(self) -> bool:
+        return all(dual.value is not None for one in self.problem.constraints for dual in one.dual_variables)
+
+
+def to_cvxpy(
+    operators: Operators,
+    data: Sequence[Floats] | None,
+    cones: bool = True,
+    corners: Floats | None = None,
+    stuck: Bools | None = None,
+) -> CvxpyStep:
+    """Write a step in cvxpy, with data g, w, b, e, or with parameters if data are not given.
+
+    Without `cones` each absolute value is written as two inequalities. With `corners` (P, block), unit vectors, discs
+    of multipliers are replaced by polygons with these corners. Terms that are `stuck` (m,) do not slip; their weights
+    are to be finite.
+    """
+    import cvxpy as cp
+
+    (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance
+    parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(operators.sizes) if data is None)
+    g, w, b, e = parameters if data is None else data
+    d = cp.Variable(n)
+    # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
+    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
+    sides: list[cp.Constraint] = []
+    still: list[cp.Constraint] = []
+    limits: list[cp.Constraint] = []
+    corners = np.array([[1.0], [-1.0]]) if block == 1 else corners
+    if m:
+        t, s = cp.Variable(m), operators.B @ d - b
+        energy += w @ t
+        if corners is None or (cones and block == 1):
+            sides = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
+        else:
+            sides = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
+        if stuck is not None and stuck.any():
+            held = np.repeat(stuck, block)
+            still = [sp.csr_matrix(sp.eye_array(len(held)))[held] @ s == 0]
+    if r:
+        z, soft = operators.D @ d - e, np.flatnonzero(c > 0)
+        if len(soft):
+            v = cp.Variable(len(soft))
+            z = z - sp.eye_array(r, format="csr")[:, soft] @ v
+            energy += 0.5 * cp.sum_squares(cp.multiply(c[soft] ** -0.5, v))
+        limits = [z <= 0]
+
+    def multipliers() -> tuple[Floats, Floats]:
+        lam, p = np.zeros((m, block)), np.asarray(limits[0].dual_value) if r else np.zeros(0)
+        if m and isinstance(sides[0], cp.SOC):
+            lam = -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
+        elif corners is not None:
+            lam = sum((np.outer(side.dual_value, corner) for side, corner in zip(sides, corners, strict=False)), lam)
+        if still:
+            lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
+        return lam, p
+
+    # OSQP prints, verbose or not, if it finds no constraint active; the added constraint idle >= 0 always is active.
+    # SCS fails on programs without constraints.
+    idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
+    return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

@@ -49,7 +49,7 @@ def times(steps):
 
 def picture(history):
     """The shear stress around the fault, and what the fault lost."""
-    figure, graph = body_and_graph(history, window=((-3, 3), (-3, 3)), stress="shear", units=UNITS)
+    figure, graph = body_and_graph(history, window=((-3, 3), (-3, 3)), stress="xy", forces="none", units=UNITS)
     x, found = lost(history)
     order, line = np.argsort(x), np.array([-HALF, HALF])
     beside_closed_form(graph, (x[order], found[-1, order]), (line, [DROP, DROP]), exact_label="Starr 1928")

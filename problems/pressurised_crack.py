@@ -15,6 +15,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
+from vemcvx.plots.style import SLIP
 
 HALF, SIZE, YOUNG, POISSON, ACROSS, ALONG, MOST = 1.0, 10.0, 20e3, 0.25, 5.0, 8.0, 10.0
 UNITS = {"length": "m", "force": "MN", "time": "s", "force per area": "MPa"}
@@ -70,11 +71,9 @@ def picture(history):
     figure, graph = body_and_graph(history, window=((-3, 3), (-3, 3)), stress="yy", units=UNITS)
     x, found = opened(history)
     order, line = np.argsort(x), np.linspace(-HALF, HALF, 200)
-    for step in (-1, 3 * history.steps // 4):
+    for step, how in ((-1, {}), (3 * history.steps // 4, {"colour": SLIP, "exact_label": None})):
         p = fluid(history.times[step])
         marks, exact = (x[order], 1e3 * found[step, order]), (line, 1e3 * opening(line, p))
-        beside_closed_form(
-            graph, marks, exact, label=f"{p:.3g} MPa", exact_label="Sneddon 1946" if step == -1 else None
-        )
+        beside_closed_form(graph, marks, exact, label=f"{p:.3g} MPa", **{"exact_label": "Sneddon 1946"} | how)
     graph.set(xlabel="x (m)", ylabel="opening (mm)")
     return figure

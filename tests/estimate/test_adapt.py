@@ -11,7 +11,7 @@ from random_scenes import coarse_mesh, random_scene
 from scenes import paper_scene
 
 import vemcvx as vx
-from vemcvx.estimate.adapt import GAIN, MARGIN, Lost, cells_to_refine, split_steps
+from vemcvx.estimate.adapt import GAIN, MARGIN, StepLoss, cells_to_refine, split_steps
 from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
 from vemcvx.stepping import prepare
@@ -135,7 +135,7 @@ def test_curved_loads_are_followed_by_halving():
     for allowed in (0.09, 0.01):
         while True:
             finer = beside_finer(run, times, np.zeros(posed.system.n))
-            split = split_steps(times, Lost.of_energy(finer, finer.norm), allowed)
+            split = split_steps(times, StepLoss.from_energy(finer, finer.norm), allowed)
             if len(split) == len(times):
                 break
             times = split
@@ -156,7 +156,7 @@ def test_steps_are_split_where_they_lose():
     times, none = np.array([0.0, 1.0, 2.0, 3.0]), np.zeros(0)
 
     def lost(added, bends=none):
-        return Lost(sum(added), np.array(added) ** 2, np.array(bends))
+        return StepLoss(sum(added), np.array(added) ** 2, np.array(bends))
 
     assert split_steps(times, lost([1.0, 2.0, 0.0]), 4.0).tolist() == times.tolist()
     assert split_steps(times, lost([0.0, 2.0, 0.0]), 1.0).tolist() == [0.0, 1.0, 1.5, 2.0, 3.0]
@@ -283,7 +283,7 @@ def test_wear_without_a_limit_ends_with_a_sentence():
     found = vx.adapt(rubbed_pad(), mesh, [0.0, 0.5, 1.0], 0.05, of="wear")
     assert not found.met
     assert len(found.passes) < 12
-    assert "its error does not fall as the mesh is refined" in found.summary()
+    assert "its error does not fall under refinement" in found.summary()
     assert "at a corner of contact" in found.summary()
 
 

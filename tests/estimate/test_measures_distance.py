@@ -214,7 +214,7 @@ def test_mistakes():
     for error, said, call in (
         (vx.HistoryError, "found kind 'best'", lambda: distance(a, b, kind="best")),
         (vx.MeshError, r"second mesh\): cell \d+, of \d vertices", lambda: distance(a, b, kind="exact")),
-        (vx.HistoryError, "found 3 where a History", lambda: distance(3, b)),
+        (vx.HistoryError, "found 3; wanted a History", lambda: distance(3, b)),
         (
             vx.HistoryError,
             r"found displacements \(4, 2\)",

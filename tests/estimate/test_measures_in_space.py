@@ -89,9 +89,7 @@ def test_meshes_of_other_bodies_are_refused():
         vx.measures.energy_distance(one, other)
     assert vx.measures.energy_distance(one, other, common=True).absolute < 1e-13
     flat = vx.measures.Field(vx.meshes.squares(2), np.zeros((9, 2)), np.ones((2, 4)))
-    with pytest.raises(
-        vx.MeshError, match=r"^energy_distance: one mesh is of polygons, the other of polyhedra; give two"
-    ):
+    with pytest.raises(vx.MeshError, match=r"^energy_distance: one mesh has polygons, the other polyhedra; give two"):
         vx.measures.energy_distance(one, flat)
 
 

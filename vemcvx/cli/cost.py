@@ -24,7 +24,7 @@ from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost.sweeping import JOURNAL, Point, Sweep, sweep
 from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, reachable_levels, table
 from vemcvx.cost.workers import DONE
-from vemcvx.estimate.adapt import OF
+from vemcvx.estimate.adapt import QUANTITIES
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 
 USUAL = ("squares", "triangles", "voronoi")
@@ -90,8 +90,8 @@ class Cost:
     def __call__(self) -> None:
         """Sweep, write the table and the picture, and say what came out."""
         problem = read_problem(self.file)
-        if self.of not in OF:
-            raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(OF)}.")
+        if self.of not in QUANTITIES:
+            raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(QUANTITIES)}.")
         targets = self._targets(problem)
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
@@ -172,7 +172,7 @@ def _of_reference(found: Sweep) -> list[str]:
     own = "with no estimate of its own error" if known is None else f"its own error estimated {known:.2%}"
     errors = f"in the energy norm, the largest at t = {instants}, relative to the largest norm"
     if "value" in it:
-        errors = f"of {OF[it['of']]} at the end, {it['value']:.6g} by the reference, relative to that"
+        errors = f"of {QUANTITIES[it['of']]} at the end, {it['value']:.6g} by the reference, relative to that"
     size = f"{it['cells']} cells, {it['unknowns']} unknowns, {it['steps']} steps"
     lines = [
         f"reference   {size}, {own}, {it['seconds']:.3g} s",
@@ -203,7 +203,7 @@ def _written(found: Sweep, targets: Sequence[float], folder: Path, title: str) -
         if not answers(rows):
             return f"{files}\npicture     none: no run has an answer"
         try:
-            drawn = picture(rows, targets, found.reference["estimated_error"], title, OF[rows[0]["of"]])
+            drawn = picture(rows, targets, found.reference["estimated_error"], title, QUANTITIES[rows[0]["of"]])
         except VemcvxError as error:
             return f"{files}\npicture     none: {error}"
         return f"{files}, {own.write(PICTURE, as_png(drawn, 160))}"

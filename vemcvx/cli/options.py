@@ -60,7 +60,7 @@ Of = Annotated[
     str,
     typer.Option(
         metavar="QUANTITY",
-        autocompletion=completing(lambda: import_module("vemcvx.estimate.adapt").OF),
+        autocompletion=completing(lambda: import_module("vemcvx.estimate.adapt").QUANTITIES),
         help="The quantity of that error: energy (the energy norm), dissipated, work or wear.",
     ),
 ]

@@ -274,10 +274,10 @@ class Run:
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run continues in the folder that holds it; omit --out.")
         if self.of != "energy":
-            from vemcvx.estimate.adapt import OF
+            from vemcvx.estimate.adapt import QUANTITIES
 
-            if self.of not in OF:
-                raise ProblemError(f"--of: found {self.of!r}; a target is of {', '.join(OF)}.")
+            if self.of not in QUANTITIES:
+                raise ProblemError(f"--of: found {self.of!r}; a target is of {', '.join(QUANTITIES)}.")
             if self.target is None:
                 words = "the relative error that mesh and steps are for"
                 raise ProblemError(f"--of: {self.of} goes with --target X, {words}.")

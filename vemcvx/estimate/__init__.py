@@ -1,3 +1,3 @@
-"""Errors of a run: distances, estimates part by part, meshes and instants that meet a target."""
+"""Errors of a run: distances, estimates by source, and meshes and instants that meet a target."""
 
 from vemcvx.estimate import measures as measures

@@ -1,20 +1,19 @@
-"""A mesh and instants for the accuracy asked: solve, estimate, mark, refine, until the budget is met.
+"""Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
-Each pass simulates the whole history on the mesh of that pass: friction remembers its path, and a history that was
-carried over from another mesh would bring that mesh's errors along. Passes grow by factors, so that all of them cost
-little more than twice the last one.
+Each pass simulates the whole history on its mesh. Friction depends on the path, so a history transferred from another
+mesh would bring the errors of this mesh. Passes grow by factors: all passes cost little more than twice the last one.
 
-Refined is the smallest set of cells that carries a given part theta of the squared indicators (Dorfler, *A convergent
-adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Where less is enough to reach the target,
-less is taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does.
+The smallest set of cells with a given part theta of the squared indicators is refined (Dorfler, *A convergent adaptive
+algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996), or fewer cells if these suffice to reach the target:
+the squared indicator of a cell drops to a quarter when the cell is split in four, like h^2.
 
-The error of steps is that at the instants of the run, and no estimate sees a load that comes and goes between two of
-them. Where data bend, turn or jump inside a step, there is an instant from the beginning (:mod:`vemcvx.stepping.course`
-finds what lasts longer than 1/256 of the run). Then steps that lose much are halved: those that together make up a
-given part of the loss at once, the smallest set, as of cells.
+The error of steps is measured at the instants of the run, so a load that acts only between two instants would be
+invisible. Therefore each bend, extremum and jump of the data inside a step gets an instant at the start
+(:mod:`vemcvx.stepping.course` finds events longer than 1/256 of the run). Then the smallest set of steps with a given
+part of the loss is halved, like cells.
 
-Where the target is of friction work, work or wear, the errors of mesh and steps are those of that quantity
-(:mod:`.quantities`), found by two more runs a pass; cells are still marked by energy indicators, scaled to its error.
+If the target is friction work, work or wear, the errors of mesh and steps are the errors of this quantity
+(:mod:`.quantities`), by two more runs per pass. Cells are still marked by energy indicators, scaled to its error.
 """
 
 from __future__ import annotations
@@ -48,29 +47,29 @@ from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state,
 from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
 GAIN = 0.75
-"""Part of its squared indicator that a smooth cell loses when it is split."""
+"""Fraction of the squared indicator of a smooth cell that a split removes."""
 MARGIN = 0.9
-"""Part of the target that a pass aims at, so that the last one need not be followed by another."""
-UNSEEN = 0.01
-"""Part of the target within which steps are solved: errors of the mesh are far larger."""
-TIME_SHARE = 0.3
-"""Part of the target for time."""
+"""Fraction of the target at which a pass aims, to save a further pass."""
+SOLVER_FRACTION = 0.01
+"""Accuracy of steps as a fraction of the target: mesh errors are far larger."""
+TIME_FRACTION = 0.3
+"""Fraction of the target for the error of time."""
 THETA = 0.6
 MOST_STEPS = 4000
-"""Beyond so many, steps are not split before the mesh is."""
+"""Largest number of steps before the first pass."""
 STALL = 4
-"""Passes after which the error of the mesh has fallen, if it ever does: cells are three to eight times as many then."""
-OF = {
+"""Number of passes in which a mesh error that has a limit falls: cells are three to eight times as many then."""
+QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
     "work": "the work",
     "wear": "the largest wear",
 }
-"""Quantities whose relative error a target may be of, in words."""
+"""Descriptions of the quantities whose relative error may be the target."""
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """The cells whose squared indicators (n_cells,) make up `theta` of the sum, or fewer if that reaches the goal."""
+    """Return the cells with a part `theta` of the squared indicators (n_cells,), or fewer if these reach the goal."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -80,37 +79,37 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
 
 
 @dataclass(frozen=True)
-class Lost:
-    """The relative error that steps make, and what each adds to it."""
+class StepLoss:
+    """The relative error due to steps, and the part of each step."""
 
     error: float
     squares: Floats
-    """(N,) parts that add up, of energy errors their squares"""
+    """(N,) additive parts; for energy errors their squares"""
     bends: Floats
 
     @classmethod
-    def of_energy(cls, finer: Finer, unit: float) -> Lost:
-        """By the energy norm, relative to `unit`."""
+    def from_energy(cls, finer: Finer, unit: float) -> StepLoss:
+        """Return the loss in the energy norm, relative to `unit`."""
         return cls(float(finer.errors.max()) / (unit or 1.0), finer.added**2, finer.bends)
 
     @classmethod
-    def of_quantity(cls, found: StepErrors, of: str, value: float) -> Lost:
-        """By a quantity."""
+    def from_quantity(cls, found: StepErrors, of: str, value: float) -> StepLoss:
+        """Return the loss of a quantity, relative to its value."""
         return cls(float(found.errors[of][-1]) / (abs(value) or 1.0), found.added[of], found.bends)
 
 
-def split_steps(times: Floats, lost: Lost, allowed: float) -> Floats:
-    """The instants (N + 1,) of a run, more where its steps lose most, if its relative error is beyond the one allowed.
+def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
+    """Return the instants (N + 1,) of a run, with the steps of the largest losses split if the error is too large.
 
-    Where loads are smooth errors fall with the square of the step: beyond four times what is allowed steps are cut into
-    more than two at once.
+    For smooth loads errors fall with the square of the step. So steps are cut into three if the error is more than four
+    times the allowed one.
     """
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), lost.squares, 0.0)
     if lost.error <= allowed or not squares.any():
         return times
     parts = 2 if lost.error <= 4.0 * allowed else 3
     new = [times]
-    # Steps with .8 of the squared loss are split at once.
+    # Split the steps with .8 of the squared loss.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = lost.bends[(lost.bends > a) & (lost.bends < b)]
@@ -122,7 +121,7 @@ def split_steps(times: Floats, lost: Lost, allowed: float) -> Floats:
 class Pass:
     """One pass: sizes, the parts of its estimated relative error, and its seconds.
 
-    `space` and `time` are of what the target is of, `algebra` is certified of the energy norm.
+    `space` and `time` are errors of the target quantity; `algebra` is certified in the energy norm.
     """
 
     cells: int
@@ -133,7 +132,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """by key, those that may grow without limit: the size of the cells where it stands, and its value"""
+    """extremes that may grow without limit, by key: the local cell size, and the value"""
 
     @property
     def total(self) -> float:
@@ -141,10 +140,10 @@ class Pass:
         return self.algebra + self.space + self.time
 
 
-def stalled(passes: Sequence[Pass]) -> bool:
-    """True where the error of the mesh does not fall any more: the quantity has no limit, as of a singular pressure.
+def has_stalled(passes: Sequence[Pass]) -> bool:
+    """Return True if the mesh error falls no more: the quantity has no limit, for example at a singular pressure.
 
-    Where it has one, a pass that refines half of the squared error takes a fifth of it away at least.
+    If there is a limit, a pass that refines half of the squared error removes at least a fifth of the error.
     """
     return len(passes) > STALL and passes[-1].space > 0.9 * min(one.space for one in passes[:-STALL])
 
@@ -156,17 +155,24 @@ class Adapted(Outlined):
     Attributes
     ----------
     history : History
-        The last pass; `history.errors` names the three parts of its error, which files keep.
+        The run of the last pass; `history.errors` has the three parts of its error, which files keep.
     budget : ErrorBudget
-        Of the last pass.
+        The budget of the last pass.
     passes : tuple of Pass
-        From the coarse mesh to the last.
+        All passes from the coarse mesh to the last mesh.
     target : float
-        The relative error that was asked for.
+        The requested relative error.
     of : {"energy", "dissipated", "work", "wear"}
-        The quantity that it is of; `history.quantities` has the last three with their errors, if it is one of them.
+        The target quantity. For the last three `history.quantities` has values and errors.
     bound : ErrorBound or None
-        Of the last pass, with ``estimate="bound"``; `budget.space` and `budget.cells` are then its.
+        The bound of the last pass, with ``estimate="bound"``; then `budget.space` and `budget.cells` are from it.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right"))
+    >>> adapted = vx.adapt(scene, vx.meshes.squares(4), [0.0, 1.0], target=0.3, initial="settled")
+    >>> adapted.met
+    True
     """
 
     history: History
@@ -182,18 +188,18 @@ class Adapted(Outlined):
         return self.passes[-1].total <= self.target
 
     def outline(self) -> Outline:
-        """The outline for prompts and notebooks: whether the target is met, and the last pass."""
+        """Return the outline for prompts and notebooks: the target, and the last pass."""
         last, met = self.passes[-1], "met" if self.met else "not met"
         parts = ", ".join(f"{name} {getattr(last, name):.1e}" for name in ("algebra", "space", "time"))
         lines = [
-            ("estimated", f"{last.total:.2%} of {OF[self.of]} ({parts})"),
+            ("estimated", f"{last.total:.2%} of {QUANTITIES[self.of]} ({parts})"),
             ("passes", f"{len(self.passes)}; last: cells {last.cells}, unknowns {last.unknowns}, steps {last.steps}"),
             *(("jump", words) for words in self.budget.jumps),
         ]
         return Outline(f"Adapted: target {self.target:.2%}, {met}", lines)
 
     def summary(self) -> str:
-        """The passes as a table."""
+        """Return the passes as a table."""
         head = "cells   unknowns  steps   algebra     space      time     total   seconds"
         rows = [
             f"{p.cells:<7d} {p.unknowns:<9d} {p.steps:<5d} {p.algebra:9.1e} "
@@ -201,13 +207,11 @@ class Adapted(Outlined):
             for p in self.passes
         ]
         met = "met" if self.met else "not met"
-        if self.of != "energy" and not self.met and stalled(self.passes):
-            met += (
-                ", and its error does not fall as the mesh is refined: there is no limit, as where stress is singular"
-            )
+        if self.of != "energy" and not self.met and has_stalled(self.passes):
+            met += ", and its error does not fall under refinement: there is no limit, as where stress is singular"
         aim = (self.history.quantities or {}).get(self.of)
         met += f"; the value on this mesh stands {aim.unbounded}" if aim is not None and aim.unbounded else ""
-        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {OF[self.of]}: {met}"])
+        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {QUANTITIES[self.of]}: {met}"])
 
 
 def adapt(
@@ -224,56 +228,65 @@ def adapt(
     progress: Callable[[Pass], None] | None = None,
     estimate: str = "residual",
 ) -> Adapted:
-    """Simulate with a mesh and time steps chosen so that the estimated relative error is at most `target`.
+    """Simulate on an adaptive mesh with adaptive steps, such that the estimated relative error is at most `target`.
 
     Parameters
     ----------
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
-        A coarse mesh to begin with, in space of tetrahedra; it must have the boundaries that the scene names.
+        The coarse initial mesh, in space of tetrahedra; it must have the boundaries that the scene names.
     times : increasing sequence of instants
-        The first and the last instant, and those at which the history stores the answer. It also stores those between
-        them at which data bend, turn or jump (:func:`vemcvx.instants`); others are inserted where steps lose much.
+        The first and the last instant, and instants to store. The history also stores instants at which data bend,
+        turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps lose much.
     target : float
-        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined, at
-        most eight of those given and eight at which data turn between them; or the relative error of another quantity
-        at the last instant, see `of`.
+        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over at most eight of the given
+        instants and eight instants at which data turn; or the relative error of the quantity `of` at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
-        The quantity whose error is meant: the displacement in the energy norm; the energy that friction dissipates; the
-        work; the largest wear (:func:`vemcvx.quantities`), which has no limit where pressure is singular: passes
-        end when the error has not fallen in four of them. Each pass costs two more runs, one with all cells refined.
+        The quantity whose error is the target: the displacement in the energy norm; the energy dissipated by friction;
+        the work; or the largest wear (:func:`vemcvx.quantities`), which has no limit if pressure is singular. Passes
+        end if the error has not fallen in four passes. Each pass costs two more runs, one with all cells refined.
     solver : Solver, or object with solve(program, target), optional
-        An accuracy finer than a hundredth of the target is replaced by that: nothing finer is needed.
+        An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        No pass after the first is started that is expected to have more unknowns; the result then says that the target
-        was not met.
+        Largest expected number of unknowns of a pass after the first; beyond it, the target is not met.
     theta : float
         Fraction of the squared error whose cells are refined in a pass, in (0, 1).
     progress : callable, optional
         Called with each finished :class:`Pass`.
     estimate : {"residual", "bound"}
-        What the mesh is judged by: residuals, which are quick and estimate its error; or the guaranteed bound of the
-        error in a step, given the one before (:func:`vemcvx.error_bound`), which takes longer, and is nearer to the
-        error. That error is the conforming displacement's of :class:`ErrorBound`; the stresses that a history gives in
-        cells, and which residuals judge, are farther off: up to 1.9 times the bound in 40 random scenes (target 8 %).
-        The history then has the steps before those looked at, too. Time is estimated in either case.
+        The measure of the mesh error: residuals are quick, and estimate the error. The guaranteed bound of the error of
+        a step, given the step before (:func:`vemcvx.error_bound`), takes longer, and is nearer to the error. It bounds
+        the error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells is up
+        to 1.9 times the bound in 40 random scenes (target 8 %). With "bound" the history also has the steps before the
+        examined steps. The error of time is estimated in either case.
+
+    Returns
+    -------
+    Adapted
 
     Warns
     -----
     SceneWarning
-        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse one, and a body that
-        slides along them is held there.
+        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse mesh, and a body cannot
+        slide over these.
 
     Raises
     ------
     MeshError
-        The mesh is one in space, and a cell of it is no tetrahedron.
+        A cell of a mesh in space is no tetrahedron.
     SceneError
-        The target is not in (0, 1), or scene, mesh and times make no well-posed problem.
+        The target is not in (0, 1), or scene, mesh and times are no well-posed problem.
     NotCertified
         A step misses the accuracy.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right"))
+    >>> adapted = vx.adapt(scene, vx.meshes.squares(4), [0.0, 1.0], target=0.3, initial="settled")
+    >>> adapted.history.mesh.n_cells >= 16
+    True
     """
     check_kinds(scene, mesh)
     if isinstance(mesh, PolyhedralMesh):
@@ -281,15 +294,15 @@ def adapt(
     _check(target, of, theta=theta, most=most_unknowns, progress=progress)
     bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
     if bounded and of != "energy":
-        raise SceneError(f"adapt: found estimate='bound' beside of={of!r}; bounds are of the energy norm alone.")
-    aim = _Aim(target, of, bounded, _begun(initial), _wanted(times), solver=_lenient(solver, target))
+        raise SceneError(f"adapt: found estimate='bound' and of={of!r}; bounds exist for the energy norm only.")
+    aim = _Aim(target, of, bounded, _check_initial(initial), _check_instants(times), solver=_relax(solver, target))
     passes, start = list[Pass](), time.perf_counter()
     aim, instants = _begin(scene, mesh, aim)
     while True:
-        posed, history, bound = _simulated(scene, mesh, instants, aim, start)
+        posed, history, bound = _simulate_pass(scene, mesh, instants, aim, start)
         finer = in_time(posed, history.trajectory)
-        budget = _judged(posed, history, bound, aim, finer)
-        history, lost, parts, indicators = _missed(history, budget, finer, of)
+        budget = _budget(posed, history, bound, aim, finer)
+        history, lost, parts, indicators = _measure_pass(history, budget, finer, of)
         now = Pass(
             cells=mesh.n_cells,
             unknowns=posed.system.n,
@@ -302,24 +315,24 @@ def adapt(
         _tell(passes, budget, progress)
         marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
-        done = done or (of != "energy" and stalled(passes))
-        # A cell that is split becomes four; in space it is cut in two, and so are some three beside it.
+        done = done or (of != "energy" and has_stalled(passes))
+        # A split cell becomes four cells; in space it is bisected, and so are about three neighbours.
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
-            return _adapted(posed, history, (budget, bound), aim, passes)
+            return _make_result(posed, history, (budget, bound), aim, passes)
         start = time.perf_counter()
         mesh, instants = mesh.refine(marked) if marked.any() else mesh, split
 
 
 @dataclass(frozen=True)
 class _Aim:
-    """The target of an adaptive run, and how its passes are simulated and judged."""
+    """The target of an adaptive run, and the settings of its passes."""
 
     target: float
     of: str
     bounded: bool
     initial: str | Projected | None
     wanted: Floats
-    """instants that are asked for"""
+    """given instants"""
     solver: Solver | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
     """instants between these at which data bend, turn or jump"""
@@ -330,41 +343,41 @@ class _Aim:
         return np.union1d(self.wanted, self.turns)
 
     def steps(self, instants: Floats) -> Ints:
-        """Steps at which the mesh is judged: those asked for, the last, and where data turn between; or some of them.
+        """Return steps at which the mesh error is estimated: given instants and instants at which data turn.
 
-        A load that comes and goes between two instants is largest where it turns.
+        A load that acts only between two given instants is largest where it turns.
         """
-        # The mesh is judged at eight instants of either kind at most: each costs one back-substitution a pass.
-        judged = np.union1d(_some(self.wanted[1:], 8), _some(self.turns, 8))
+        # Each instant costs a back-substitution per pass, so at most eight of either kind are examined.
+        judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)
 
 
-def _some(instants: Floats, most: int) -> Floats:
-    """At most so many of the instants, evenly between the first and the last."""
+def _choose_evenly(instants: Floats, most: int) -> Floats:
+    """Return at most `most` of the instants, evenly chosen between the first and the last."""
     few = len(instants) <= most
     return instants if few else instants[np.linspace(0, len(instants) - 1, most).round().astype(int)]
 
 
-def _begun(initial: ArrayLike | str | Projected | None) -> str | Projected | None:
+def _check_initial(initial: ArrayLike | str | Projected | None) -> str | Projected | None:
     if initial is None or isinstance(initial, (str, Projected)):
         return initial
     raise SceneError(
-        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium', 'settled' or "
-        "vx.projected(u_0)."
+        "adapt: found an array of initial displacements, which fits one mesh only; give None, 'equilibrium', 'settled' "
+        "or vx.projected(u_0)."
     )
 
 
-def _wanted(times: ArrayLike) -> Floats:
+def _check_instants(times: ArrayLike) -> Floats:
     wanted = check_times(times)
     if len(wanted) < 2:
-        raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
+        raise SceneError("adapt: found one instant; give at least the first and the last, such as [0, 1].")
     return wanted
 
 
-def _simulated(
+def _simulate_pass(
     scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start: float
 ) -> tuple[PosedScene, History, ErrorBound | None]:
-    """The run of a pass that began at `start`, and the bound of the steps at which the mesh is judged, if wanted."""
+    """Simulate a pass that began at `start`, and bound the error of the examined steps if requested."""
     posed = pose_scene(scene, mesh, instants.tolist())
     circle, steps = hypercircle(posed) if aim.bounded else None, aim.steps(instants)
     kept = np.union1d(np.searchsorted(instants, aim.stored), steps - 1 if aim.bounded else steps).tolist()
@@ -377,32 +390,32 @@ def _simulated(
     return posed, history, of_steps(circle, history, pairs_of(circle, history, steps.tolist()))
 
 
-def _missed(
+def _measure_pass(
     history: History, budget: ErrorBudget, finer: Finer, of: str
-) -> tuple[History, Lost, dict[str, float], Floats]:
-    """The history with the quantity aimed at, what steps lose of it, the parts of its error, and squared indicators."""
+) -> tuple[History, StepLoss, dict[str, float], Floats]:
+    """Return the history with its target quantity, the loss of steps, the error by source, and squared indicators."""
     parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
     indicators = budget.cells**2
     if of == "energy":
-        return history, Lost.of_energy(finer, budget.scale or finer.norm), parts, indicators
+        return history, StepLoss.from_energy(finer, budget.scale or finer.norm), parts, indicators
     history, found = with_quantities(history)
     aim = (history.quantities or {})[of]
-    lost = Lost.of_quantity(found, of, aim.value)
+    lost = StepLoss.from_quantity(found, of, aim.value)
     parts |= {"space": aim.mesh / (abs(aim.value) or 1.0), "time": lost.error}
     return history, lost, parts, indicators * (parts["space"] ** 2 / (indicators.sum() or 1.0))
 
 
-def _adapted(
+def _make_result(
     posed: PosedScene,
     history: History,
     judged: tuple[ErrorBudget, ErrorBound | None],
     aim: _Aim,
     passes: Sequence[Pass],
 ) -> Adapted:
-    """The result of the last pass; its budget is of the energy norm, whatever the target is of."""
+    """Return the result of the last pass; its budget is in the energy norm for any target quantity."""
     budget, bound = judged
-    asked, known = {"target": aim.target} if aim.of == "energy" else {}, {} if bound is None else bound.kept()
-    history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes), **known)
+    target, known = {"target": aim.target} if aim.of == "energy" else {}, {} if bound is None else bound.kept()
+    history = replace(history, errors={**budget.largest, **target}, growth=_growth(passes), **known)
     warn_of_lost_work(history.trajectory)
     warn_of_large_strains(posed, history)
     passes = tuple(passes)
@@ -410,7 +423,7 @@ def _adapted(
 
 
 def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:
-    """Log the last pass, and hand it to whoever asked for progress."""
+    """Log the last pass, and call `progress` with it."""
     now, log = passes[-1], logging.getLogger("vemcvx")
     for words in budget.jumps if len(passes) == 1 else ():
         log.info("%s", words)
@@ -423,21 +436,21 @@ def _extremes(history: History) -> dict[str, tuple[float, float]]:
     mesh, found = history.mesh, {}
     for one, *_ in largest_values(history):
         if one.key in SINGULAR:
-            # Of a contact node, the smallest cell nearby, whose centroid is not a cell's width away.
+            # For a contact node, the cell with the nearest centroid is one of the smallest cells nearby.
             near = np.linalg.norm(mesh.centroids - one.place, axis=1)
             found[one.key] = float(mesh.measures[np.argmin(near)] ** (1.0 / mesh.points.shape[1])), one.value
     return found
 
 
 def _growth(passes: Sequence[Pass]) -> dict[str, str]:
-    """The extremes that grew on the last meshes, and by how much."""
+    """Return the extremes that grew on the last meshes, with a description of their growth."""
     keys = set.intersection(*(set(one.extremes) for one in passes))
-    told = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
-    return {key: words for key, words in told.items() if words}
+    found = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
+    return {key: words for key, words in found.items() if words}
 
 
-def _judged(posed: PosedScene, history: History, bound: ErrorBound | None, aim: _Aim, finer: Finer) -> ErrorBudget:
-    """The budget at some steps, of a bound if there is one."""
+def _budget(posed: PosedScene, history: History, bound: ErrorBound | None, aim: _Aim, finer: Finer) -> ErrorBudget:
+    """Return the budget at the examined steps, with the error bound in place of residuals if there is one."""
     rows = [history.row(int(n)) for n in aim.steps(history.trajectory.times)]
     budget = budget_of(posed, history, rows, finer)
     if bound is None:
@@ -446,44 +459,45 @@ def _judged(posed: PosedScene, history: History, bound: ErrorBound | None, aim: 
     return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
 
 
-def _next(now: Pass, squares: Floats, steps: tuple[Floats, Lost], target: float, theta: float) -> tuple[Bools, Floats]:
-    """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
-    # The tolerance of the mesh is what algebra and steps leave of the target.
-    for_space = max(target - now.algebra - min(now.time, TIME_SHARE * target), 0.5 * target)
+def _next(
+    now: Pass, squares: Floats, steps: tuple[Floats, StepLoss], target: float, theta: float
+) -> tuple[Bools, Floats]:
+    """Return cells to refine and the instants of the next pass; steps are split when the mesh is nearly good enough."""
+    # The mesh error may be the target minus the errors of algebra and steps.
+    for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
     marked = cells_to_refine(squares, for_space**2, theta)
-    # Steps are split once the error of the mesh is this near to what it may be.
-    if now.space > 1.5 * for_space or now.time <= TIME_SHARE * target:
+    # Split steps only if the mesh error is at most 1.5 times its allowed value.
+    if now.space > 1.5 * for_space or now.time <= TIME_FRACTION * target:
         return marked, steps[0]
-    return marked, split_steps(*steps, TIME_SHARE * target)
+    return marked, split_steps(*steps, TIME_FRACTION * target)
 
 
 def _check(target: object, of: object, theta: object, most: object, progress: object) -> None:
     part(target, "adapt", "target", "a relative error,", "0.02")
-    if not (isinstance(of, str) and of in OF):
-        raise SceneError(f"adapt: found of = {brief(of)}; a target is of {', '.join(map(repr, OF))}.")
+    if not (isinstance(of, str) and of in QUANTITIES):
+        raise SceneError(f"adapt: found of = {brief(of)}; a target is of {', '.join(map(repr, QUANTITIES))}.")
     part(theta, "adapt", "theta", "a part,", "0.6")
     if not (is_real(most) and 1 <= most <= float(np.finfo(float).max)):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
-        raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")
+        raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is called with each Pass.")
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
-    """Instants with which the coarse mesh loses little to time.
+    """Return the aim with the instants at which data turn, and instants with a small time error on the coarse mesh.
 
-    Those where data bend, turn or jump are among them, and the aim that is returned knows them: errors are those at the
-    instants of a run, where a load that comes and goes inside a step is zero, and no estimate sees it. Nothing is left
-    out here: what is zero at the instants asked for need not be so between them.
+    The instants contain every bend, extremum and jump of the data, since the time error is estimated at instants only.
+    Effects that are zero at the given instants are posed, too: they may act in between.
     """
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")
     if posed.curves:
         warnings.warn(
-            f"adapt: {' and '.join(posed.curves)} acts along a curve, which the coarse mesh draws as a polygon. "
-            "Refined meshes keep this polygon: answers converge to those of a body with its corners, over which "
-            "nothing slides, and errors are estimated against these. If something slides there, simulate on finer "
-            "meshes of the curve itself.",
+            f"adapt: {' and '.join(posed.curves)} acts along a curve, which is a polygon on the coarse mesh. "
+            "Refined meshes keep this polygon: answers converge to the answer for a body with these corners, over "
+            "which nothing slides, and errors are relative to this answer. If something slides there, simulate on "
+            "finer meshes of the curve itself.",
             SceneWarning,
             stacklevel=3,
         )
@@ -495,21 +509,21 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     while True:
         if aim.of == "energy":
             finer = beside_finer(run, times, state.unknowns, known)
-            lost = Lost.of_energy(finer, finer.norm)
+            lost = StepLoss.from_energy(finer, finer.norm)
         else:
             last = march(posed.system, times, initial=begun, store="last", check=False)
             history = History.of(record(posed, last, 0.0, Memory()))
-            lost = Lost.of_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
-        split = split_steps(times, lost, TIME_SHARE * aim.target)
+            lost = StepLoss.from_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
+        split = split_steps(times, lost, TIME_FRACTION * aim.target)
         if len(split) == len(times) or len(split) > MOST_STEPS:
             return aim, times
         times = split
 
 
-def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
-    """Algebra well below the error of the mesh is enough."""
+def _relax(given: Solver | Solves | None, target: float) -> Solver | None:
+    """Return the solver with an accuracy not finer than needed for the target."""
     if given is None:
         return None
     solver = as_solver(given)
     solver.check_accuracy()
-    return solver if solver.accuracy >= UNSEEN * target else solver.with_accuracy(UNSEEN * target)
+    return solver if solver.accuracy >= SOLVER_FRACTION * target else solver.with_accuracy(SOLVER_FRACTION * target)

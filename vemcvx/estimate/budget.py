@@ -1,13 +1,11 @@
-"""The error of a run, part by part: the algebra, the mesh, the steps.
+"""The error of a run by source: the algebra, the mesh, and the steps.
 
     total = algebra + space + time
 
-algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is estimated
-by the residuals below. time is the distance from the same run in finer steps, on the same mesh (:mod:`.finer_steps`).
-All are relative energy errors: parts of the largest energy norm of the run; where nothing has moved, parts of the
-estimate, because all is missing.
-
-The mesh is judged by the residuals of states, cell by cell: :mod:`.residual`.
+algebra is certified: the sum of the duality gaps of the steps (:attr:`vemcvx.History.certificate_total`). space is
+estimated by residuals of states on each cell (:mod:`.residual`). time is the distance from the same run with finer
+steps on the same mesh (:mod:`.finer_steps`). All are energy errors relative to the largest energy norm of the run. If
+this norm is zero, they are relative to the largest estimate.
 """
 
 from __future__ import annotations
@@ -33,9 +31,9 @@ from vemcvx.vem import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:
-    """Raise SceneError unless the stiffness is a^h of the material, by the energy of displacements (n_nodes, dim).
+    """Raise SceneError unless the stiffness gives displacements (n_nodes, dim) the energy a^h of the material.
 
-    An effect of one's own may bring a stiffness of one form and a material of another.
+    The stiffness and the material of a user's effect may disagree.
     """
     stiffness = posed.A if posed.springs is None else posed.A - posed.springs
     about = u - u.mean(axis=0)
@@ -43,43 +41,52 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     material = posed.material
     parts = cell_energies(posed.space, material.moduli, material.stabilised(posed.space.dim), about)
     apart = abs(energy - float(parts.sum()))
-    # What the energies of rotations, which are zero, are rounded by.
+    # Rounding error of the energies of rotations, which are exactly zero.
     rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))
     if apart > SAME * max(energy, float(parts.sum())) + rounding:
         raise SceneError(
-            f"error_budget: the stiffness of the scene gives a state the energy {energy:.9g}, and {material.subject} "
-            f"by its moduli and stabilisation {parts.sum():.9g}: they are not of one form a^h, and there is no "
-            "estimate. Give the material's Contribution the stabilisation that its stiffness has, as "
-            "Elasticity(stabilisation=...) does of any vx.Stabilisation."
+            f"error_budget: a state has the energy {energy:.9g} by the scene's stiffness, but {parts.sum():.9g} by "
+            f"the moduli and stabilisation of {material.subject}. So they are not one form a^h, and there is no "
+            "estimate. Give the material's Contribution the stabilisation of its stiffness, as "
+            "Elasticity(stabilisation=...) does for any vx.Stabilisation."
         )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ErrorBudget(Outlined):
-    """Relative energy errors of a run, part by part.
+    """The relative energy errors of a run by source.
 
     Attributes
     ----------
     steps : (S,) int
-        The steps looked at.
+        The examined steps.
     algebra, space, time : (S,)
-        Certified, estimated and estimated: see :mod:`vemcvx.estimate.budget`.
+        Certified, estimated and estimated errors: see :mod:`vemcvx.estimate.budget`.
     parts : mapping of str to (S,)
-        The shares of space: "volume", "jumps", "boundary", "stabilisation" and "data", in space "pressure", too;
-        space^2 is the sum of their squares.
+        The parts of `space`: "volume", "jumps", "boundary", "stabilisation" and "data"; for bodies in space also
+        "pressure". space^2 is the sum of their squares.
     cells : (n_cells,)
-        The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the steps looked at.
+        The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the examined steps.
     added : (N,)
-        What each step adds to the error of time: the norm of the change.
+        The error of time that each step adds: the norm of the change.
     jumps : tuple of str
         A sentence for each instant at which data jump.
     scale : float
-        The energy norm to which all are relative, the root of force times length: the largest of the run, in which
-        springs (ElasticFoundation) count as stiffness does. Measured errors (:class:`.measures.Measured`) are relative
-        to the strain energy of the reference at one instant: where springs act, or the load is not at its largest, the
-        two are not parts of one number.
+        The largest energy norm of the run, the root of force times length, with the energy of springs
+        (ElasticFoundation). All errors are relative to it. Measured errors (:class:`.measures.Measured`) are relative
+        to the strain energy of the reference at one instant. So both differ if there are springs, or if the load is not
+        at its largest.
     history : History
         The run.
+
+    Examples
+    --------
+    >>> steel, held, pull = vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right")
+    >>> mesh = vx.meshes.squares(4)
+    >>> history = vx.simulate(vx.Scene(steel, held, pull), mesh, [0.0, 1.0], initial="settled")
+    >>> budget = vx.error_budget(history)
+    >>> sorted(budget.largest)
+    ['algebra', 'space', 'time', 'total']
     """
 
     steps: Ints
@@ -95,14 +102,11 @@ class ErrorBudget(Outlined):
 
     @cached_property
     def quantities(self) -> dict[str, Quantity]:
-        """Friction work, work and wear of second order in the steps, with estimated errors: two more simulations.
-
-        See :func:`vemcvx.quantities`.
-        """
+        """The friction work, work and wear with estimated errors, by two more runs: :func:`vemcvx.quantities`."""
         return quantities(self.history)
 
     def outline(self) -> Outline:
-        """The outline for prompts and notebooks: the parts where their sum is largest."""
+        """Return the outline for prompts and notebooks: the parts at the step with the largest sum."""
         worst = self.steps[np.argmax(self.total)]
         parts = [(name, f"{value:.1e}") for name, value in self.largest.items()]
         return Outline(
@@ -112,12 +116,12 @@ class ErrorBudget(Outlined):
 
     @property
     def total(self) -> Floats:
-        """(S,) the sum of the three."""
+        """The sum (S,) of the three parts."""
         return self.algebra + self.space + self.time
 
     @property
     def largest(self) -> dict[str, float]:
-        """The three parts and their sum, where the sum is largest."""
+        """The three parts and their sum at the step with the largest sum."""
         worst = int(np.argmax(self.total))
         return {name: float(getattr(self, name)[worst]) for name in ("algebra", "space", "time", "total")}
 
@@ -131,12 +135,23 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     steps : int or sequence of int, optional
         Stored steps to examine; by default all but the initial instant.
 
+    Returns
+    -------
+    ErrorBudget
+
     Raises
     ------
     HistoryError
-        The history was read from files, so that its scene is not known.
+        The history was read from files, which do not contain its scene.
     SceneError
         A step was not stored, or the scene has Viscosity or a PointLoad, for which there is no estimate.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> bool(vx.error_budget(history).total[0] < 0.5)
+    True
     """
     scene = scene_of(history, "error_budget")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
@@ -154,15 +169,15 @@ def _whole_numbers(steps: int | Sequence[int]) -> list[int]:
 
 
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
-    """The budget of a run whose posed scene is at hand, at rows of its arrays; `finer` if that is known."""
+    """Return the budget of a run with this posed scene, at these rows of its arrays; compute `finer` if not given."""
     check_estimable(posed, "error_budget")
     require_same_form(posed, history.displacement[rows[-1]])
-    run, of_state = history.trajectory, Residuals(posed)
-    squares = [of_state.indicators(instant(history, k)) for k in rows]
+    run, residuals = history.trajectory, Residuals(posed)
+    squares = [residuals.indicators(instant(history, k)) for k in rows]
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
     finer = in_time(posed, run) if finer is None else finer
     parts = {name: np.sqrt([part[name].sum() for part in squares]) for name in squares[0]}
-    space = np.sqrt(np.sum([share**2 for share in parts.values()], axis=0))
+    space = np.sqrt(np.sum([values**2 for values in parts.values()], axis=0))
     time = np.maximum.accumulate(finer.errors)[steps]
     scale = float(run.norm.max())
     unit = scale or float((space + time).max()) or 1.0
@@ -171,7 +186,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
         algebra=run.certificate_total[steps] * run.unit[steps] / unit,
         space=space / unit,
         time=time / unit,
-        parts={name: share / unit for name, share in parts.items()},
+        parts={name: values / unit for name, values in parts.items()},
         cells=np.sqrt(np.max([np.sum(list(part.values()), axis=0) for part in squares], axis=0)) / unit,
         added=finer.added / unit,
         jumps=finer.jumps,
@@ -181,12 +196,12 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
 
 
 def in_time(posed: PosedScene, run: Trajectory) -> Finer:
-    """A run of a posed scene beside one in finer steps.
+    """Compare a run of a posed scene with a run in finer steps.
 
-    What was left out because it is zero at the run's instants may act between them: nothing is left out here.
+    Effects that are zero at the instants of the run may act between them, so here they are posed, too.
     """
     if run.initial is None:
-        raise HistoryError("error_budget: this run does not say where it began; simulate the scene again.")
+        raise HistoryError("error_budget: this run has no initial state; simulate the scene again.")
     whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:

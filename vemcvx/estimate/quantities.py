@@ -1,25 +1,25 @@
-"""Friction work, work and wear as one quotes them, and how far steps and mesh leave them off.
+"""Friction work, work and wear, with estimates of their errors due to steps and mesh.
 
-Values are those of second order in the steps (:mod:`vemcvx.stepping.state`), Q_k on a mesh of the size h. Their errors
-are estimated by two further runs of the same scene:
+Values Q are of second order in the steps (:mod:`vemcvx.stepping.state`), for the step size k and the mesh size h. Two
+more runs of the same scene estimate their errors:
 
-    steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, and where data bend (:mod:`.finer_steps`),
-    mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh whose cells are all refined once;
+    steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
+    mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
 
-of wear the largest difference over all contact nodes that both runs have: the largest wear may stand still by chance
-while wear elsewhere does not.
+For wear this is the largest difference over the contact nodes of both runs, because the largest wear alone may agree by
+chance.
 
-The finer run has an error, too: half of the one looked for where the order is one, as with singular corners, and where
-friction turns in space or a reversal is missed; a quarter where all is smooth. Steps have half as much to spare. They
-are no bounds: an error that changes its sign between k and k/2 is underestimated. Where pressure is singular, as at
-most corners of contact, the largest wear grows without limit as the mesh is refined, which is told as of extremes
-(:mod:`vemcvx.results.corners`), and the error that the mesh makes in it is that of the next refinement only.
+The finer run has an error, too. It is half the error of the run if the order is one: at singular corners, where
+friction rotates in space, or where a reversal is missed. It is a quarter if all is smooth. The estimate for steps has
+an extra factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is underestimated. If the
+pressure is singular, as at most corners of contact, the largest wear grows without limit under refinement. This is
+reported like for extremes (:mod:`vemcvx.results.corners`); the mesh error is then the change by the next refinement.
 
-Values are of second order in the steps where the states at their ends are. In space friction turns with the slip, and
-the states of backward Euler are of first order there, and so are the values; the estimate tells.
+Values are of second order in the steps if the states are. In space friction rotates with the slip, and the states of
+backward Euler and the values are of first order there; the estimate includes this.
 
-:func:`vemcvx.adapt` splits the steps in which runs in k and k/2 gain most differently, and refines the cells with the
-largest energy errors until the quantity that it aims at is as exact as asked for.
+:func:`vemcvx.adapt` splits the steps in which the runs with k and k/2 differ most, and refines the cells with the
+largest energy errors, until the target quantity is as accurate as requested.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from vemcvx.stepping.course import sample_course
 def quantities(history: History) -> dict[str, Quantity]:
     """Estimate the errors of friction work, work and the largest wear of a run, of second order in its steps.
 
-    The scene is simulated twice more: in half steps, and on a mesh whose cells are all refined; unless the history has
-    the estimates already, as those of adaptive runs that aim at one have.
+    The scene is simulated twice more: in half steps, and on a mesh with all cells refined. A history that has the
+    estimates, from an adaptive run with one of these targets, is not simulated again.
 
     Parameters
     ----------
@@ -55,16 +55,22 @@ def quantities(history: History) -> dict[str, Quantity]:
     Returns
     -------
     dict
-        "dissipated" and "work", both since the initial instant, and "wear", the largest friction work per length of a
-        contact node (per area in space); zero where nothing rubs.
+        Values with errors: "dissipated" and "work" since the initial instant, and "wear", the largest friction work per
+        length (in space per area) of a contact node; zero without friction.
 
     Raises
     ------
     HistoryError
-        The history was read from files, so that its scene is not known, or does not say where it began; or it goes on
-        from another run.
+        The history was read from files, which do not contain its scene, or it has no initial state.
     SceneError
-        The scene has moduli cell by cell that do not go with a refined mesh; name cell data instead.
+        The scene has arrays of moduli per cell, which do not fit a refined mesh; use named cell data instead.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
+    >>> sorted(vx.quantities(history))
+    ['dissipated', 'wear', 'work']
     """
     if isinstance(history, History) and history.quantities:
         return history.quantities
@@ -79,22 +85,22 @@ def value_of(history: History, of: str) -> float:
 
 @dataclass(frozen=True)
 class StepErrors:
-    """The errors that steps make, and where: at all instants (N + 1,), of "wear" at the last one alone."""
+    """The errors due to steps at all instants (N + 1,), for "wear" at the last instant only."""
 
     errors: dict[str, Floats]
     added: dict[str, Floats]
-    """(N,) what each step adds; to wear by its part of the friction work"""
+    """(N,) error added by each step; for "wear" the error of the friction work"""
     bends: Floats
     """instants at which data bend or jump"""
 
 
 def errors_of_steps(history: History) -> StepErrors:
-    """Compare a run with one in half steps."""
+    """Compare a run with a run in half steps."""
     times = history.trajectory.times
     with unwarned():
         posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
         known = sample_course(posed.system, times)
-    finer = _beside(history, history.mesh, finer_instants(times, known, 2), _start(history))
+    finer = _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
     apart = {name: 1.5 * difference for name, difference in _apart(history, finer).items()}
     added = {name: np.abs(np.diff(apart[name])) for name in ("dissipated", "work")}
     errors = {name: np.abs(difference) for name, difference in apart.items()}
@@ -102,17 +108,17 @@ def errors_of_steps(history: History) -> StepErrors:
 
 
 def with_quantities(history: History) -> tuple[History, StepErrors]:
-    """Return the history with its quantities and the errors of energies at all instants, and what steps contribute."""
+    """Return the history with its quantities and the errors of energies at all instants, and the errors of steps."""
     own, steps = _courses(history), errors_of_steps(history)
     mesh = dict.fromkeys(own, np.array([np.nan]))
     # Cells that are not star-shaped about their centroids are not split in space.
     with contextlib.suppress(MeshError):
         begin = "settled" if _start(history).any() else None
-        finer = _beside(history, history.mesh.refine(), history.trajectory.times, begin)
+        finer = _run_again(history, history.mesh.refine(), history.trajectory.times, begin)
         mesh = {name: np.abs(difference) for name, difference in _apart(history, finer).items()}
     over = SPREAD[history.mesh.points.shape[1]][0]
     units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
-    told = {
+    estimated = {
         name: Quantity(
             value=float(own[name][-1]),
             steps=float(steps.errors[name][-1]),
@@ -123,7 +129,7 @@ def with_quantities(history: History) -> tuple[History, StepErrors]:
         for name, unit in units.items()
     }
     energies = {f"{name}_error": steps.errors[name] + np.nan_to_num(mesh[name]) for name in ("dissipated", "work")}
-    return replace(history, quantities=told, **energies), steps
+    return replace(history, quantities=estimated, **energies), steps
 
 
 def _courses(history: History) -> dict[str, Floats]:
@@ -134,7 +140,7 @@ def _courses(history: History) -> dict[str, Floats]:
 
 
 def _apart(history: History, finer: History) -> dict[str, Floats]:
-    """Return twice the differences of a run and a finer one, of wear the largest over the nodes that both have."""
+    """Return twice the differences of a run and a finer run; for wear the largest over the nodes of both."""
     at, other = np.searchsorted(finer.trajectory.times, history.trajectory.times), _courses(finer)
     apart = {name: 2.0 * (own - other[name][at]) for name, own in _courses(history).items() if name != "wear"}
     coarse, fine = history.contact, finer.contact
@@ -146,7 +152,7 @@ def _apart(history: History, finer: History) -> dict[str, Floats]:
 
 
 def _wear_without_limit(history: History) -> str:
-    """Return the sentence on a largest wear at a corner at which friction may have no limit at some instant."""
+    """Return a sentence if the largest wear is at a corner where friction may grow without limit, or ""."""
     contact, sides = history.contact, history.sides
     wear = contact.wear_second_order[-1:].max(axis=0, initial=0.0)
     if not wear.any() or sides is None or not history.trajectory.given_friction.any():
@@ -169,8 +175,8 @@ def _start(history: History) -> Floats:
     return displacement(posed, initial, float(times[0])).reshape(history.mesh.points.shape)
 
 
-def _beside(history: History, mesh: Mesh, times: Floats, begin: Floats | str | None) -> History:
-    """Return another run of the scene, without warnings: the run that it stands beside has given them."""
+def _run_again(history: History, mesh: Mesh, times: Floats, begin: Floats | str | None) -> History:
+    """Simulate the scene again, without warnings: the first run has issued them."""
     with unwarned():
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
         initial = free_unknowns(begin, posed, times)

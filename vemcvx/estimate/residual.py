@@ -1,44 +1,44 @@
-"""Residuals of a state: the mesh's part of the error budget, on sides that are edges or, in space, faces.
+"""Residuals of a state: the mesh error in the error budget, on sides, which are edges or, in space, faces.
 
-    eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                what the body force leaves
+    eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                body force
                    + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, half to each neighbour
                    + sum over boundary sides  d_e / (2 mu) |t - (sigma + q) n|^2_e )       loads, contact, springs
               + |q I|^2_K in C^{-1}
               + the larger of
                      s S_K(u - Pi u, u - Pi u)                                              the stabilisation
                      sum over edges  |K| / l_e  E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e
-              + what of the data was not assembled
+              + errors of assembled data (:mod:`.unseen`)
 
-with sigma = C eps(Pi u) + sigma_0, E the modulus of a bar along the edge, and boundary residuals only in the
-directions that supports leave free, at interfaces on the sides of both bodies (:mod:`vemcvx.bound.skeleton`). In the
-order of Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and of Cangiani,
-Georgoulis, Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017).
-A ninth is of the Poincare inequality on a cell; c is declared below.
+with sigma = C eps(Pi u) + sigma_0, and the modulus E of a bar along the edge. Boundary residuals are in free directions
+of supports; at interfaces they are on the sides of both bodies (:mod:`vemcvx.bound.skeleton`). The terms follow
+Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani, Georgoulis, Pryer
+and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). The factor 1/9 is
+from the Poincare inequality on a cell; c is a constant below.
 
-Lengths are those of the cell *across* the side. A residual at e is tested with w = v - v_I, and the divergence of
-(x - a) w^2 in the triangle T of e, the apex a and the height d gives
+Lengths are widths of the cell *across* the side. A residual at e is tested with w = v - v_I. Let T be a triangle on e
+with apex a and height d. The divergence of (x - a) w^2 in T gives
 
-    |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     where |w|_T <= C d |grad w|_T,
+    |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T,
 
-as it is in meshes that are fine where things change fast. d_e stands for d: the width of the cell along n_e, the mean
-of both cells. h_K is the longest side of the box with the cell's second moments.
+which holds if the mesh is fine where the solution changes fast. d_e replaces d: the mean over both cells of their width
+along n_e. h_K is the longest side of the box with the second moments of the cell.
 
-Tractions do not contain eps_ss, the strain along an edge. Seen from both cells the strain eps_ss(u) is the same and
-eps_ss(Pi u) is not; on a rectangle they differ by the variation of the strain that jumps do not see. The stabilisation
-weighs it too little on stretched cells. With l_e the width of the cell along the edge |K| / l_e is its section across
-it, and the energy of a bar E whose strain is linear between parallel edges, two of a rectangle and four of a box, is
-the sum over them.
+Tractions do not contain eps_ss, the strain along an edge. eps_ss(u) is the same from both cells, but eps_ss(Pi u) is
+not. On a rectangle eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the stabilisation has
+too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then |K| / l_e is its
+cross-section. The sum over the parallel edges, two of a rectangle and four of a box, is the energy of a bar with the
+modulus E whose strain is linear between these edges.
 
-In the plane s = 1 and q = 0. In space s = 7 |K|^{1/3} / (h_K N_K), because the stabilisation of K is far more than the
-energy that Pi misses there, and the pressure q, constant in cells, makes the sum over all cells least, by least
-squares. Any q will do: the residual of sigma is that of sigma + q I and (q, div v), which is at most |q I| in C^{-1}
-times the energy norm of v. Weights 1 / mu are right for all v, but where a body hardly changes its volume, pressures do
-no work on what has a moderate energy.
+In the plane s = 1 and q = 0. In space s = 7 |K|^{1/3} / (h_K N_K), because the stabilisation there is much larger than
+the energy of u - Pi u. The pressure q, constant in cells, minimises the sum over all cells by least squares. Any q is
+admissible: the residual of sigma is the residual of sigma + q I plus (q, div v), which is at most |q I| in C^{-1} times
+the energy norm of v. Weights 1 / mu are valid for all v; but in nearly incompressible bodies pressure does almost no
+work on displacements of moderate energy, so q makes the estimate sharper.
 
-Contact acts on sides as on their nodes: each bears the row's force by the share int_e phi_i that it has in the side.
-Data: :mod:`.unseen`. In space tractions count by d_e / (2 mu) |t - t_e|^2_e at the points where they were read, body
-forces by h_K^2 / (9 mu) |f - f_K|^2_K, and integrals over cells are a third of the mean over the vertices, times |K|:
-exact for squares of what is linear in a box, more than that in a tetrahedron.
+A side carries the part int_e phi_i of the contact force of each row. In space tractions count by
+d_e / (2 mu) |t - t_e|^2_e at their quadrature points, and body forces by h_K^2 / (9 mu) |f - f_K|^2_K. Integrals
+over cells are |K| / 3 times the mean over the vertices: exact for squares of linear functions in a box, too large in a
+tetrahedron.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from vemcvx.base.arrays import SAME, Floats, Ints, totals
 from vemcvx.bound.reading import POINCARE
 from vemcvx.bound.skeleton import Instant, Joints, body_forces, extents, skeleton
 from vemcvx.effects import Contribution, Load
-from vemcvx.estimate.unseen import Unseen, parts_of, stress_squares
+from vemcvx.estimate.unseen import DataErrors, all_contributions, stress_squares
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, right_of, rows_in_order, spans
@@ -64,14 +64,14 @@ from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, IN_SPACE = 0.63, 0.8
-"""c in the plane and in space, of the residuals alone: the stabilisation and data count by their own energy."""
-PROJECTED = 7.0
-"""Number before the stabilisation in space."""
+"""The constants c in the plane and in space; the stabilisation and data errors have no such factor."""
+SPATIAL_FACTOR = 7.0
+"""The factor in s, for the stabilisation in space."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSides:
-    """The f inner and b outer sides of a mesh, edges or faces, and its cells."""
+    """The geometry of the f inner and b outer sides of a mesh, edges or faces, and of its cells."""
 
     inner: Ints
     """(f, 2) the cells of inner sides"""
@@ -88,15 +88,15 @@ class MeshSides:
     shares: sp.csr_matrix
     """(b, n_nodes) int phi_i over each outer side"""
     joints: Joints
-    """where two bodies meet"""
+    """interfaces of two bodies"""
     numbers: Callable[[Ints], Ints]
-    """the places among outer sides of edges (k, 2), of faces (k,), and of ends of sides (k, 2)"""
+    """the positions among outer sides of edges (k, 2), of faces (k,), or of ends of sides (k, 2)"""
     corners: tuple[Ints, Floats]
-    """where those of each cell begin (n_cells + 1,), and their places (c, dim)"""
+    """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
     edges: tuple[Ints, Ints]
     """(e,) cells, and (e, 2) the ends of their edges"""
     arms: tuple[Ints, Floats]
-    """(k,) cells, and (k, dim, dim) from their centroid to the corners of simplices that make them up"""
+    """(k,) cells, and (k, dim, dim) vectors from the centroid to the other corners of simplices that form the cell"""
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
         """Return the widths of cells (k,) along vectors (k, dim) of any length."""
@@ -119,11 +119,11 @@ class Residuals:
         self.sides = sides = _in_space(posed, mesh) if isinstance(mesh, PolyhedralMesh) else _in_plane(posed)
         elastic = elastic_matrix(posed.material.moduli, space.dim)
         self.compliance = np.asarray(np.linalg.inv(elastic))
-        # Of mu half the harmonic mean of the moduli of shear, where they differ.
+        # Take mu as half the harmonic mean of the Kelvin moduli of deviatoric strains.
         self.shear, self.sizes = 0.5 * mean_shear(elastic), extents(*sides.arms)
         one, two = (sides.depths(cells, sides.inner_normals) for cells in sides.inner.T)
         mu = 0.5 * self.shear[sides.inner].sum(axis=1)
-        # |e| d_e / (4 mu) of inner sides and d_e / (2 mu) of outer ones; directions that supports leave free there.
+        # The weights are |e| d_e / (4 mu) of inner sides and d_e / (2 mu) of outer sides.
         self.jump_weights = 0.5 * (one + two) / (4.0 * mu) * sides.inner_sizes
         self.weights = sides.depths(sides.outer, sides.normals) / (2.0 * self.shear[sides.outer])
         corners = sides.shares.tocoo()
@@ -133,7 +133,7 @@ class Residuals:
     def indicators(self, now: Instant) -> dict[str, Floats]:
         """Return the squares (n_cells,) of "volume", "jumps", "boundary", "stabilisation" and "data" in eta_K.
 
-        In space those of "pressure", too.
+        In space there is also "pressure".
         """
         posed, pressure = self.posed, {}
         strain = strains(posed.space, now.u)
@@ -141,8 +141,9 @@ class Residuals:
         sigma += 0.0 if posed.prestress is None else posed.prestress.stress(now.t)
         missed, data = posed.material.missed(posed.space, now.u), self.data(now, strain)
         if not posed.space.in_plane:
-            # Of S_K = tau h_K sum |(I - Pi) u|^2 the mean over vertices, with |K|^{1/3} in place of h_K.
-            missed *= PROJECTED * np.cbrt(self.mesh.measures) / (self.mesh.diameters * np.diff(self.sides.corners[0]))
+            # S_K = tau h_K sum |(I - Pi) u|^2 becomes a mean over vertices, with |K|^{1/3} in place of h_K.
+            counts = np.diff(self.sides.corners[0])
+            missed *= SPATIAL_FACTOR * np.cbrt(self.mesh.measures) / (self.mesh.diameters * counts)
             q = self._pressures(sigma, now)
             sigma[:, : posed.space.dim] += q[:, None]
             pressure = {"pressure": self._expansions * q**2}
@@ -164,7 +165,7 @@ class Residuals:
         return tractions(sigma[one] - sigma[two], self.sides.inner_normals)
 
     def _rest(self, sigma: Floats, now: Instant) -> Floats:
-        """Return the forces (b, dim) on outer sides less those of stresses, where supports leave them free."""
+        """Return the forces (b, dim) on outer sides minus the forces of stresses, in free directions of supports."""
         sides = self.sides
         stress = sides.sizes[:, None] * tractions(sigma[sides.outer], sides.normals)
         force = self._tractions(now.t) + self.contact(now) + self._springs(now.u)
@@ -172,7 +173,7 @@ class Residuals:
         return np.asarray(np.einsum("bij,bj->bi", self.free, force - stress))
 
     def _along(self, u: Floats, strain: Floats) -> Floats:
-        """Return |K| / l_e E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e, added up over the edges of each cell."""
+        """Return the sums of |K| / l_e E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e over edges, (n_cells,)."""
         (cell, ends), dim = self.sides.edges, u.shape[1]
         along, moved = np.diff(self.mesh.points[ends], axis=1)[:, 0], np.diff(u[ends], axis=1)[:, 0]
         length = np.linalg.norm(along, axis=1)
@@ -188,24 +189,24 @@ class Residuals:
 
     @property
     def _expansions(self) -> Floats:
-        """(n_cells,) |I|^2_K in C^{-1}."""
+        """The squares (n_cells,) |I|^2_K in C^{-1}."""
         dim = self.posed.space.dim
         return self.mesh.measures * self.compliance[:, :dim, :dim].sum(axis=(1, 2))
 
     def _pressures(self, sigma: Floats, now: Instant) -> Floats:
-        """Return q (n_cells,), to a thousandth: with any q the sum is an estimate."""
+        """Return q (n_cells,), to a thousandth: any q is admissible."""
         from scipy.sparse.linalg import lsmr
 
-        roots, borne, units = self._of_pressures
+        roots, borne, units = self._pressure_problem
         jump, rest = self._jump(sigma) * self.sides.inner_normals, self._rest(sigma, now) * self.sides.normals
         left = roots * np.append(jump.sum(axis=1), rest.sum(axis=1))
         return units * lsmr(borne, np.append(left, np.zeros(len(sigma))), atol=1e-3, btol=0.0)[0]
 
     @cached_property
-    def _of_pressures(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """Roots of weights (f + b,) of residuals along normals, what q / units takes from these and costs, and units.
+    def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
+        """The least-squares problem for q: roots of weights (f + b,) of normal residuals, the matrix, and units of q.
 
-        Bilateral contact bears what presses both bodies alike, as :meth:`Joints.normal_forces` has it.
+        Bilateral contact carries forces that press both bodies alike: see :meth:`Joints.normal_forces`.
         """
         sides, weights, joints = self.sides, self.weights, self.sides.joints
         across = np.arange(len(sides.outer))
@@ -227,7 +228,7 @@ class Residuals:
     # Forces (b, dim) on outer sides.
 
     def contact(self, now: Instant) -> Floats:
-        """Return the friction and pressure of contact, on both of two bodies."""
+        """Return the forces of friction and pressure, on both bodies of an interface."""
         terms, obstacles = self.posed.terms, self.posed.obstacles
         friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
         force = self._on_sides(terms, friction)
@@ -246,10 +247,9 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return values (m, dim) of rows, per area, on the sides that they own ends of.
+        """Return the forces on sides of the values (m, dim) of rows, per area.
 
-        Where supports hold ends of an interface they bear what acts there, whatever it is: it is taken to be as at the
-        other ends of the side.
+        Ends of an interface that supports hold have no row: there the values of the other ends of the side are used.
         """
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
@@ -260,7 +260,7 @@ class Residuals:
         return force
 
     def _springs(self, u: Floats) -> Floats:
-        """Return the pull of springs on sides all of whose corners have some."""
+        """Return the forces of springs, on sides with springs at all corners."""
         springs, force = self.posed.springs, np.zeros(self.sides.normals.shape)
         if springs is None:
             return force
@@ -275,15 +275,15 @@ class Residuals:
     # Data.
 
     @cached_property
-    def _unseen(self) -> Unseen:
-        return Unseen(self.posed, skeleton(self.posed))
+    def _unseen(self) -> DataErrors:
+        return DataErrors(self.posed, skeleton(self.posed))
 
     @cached_property
     def _parts(self) -> list[Contribution]:
-        return parts_of(self.posed)
+        return all_contributions(self.posed)
 
     def data(self, now: Instant, strain: Floats) -> Floats:
-        """Return the squares (n_cells,) of data that are not constant on sides and in cells."""
+        """Return the squares (n_cells,) due to data that are not constant on sides and in cells."""
         if self.posed.space.in_plane:
             return self._unseen.squares(now, strain)
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
@@ -345,7 +345,7 @@ def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, outer))
     side = np.concatenate([np.repeat(numbers(group.faces), group.nodes.shape[1]) for group in groups])
     nodes, shares = (np.concatenate([getattr(group, name).ravel() for group in groups]) for name in ("nodes", "shares"))
-    # The faces of all cells, outwards, and the cell of each of their corners.
+    # List the faces of all cells, outwards, and the cell of each of their corners.
     rows, vertices, cells = listed_faces(mesh.faces)
     cell, after = cell_of_corner(cells)[cell_of_corner(rows)], vertices[next_corner(rows)]
     edges = np.unique(np.column_stack([cell, np.sort(np.column_stack([vertices, after]), axis=1)]), axis=0)
@@ -368,7 +368,7 @@ def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
 
 
 def _joints_in_space(posed: PosedScene, mesh: PolyhedralMesh, outer: Ints, corners: tuple[Ints, Ints]) -> Joints:
-    """Return the places where two bodies meet."""
+    """Return the interfaces of two bodies."""
     first, second, bonded = [outer[:0]], [outer[:0]], [np.zeros(0, dtype=bool)]
     for joint in mesh.interfaces.values():
         first.append(faces_of(joint.edges, corners))

@@ -1,12 +1,14 @@
-"""What data are beside what was assembled of them, as energies of cells: a part of the residual.
+"""The difference between data and assembled data, as energies of cells: a part of the residual.
 
-In the plane edges and cells are read at many points (:mod:`vemcvx.bound.reading`, which says what each kind of datum
-counts): tractions less t_e, their mean as it was assembled; body forces less f_K; and given bounds g of friction less
-g_h, which is linear between nodal values. Bounds count where friction is at its bound, or something has slipped before;
-elsewhere only where they are less than what holds there. Their means are forces on the whole body, as those of loads.
+In the plane data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading`, with the weight of each
+kind). The differences are: tractions minus their assembled mean t_e, body forces minus f_K, and given bounds g of
+friction minus g_h, which is linear between nodes. Bounds count where friction is at its bound, or where a node has
+slipped; elsewhere they count only where they are less than the friction. Their means are forces on the whole body, like
+the means of loads.
 
-In space tractions and body forces are read where they were assembled and at vertices, and stresses at zero strain at
-vertices. What laws of friction, springs, and in space also bounds, gaps and supports are between nodes counts nothing.
+In space tractions and body forces are evaluated at quadrature points and at vertices, and stresses at zero strain at
+vertices. Variations between nodes do not count for laws of friction and springs, and in space also not for bounds, gaps
+and supports.
 """
 
 from __future__ import annotations
@@ -25,19 +27,19 @@ from vemcvx.scene import PosedScene, contributions, unwarned
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """The data of a plane scene beside what was assembled."""
+class DataErrors:
+    """The differences between data and assembled data of a plane scene."""
 
     posed: PosedScene
     edges: Skeleton
 
     @cached_property
     def reader(self) -> Reader:
-        """The data as they are."""
+        """The reader of the data at quadrature points."""
         return Reader(self.posed, self.edges, self.edges.mesh.centroids)
 
     def squares(self, now: Instant, strain: Floats) -> Floats:
-        """Return the squares (n_cells,) of the energies that are missed."""
+        """Return the squares (n_cells,) of the energy norms of the differences."""
         reader, edges, posed, t = self.reader, self.edges, self.posed, now.t
         traction, on_pieces = reader.pieces.beside(
             reader.on_pieces(t), edge_loads(posed, edges, t) / edges.lengths[:, None]
@@ -47,7 +49,7 @@ class Unseen:
             body, in_cells = reader.cells.beside(
                 reader.body_force(reader.inside, t), body_forces(posed, t) / edges.areas[:, None]
             )
-            # Of what is constant in a cell a part bends it, too, besides moving the body.
+            # A constant force in a cell moves the body, and part of it also deforms the cell.
             in_cells = in_cells + body[reader.inside.owner]
         force, on_edges = edges.lengths[:, None] * traction, reader.between_nodes(now, compliant=True)
         for friction in (one for one in reader.frictions if one.law is None):
@@ -60,13 +62,13 @@ class Unseen:
         return local + reader.of_the_body(force, edges.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
-        """Return the squares (b,) that a bound of friction adds, and its forces (b, 2) on the whole body."""
+        """Return the squares (b,) due to a bound of friction, and its forces (b, 2) on the whole body."""
         reader, fine, edges = self.reader, self.reader.fine, self.edges
         lam, bound, slipped, along = self._friction(now)
         at, g, line = fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])
         differs = (g - line)[:, 0]
         exceeds = np.maximum(fine.between(lam, at) - g[:, 0], 0.0)
-        # Friction counts as being at its bound from .99 of it on.
+        # Friction of at least .99 of its bound counts as being at its bound.
         active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[fine.owner[at]]
         apart = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))
         total = reader.sums(at, apart)
@@ -75,9 +77,9 @@ class Unseen:
         return reader.of_jumps(reader.compliances, edges.tangents) * scatter, force + edges.joints.reaction(force)
 
     def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools, Floats]:
-        """Return the size of friction and its bound, and whether it has slipped, at the ends of edges (b, 2).
+        """Return the friction, its bound, and True after slip, at the ends of edges (b, 2), and a sign (b,).
 
-        And the way (b,) along the tangent in which it acts; where there is none, in which the edges went.
+        The sign is the direction of friction along the tangent, or of the motion of the edge if there is no friction.
         """
         terms, edges = self.posed.terms, self.edges
         acting = np.einsum("mb,mbd->md", now.lam, terms.tangents)
@@ -89,7 +91,7 @@ class Unseen:
         return size, bound, worn > 0, np.sign(np.where(acts != 0.0, acts, goes))
 
     def _support(self, support: Support, now: Instant) -> Floats:
-        """Return the squares (b,) that prescribed displacements add by not being linear between nodes."""
+        """Return the squares (b,) due to prescribed displacements that are not linear between nodes."""
         fine, new = self.reader.fine, support.nodes >= self.reader.fine.old
         if support.value is None:
             return np.zeros(len(self.edges.outer))
@@ -102,7 +104,7 @@ class Unseen:
 def stress_squares(
     posed: PosedScene, parts: list[Contribution], at: tuple[Floats, Ints, Floats], t: float, strain: Floats
 ) -> Floats:
-    """Return |(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1, (n_cells,), by points, their cells, and weights."""
+    """Return |(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1, (n_cells,); `at` has points, their cells and weights."""
     laws = [part.material.at for part in parts if part.material is not None]
     rest = [[*(one.at for one in part.eigenstrains), *(one.at for one in part.initial_stresses)] for part in parts]
     if not any(laws) and not any(map(any, rest)):
@@ -114,8 +116,8 @@ def stress_squares(
     )
 
 
-def parts_of(posed: PosedScene) -> list[Contribution]:
-    """Return the contributions of all effects, also of those that are zero; of materials without their stiffness."""
+def all_contributions(posed: PosedScene) -> list[Contribution]:
+    """Return the contributions of all effects, including zero effects; materials come without their stiffness."""
     others = [effect for effect in posed.scene.canonical if not isinstance(effect, MaterialLaw)]
     with unwarned():
         return [*(part for _, part in contributions(others, posed.space)), *posed.laws]

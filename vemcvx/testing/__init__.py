@@ -1,14 +1,14 @@
-"""Tests for solvers, linear solvers and effects of one's own: what every one of them must satisfy.
+"""Conformance tests for users' solvers, linear solvers and effects.
 
-In a file of tests::
+In a test file::
 
     from vemcvx.testing import EffectSample, effect_suite, linear_suite, solver_suite
     test_my_solver = solver_suite(MySolver())
     test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver is tested on the problems whose features it accepts, and that it refuses the others; a linear solver that
-eliminates is tested for that, too; an effect in the scene of its sample. This needs pytest.
+A solver is tested on the problems whose features it accepts, and must refuse the others. A linear solver that
+eliminates is also tested for elimination. An effect is tested in the scene of its sample. This needs pytest.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import pytest
 
 pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.linear", "vemcvx.testing.effects")
 
-from vemcvx.linear import LinearSolver  # noqa: E402 - pytest first, so that it tells why sentences fail
+from vemcvx.linear import LinearSolver  # noqa: E402 - after the registration above
 from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402
-from vemcvx.testing import solvers as of_solvers  # noqa: E402
+from vemcvx.testing import solvers as conformance  # noqa: E402
 from vemcvx.testing.effects import SENTENCES, EffectSample, Other  # noqa: E402
 from vemcvx.testing.linear import sentences  # noqa: E402
 from vemcvx.testing.solvers import INSTANCES, Instance  # noqa: E402
@@ -33,27 +33,37 @@ __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "li
 def solver_suite(
     solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True, repeatable: bool = True
 ) -> Callable[..., None]:
-    """A test, to be given a name that begins with test_: one case for each solver, sentence and instance.
+    """Return a test with one case per solver, property and instance; its name must begin with test_.
 
     Parameters
     ----------
     solvers : solver, or mapping of names to solvers
         Solvers, or objects with `solve(program, target)`.
     must_answer : bool
-        Otherwise a solver may also miss its accuracy, as long as that is said by its name.
+        True if a solver may not miss its accuracy.
     repeatable : bool
-        Otherwise the last digits of its answers may differ from time to time.
+        True if repeated answers must be equal in all digits.
+
+    Returns
+    -------
+    callable
+        A parametrised test for pytest.
+
+    Examples
+    --------
+    >>> from vemcvx.testing import solver_suite
+    >>> test_newton = solver_suite(vx.Newton())
     """
     named = solvers if isinstance(solvers, Mapping) else {as_solver(solvers).name: solvers}
     cases: Cases = {}
     for name, solver in ((name, as_solver(one)) for name, one in named.items()):
-        cases |= {f"{name}: {of_any.__name__}": partial(of_any, solver) for of_any in of_solvers.OF_ANY_SOLVER}
+        cases |= {f"{name}: {each.__name__}": partial(each, solver) for each in conformance.SOLVER_PROPERTIES}
         for instance in INSTANCES.values():
-            case = of_solvers.Case(solver, instance, must_answer)
-            able = instance.is_for(solver)
-            for sentence in of_solvers.OF_EACH_INSTANCE if able else (of_solvers.refuses_what_it_does_not_accept,):
+            case = conformance.Case(solver, instance, must_answer)
+            refusal = (conformance.refuses_what_it_does_not_accept,)
+            for sentence in conformance.INSTANCE_PROPERTIES if instance.is_for(solver) else refusal:
                 cases[f"{name}: {instance.name}: {sentence.__name__}"] = partial(sentence, case)
-    twice = of_solvers.gives_the_same_answer_twice.__name__
+    twice = conformance.gives_the_same_answer_twice.__name__
     return _test({words: case for words, case in cases.items() if repeatable or not words.endswith(twice)})
 
 
@@ -71,12 +81,23 @@ def _test(cases: Cases) -> Callable[..., None]:
 
 
 def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable[..., None]:
-    """A test, to be given a name that begins with test_: one case for each sample and sentence.
+    """Return a test with one case per sample and property; its name must begin with test_.
 
     Parameters
     ----------
     samples : EffectSample, or mapping of names to samples
-        Several where settings of an effect exclude each other.
+        Give several if settings of an effect exclude each other.
+
+    Returns
+    -------
+    callable
+        A parametrised test for pytest.
+
+    Examples
+    --------
+    >>> from vemcvx.testing import EffectSample, effect_suite
+    >>> steel, pull = vx.Elasticity(200.0, 0.3), vx.Traction((1.0, 0.0), "right")
+    >>> test_clamp = effect_suite(EffectSample(vx.Clamp("left"), beside=(steel, pull)))
     """
     named = samples if isinstance(samples, Mapping) else {samples.name: samples}
     each = [(name, sample, sentence) for name, sample in named.items() for sentence in SENTENCES]
@@ -84,12 +105,22 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
 
 
 def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable[..., None]:
-    """A test, to be given a name that begins with test_: one case for each linear solver and sentence.
+    """Return a test with one case per linear solver and property; its name must begin with test_.
 
     Parameters
     ----------
     solvers : LinearSolver, or mapping of names to linear solvers
+
+    Returns
+    -------
+    callable
+        A parametrised test for pytest.
+
+    Examples
+    --------
+    >>> from vemcvx.testing import linear_suite
+    >>> test_superlu = linear_suite(vx.SuperLU())
     """
     named = solvers if isinstance(solvers, Mapping) else {type(solvers).__name__: solvers}
-    each = [(name, linear, *said) for name, linear in named.items() for said in sentences(linear)]
+    each = [(name, linear, *one) for name, linear in named.items() for one in sentences(linear)]
     return _test({f"{name}: {words}": partial(sentence, linear) for name, linear, words, sentence in each})

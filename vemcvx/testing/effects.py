@@ -1,4 +1,4 @@
-"""The conformance suite of effects: samples of effects, and what every effect must satisfy."""
+"""The conformance suite of effects: samples of effects, and properties of every effect."""
 
 from __future__ import annotations
 
@@ -43,7 +43,22 @@ TIMES = np.array([0.0, 0.4, 1.0])
 
 @dataclass(frozen=True)
 class Other:
-    """Another value of a field, with changes of other fields or effects beside without which it means nothing."""
+    """Another value of a field, with the changes of other fields or effects that it needs.
+
+    Parameters
+    ----------
+    value : object
+    changes : mapping of names to values
+        Changes of other fields.
+    beside : tuple of Effect
+        Further effects of the scene.
+
+    Examples
+    --------
+    >>> from vemcvx.testing import Other
+    >>> Other("top", changes={"stiffness": 2.0}).value
+    'top'
+    """
 
     value: object
     changes: Mapping[str, object] = field(default_factory=dict)
@@ -52,23 +67,29 @@ class Other:
 
 @dataclass(frozen=True)
 class EffectSample:
-    """An effect, and a scene in which it does something, on a mesh of the unit square, or of the unit cube.
+    """A sample of an effect: a scene that it changes, on a mesh of the unit square or of the unit cube.
 
     Parameters
     ----------
     effect : Effect
     beside : tuple of Effect
-        The effects that stand in the scene beside it.
+        The other effects of the scene.
     instead : tuple of Effect
-        The effects that take its place when it is left out.
+        The effects that replace it when it is left out.
     data : mapping of names to numbers
-        The number of components of every field that carries data f(x, t), or f(x).
+        The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field another value, with which the answer differs; :class:`Other` where a value is not enough.
+        Another value of every field, which changes the answer; an :class:`Other` if the value needs other changes.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     in_space : bool
-        Whether the body is the cube.
+        True for the unit cube.
+
+    Examples
+    --------
+    >>> from vemcvx.testing import EffectSample
+    >>> EffectSample(vx.Clamp("left"), beside=(vx.Elasticity(200.0, 0.3),)).name
+    'Clamp'
     """
 
     effect: Effect
@@ -80,66 +101,66 @@ class EffectSample:
     in_space: bool = False
 
     def with_datum(self, name: str, value: object) -> Effect:
-        """The effect with a datum replaced; in a pair the second."""
+        """Return the effect with a datum replaced; in a pair the second datum."""
         first = getattr(self.effect, name)
-        return self.changed(**{name: (first[0], value) if name in self.pairs else value})
+        return self.replace(**{name: (first[0], value) if name in self.pairs else value})
 
-    def changed(self, **fields: object) -> Effect:
-        """The effect with other fields."""
+    def replace(self, **fields: object) -> Effect:
+        """Return the effect with other values of fields."""
         effect: Any = self.effect
         return dataclasses.replace(effect, **fields)
 
     @property
     def name(self) -> str:
-        """The name of its class."""
+        """The name of the class of the effect."""
         return type(self.effect).__name__
 
     @property
     def fields(self) -> list[str]:
-        """The names of its fields, but for those that bodies in space, or in the plane, do not have."""
+        """The names of the fields of the effect that exist for bodies of this dimension."""
         effect: Any = self.effect
         foreign = "in the plane" if self.in_space else "in space"
         return [setting.name for setting in dataclasses.fields(effect) if not setting.metadata.get(foreign)]
 
     @property
     def on(self) -> list[str] | None:
-        """The boundaries that it is on; None if it is on none."""
+        """The boundaries on which the effect acts; None if it acts on none."""
         effect: Any = self.effect
         return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, IN_CELLS) else None
 
     def mesh(self, which: int = 0) -> Mesh:
-        """The mesh of its answers; a finer one; one of another family."""
+        """Return the mesh of the answers (0), a finer mesh (1), or a mesh of another family (2)."""
         plane, space = (("squares", 3), ("voronoi", 4), ("hanging", 3)), (("cubes", 2), ("voronoi3", 3), ("prisms", 2))
         return mesh(*(space if self.in_space else plane)[which])
 
     def answer(self, *effects: Effect) -> History:
-        """The history of a scene of these effects on the first of these meshes."""
+        """Return the history of a scene of these effects on mesh 0."""
         return answer(*effects, on=self.mesh())
 
     def content(self, thing: Any) -> Any:
-        """The plain data in a contribution of the effect."""
+        """Return a contribution of the effect as plain data."""
         return content(thing, dim=self.mesh().points.shape[1])
 
 
 @cache
 def mesh(family: str = "squares", n: int = 3) -> Mesh:
-    """A mesh of the unit square, or of the unit cube, with the cell data "west" and "east"."""
+    """Return a mesh of the unit square or the unit cube, with the cell data "west" and "east"."""
     made: Mesh = (FAMILIES | SPACE_FAMILIES)[family](n)
     west = made.centroids[:, 0] < 0.5
     return made.with_cell_data("west", west).with_cell_data("east", ~west)
 
 
 def answer(*effects: Effect, on: Mesh | None = None) -> History:
-    """The history of a scene of these effects."""
+    """Return the history of a scene of these effects."""
     return simulate(Scene(*effects), on or mesh(), TIMES)
 
 
 def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
-    """A contribution as plain data that can be compared; functions of so many rows are told by their values."""
+    """Return a contribution as comparable plain data; functions of `rows` rows are replaced by their values."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
-        told = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
-        values = {name: content(getattr(thing, name), rows, dim) for name in told}
+        names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
+        values = {name: content(getattr(thing, name), rows, dim) for name in names}
         value = getattr(thing, "vector", getattr(thing, "value", None))
         at_times = tuple(content(value(t)) for t in TIMES) if callable(value) else None
         return values | {"at times": at_times, "at places": _at_places(thing, dim)}
@@ -150,14 +171,14 @@ def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
     if isinstance(thing, tuple):
         return tuple(content(part, rows, dim) for part in thing)
     if callable(thing):
-        # Functions of friction take forces, and slips, of all rows.
+        # Functions of friction take the forces and slips of all rows.
         more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
         return tuple(content(thing(t, *more)) for t in TIMES)
     return thing
 
 
 def _at_places(thing: Any, dim: int) -> Any:
-    """A material, eigenstrain or stress as a function of place, at points of the first cell."""
+    """Return the values of a material, eigenstrain or stress at points of the first cell."""
     if not isinstance(thing, (Material, Eigenstrain, InitialStress)) or thing.at is None:
         return None
     x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, dim)), np.zeros(5, dtype=np.int64)
@@ -166,31 +187,31 @@ def _at_places(thing: Any, dim: int) -> Any:
 
 
 def nameless(thing: Any) -> Any:
-    """Content without the words that name its subject."""
+    """Return content without the name of its subject."""
     if isinstance(thing, dict):
         return {name: nameless(value) for name, value in thing.items() if name != "subject"}
     return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
 
 
 def is_frozen(sample: EffectSample) -> None:
-    """Its fields cannot be set."""
+    """Check that fields cannot be set."""
     for name in sample.fields:
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(sample.effect, name, None)
 
 
 def contributes_the_same_arrays_whatever_came_before(sample: EffectSample) -> None:
-    """The arrays are the same after a run, for another space of the mesh, and after another mesh, where they differ."""
+    """Check that arrays are the same after a run, after use of another mesh, and for another space of the mesh."""
     fine, coarse = Space(sample.mesh(1)), Space(sample.mesh())
     first = sample.content(sample.effect.contribute(coarse))
     sample.answer(sample.effect, *sample.beside)
     assert sample.content(sample.effect.contribute(fine)) != first
     assert sample.content(sample.effect.contribute(coarse)) == first
-    assert sample.content(sample.changed().contribute(Space(sample.mesh()))) == first
+    assert sample.content(sample.replace().contribute(Space(sample.mesh()))) == first
 
 
 def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
-    """Shapes, node numbers, unit vectors, weights >= 0."""
+    """Check shapes, node numbers, unit vectors, and weights >= 0."""
     space = Space(sample.mesh(2))
     part = sample.effect.contribute(space)
     assert isinstance(part, Contribution)
@@ -228,14 +249,14 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
 
 
 def has_the_slope_of_its_law(sample: EffectSample) -> None:
-    """It is that of differences towards larger normal forces: a wrong one turns bounds into estimates."""
+    """Check the slope against difference quotients towards larger normal forces; a wrong slope invalidates bounds."""
     for friction in sample.effect.contribute(Space(sample.mesh(2))).frictions:
         m = len(friction.nodes)
         past, none = np.linspace(0.0, 1.0, m), np.zeros(m)
         for size in (1e-3, 1.0, 1e3) if friction.law is not None and friction.law.slope is not None else ():
             p, step = size * np.linspace(1.0, 2.0, m), 1e-6 * size
             w, ahead = (friction.weights_under(1.0, forces, past, none) for forces in (p, p + step))
-            # A difference is off by a millionth where a law bends over forces of this size, and w rounds by 1e-10.
+            # The difference quotient has an error of 1e-6 if a law bends at forces of this size; w rounds by 1e-10.
             off = (ahead - w) / step - friction.slope_under(1.0, p, past)
             assert (np.abs(off) <= 1e-4 * (w / size + np.abs(ahead - w) / step)).all()
 
@@ -245,7 +266,7 @@ def _units(vectors: Floats) -> bool:
 
 
 def names_a_place_that_is_unknown_and_what_exists(sample: EffectSample) -> None:
-    """In one sentence, which begins with the name of its class; what is in cells has them by a cell datum."""
+    """Check the error for an unknown name: one sentence that begins with the class and lists existing names."""
     if isinstance(sample.effect, IN_CELLS):
         words = "on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh has 'west', 'east'"
         there, wrong, way = "west", "wst", r"\. Add one with mesh\.with_cell_data\(name, values\)"
@@ -254,15 +275,15 @@ def names_a_place_that_is_unknown_and_what_exists(sample: EffectSample) -> None:
         there, wrong, way = "left", "bottm", r"; add one with mesh\.with_boundary\(name, predicate\)"
     for on in (wrong, [there, wrong]) if isinstance(sample.effect, IN_CELLS) or sample.on is not None else ():
         with pytest.raises(SceneError, match=rf"^{sample.name}: {words}{way}\.$"):
-            sample.answer(sample.changed(on=on), *sample.beside)
+            sample.answer(sample.replace(on=on), *sample.beside)
 
 
 def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
-    """On one boundary, or on several at once."""
+    """Check that `on` may be one name, or several."""
     space = Space(sample.mesh())
 
     def on(names: object) -> Any:
-        return nameless(sample.content(sample.changed(on=names).contribute(space)))
+        return nameless(sample.content(sample.replace(on=names).contribute(space)))
 
     if isinstance(sample.effect, IN_CELLS):
         assert on("west") == on(["west"]) == on(("west", "west"))
@@ -274,7 +295,7 @@ def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
 
 
 def refuses_what_is_not_finite(sample: EffectSample) -> None:
-    """Constants when the scene is posed, functions when they are evaluated, and settings that are floats."""
+    """Check that NaN and infinity are refused in constants, in functions when evaluated, and in settings."""
     for name, components in sample.data.items():
         for wrong in (np.nan, np.inf):
             shape = () if components == 1 else (components,)
@@ -290,19 +311,19 @@ def refuses_what_is_not_finite(sample: EffectSample) -> None:
     for name in sample.fields:
         if isinstance(getattr(sample.effect, name), float):
             with pytest.raises(SceneError, match=f"^{sample.name}"):
-                sample.answer(sample.changed(**{name: np.nan}), *sample.beside)
+                sample.answer(sample.replace(**{name: np.nan}), *sample.beside)
 
 
 def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
-    """Arrays that functions of the user return are not written to."""
+    """Check that arrays returned by the user's functions are not modified."""
     for name, components in sample.data.items():
         handed: dict[int, Floats] = {}
 
-        def given(x: Floats, *t: float, handed: dict[int, Floats] = handed, components: int = components) -> Floats:
+        def function(x: Floats, *t: float, handed: dict[int, Floats] = handed, components: int = components) -> Floats:
             shape = (len(x), components) if components > 1 else len(x)
             return handed.setdefault(len(x), np.full(shape, 0.25))
 
-        effect = sample.with_datum(name, given)
+        effect = sample.with_datum(name, function)
         first = sample.content(effect.contribute(Space(sample.mesh())))
         assert handed
         assert all((array == 0.25).all() for array in handed.values())
@@ -310,7 +331,7 @@ def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
 
 
 def describes_itself_in_one_line(sample: EffectSample) -> None:
-    """Class, boundaries, and data however long they are."""
+    """Check that the description is one line with class and boundaries, even for long data."""
     words = sample.effect.describe()
     assert words.startswith(sample.name + ":")
     assert words.strip() == words
@@ -319,7 +340,7 @@ def describes_itself_in_one_line(sample: EffectSample) -> None:
     for name in sample.on or ():
         assert name in words
     if isinstance(sample.effect, IN_CELLS):
-        assert "west" in sample.changed(on="west").describe()
+        assert "west" in sample.replace(on="west").describe()
     for name, components in sample.data.items():
         many = sample.with_datum(name, np.ones((500, components))).describe()
         assert "\n" not in many
@@ -327,12 +348,12 @@ def describes_itself_in_one_line(sample: EffectSample) -> None:
 
 
 def survives_a_copy_to_another_process(sample: EffectSample) -> None:
-    """Pickled, it equals itself."""
+    """Check that an unpickled copy is equal."""
     assert pickle.loads(pickle.dumps(sample.effect)) == sample.effect
 
 
 def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
-    """Histories are the same to the last bit, in whatever order effects are named."""
+    """Check that the order of effects does not change a history by a bit."""
     effects = (sample.effect, *sample.beside)
     reference = sample.answer(*effects)
     rng = np.random.default_rng(0)
@@ -346,20 +367,20 @@ def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
 
 
 def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
-    """Without it, or with what stands in its place, displacements differ."""
+    """Check that displacements differ without the effect."""
     present, absent = sample.answer(sample.effect, *sample.beside), sample.answer(*sample.instead, *sample.beside)
     scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
-    # The smallest change is that of the quadrature rule's weights; round-off is 1e-15.
+    # The smallest change is from the weights of quadrature rules; rounding is 1e-15.
     assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
 
 
 def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
-    """Every field has another value with which they do."""
+    """Check that every field has another value that changes the displacements."""
     assert set(sample.others) == set(sample.fields)
     reference = sample.answer(sample.effect, *sample.beside).displacement
     for name, other in sample.others.items():
         other = other if isinstance(other, Other) else Other(other)
-        changed = sample.changed(**{name: other.value, **other.changes})
+        changed = sample.replace(**{name: other.value, **other.changes})
         found = sample.answer(changed, *sample.beside, *other.beside).displacement
         assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
 

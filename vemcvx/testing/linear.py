@@ -1,4 +1,4 @@
-"""The conformance suite of linear solvers: what every one must satisfy, and what one that eliminates must."""
+"""The conformance suite of linear solvers: properties of every solver, and of solvers that eliminate."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems on which runs are compared; only the first three with solvers that do not eliminate, which may be inexact."""
+"""Systems for the comparison of runs; solvers that do not eliminate, which may be inexact, run the `EASY` ones only."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],
@@ -53,14 +53,14 @@ def _factor(linear: LinearSolver) -> tuple[sp.csr_matrix, Factor]:
     return system.K, linear.factorise(system.K, system.near_kernel)
 
 
-def _some(n: int, *columns: int) -> Floats:
+def _random(n: int, *columns: int) -> Floats:
     return np.random.default_rng(n).normal(size=(n, *columns))
 
 
 def solves(linear: LinearSolver) -> None:
-    """One right side and several, and energies b'K^{-1}b, which of an inexact solver are bounds."""
+    """Check one and several right-hand sides, and energies b'K^{-1}b, which are upper bounds for an inexact solver."""
     K, factor = _factor(linear)
-    x = _some(K.shape[0], 2)
+    x = _random(K.shape[0], 2)
     # Relative residuals of 1e-12 at condition numbers near 1e4.
     assert np.abs(factor.solve(K @ x[:, 0]) - x[:, 0]).max() < 1e-7
     assert np.abs(factor.solve(np.ascontiguousarray(K @ x)) - x).max() < 1e-7
@@ -71,15 +71,15 @@ def solves(linear: LinearSolver) -> None:
 
 
 def gives_the_same_answer_twice(linear: LinearSolver) -> None:
-    """Two factors of a matrix give the same answer, to the bit."""
+    """Check that two factors of a matrix give exactly the same answer."""
     (K, one), (_, other) = _factor(linear), _factor(linear)
-    b = _some(K.shape[0])
+    b = _random(K.shape[0])
     assert np.array_equal(one.solve(b), other.solve(b))
     assert one.energy(b) == other.energy(b)
 
 
 def refuses_indefinite_matrices(linear: LinearSolver) -> None:
-    """With friction and without, condensed and not."""
+    """Check the refusal with and without friction, condensed and on all unknowns."""
     for rows in INDEFINITE.values():
         for norms in (None, Norms(np.eye(1, len(rows)), 0.1)):
             system = System(rows, np.ones(len(rows)).__mul__, norms)
@@ -89,7 +89,7 @@ def refuses_indefinite_matrices(linear: LinearSolver) -> None:
 
 
 def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> None:
-    """A run and that of SuperLU, condensed and on all unknowns."""
+    """Compare a run with the run of SuperLU, condensed and on all unknowns."""
     system = KINDS[kind]()
     for condense in (True, False):
         one, two = _reference(kind, condense), march(system, TIMES, linear=linear, condense=condense)
@@ -100,21 +100,21 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """S = ((K^{-1})_cc)^{-1}, in the order asked for, from few unknowns to all of them; and the factor solves.
+    """Check S = ((K^{-1})_cc)^{-1} in the given order, from few to all unknowns, and solves by the factor.
 
-    Also where nothing couples the unknowns that are eliminated, every second one of a chain.
+    In one system, a chain without every second unknown, nothing couples the eliminated unknowns.
     """
     system, chain = _system("voronoi", 6), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)
     assert order is not None
-    cases = [(system.K, way, mixed[: int(share * n)]) for share in (0, 0.02, 0.5, 1) for way in (order, np.arange(n))]
+    cases = [(system.K, way, mixed[: int(part * n)]) for part in (0, 0.02, 0.5, 1) for way in (order, np.arange(n))]
     odd = [np.setdiff1d(np.arange(20), np.arange(0, 20, 2)[:inner]) for inner in (0, 1, 10)]
     for K, way, last in [*cases, *((sp.csr_matrix(chain), np.arange(20), last) for last in odd)]:
         factor, S = linear.eliminate(K, way, last)
         assert S.shape == (len(last), len(last))
         assert np.array_equal(S, S.T)
         assert np.abs(S @ np.linalg.inv(K.toarray())[np.ix_(last, last)] - np.eye(len(last))).max(initial=0) < 1e-10
-        x = _some(K.shape[0], 3)
+        x = _random(K.shape[0], 3)
         b = K @ x
         b.flags.writeable = False
         assert np.abs(factor.solve(b) - x).max() < 1e-9
@@ -123,7 +123,7 @@ def gives_the_schur_complement(linear: LinearSolver) -> None:
 
 
 def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
-    """Of the whole matrix, and of what is left of it."""
+    """Check the refusal for the whole matrix, and for the Schur complement."""
     K = sp.csr_matrix(np.array([[2, 0.1, 0, 0], [0.1, 0, 1, 0], [0, 1, 3, 0.2], [0, 0, 0.2, 3]]))
     for last in ([], [0]):
         with pytest.raises(SceneError, match=REFUSED):
@@ -131,7 +131,7 @@ def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
 
 
 def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
-    """Semidefinite but for a motion that gains a little energy: the anchors of the kernel do not hide it."""
+    """Check the refusal of a K with a slightly negative eigenvalue, which anchors of the kernel must not hide."""
     chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
     stiffness, motions = np.linalg.eigh(chain)
     kernel = Kernel(np.ones((4, 1)), ("translation",))
@@ -147,8 +147,8 @@ def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
 
 
 Sentence = Callable[[LinearSolver], None]
-OF_ANY: list[Sentence] = [solves, gives_the_same_answer_twice, refuses_indefinite_matrices]
-OF_ELIMINATING: list[Sentence] = [
+PROPERTIES: list[Sentence] = [solves, gives_the_same_answer_twice, refuses_indefinite_matrices]
+ELIMINATION_PROPERTIES: list[Sentence] = [
     gives_the_schur_complement,
     refuses_diagonals_with_missing_entries,
     refuses_indefinite_matrices_with_a_kernel,
@@ -156,8 +156,8 @@ OF_ELIMINATING: list[Sentence] = [
 
 
 def sentences(linear: LinearSolver) -> Iterator[tuple[str, Sentence]]:
-    """The sentences that a linear solver must satisfy, by name."""
-    for sentence in OF_ANY + OF_ELIMINATING * linear.eliminates:
+    """Yield the properties that a linear solver must satisfy, with their names."""
+    for sentence in PROPERTIES + ELIMINATION_PROPERTIES * linear.eliminates:
         yield sentence.__name__, sentence
     for kind in KINDS if linear.eliminates else EASY:
         yield f"runs agree: {kind}", partial(runs_agree_within_their_certificates, kind)

@@ -1,4 +1,4 @@
-"""The conformance suite of solvers: small instances, and what every solver must satisfy."""
+"""The conformance suite of solvers: small instances, and properties of every solver."""
 
 from __future__ import annotations
 
@@ -36,7 +36,20 @@ TIMES: Floats = np.linspace(0.0, 1.0, 6)
 
 @dataclass(frozen=True)
 class Instance:
-    """A problem: a system in time, made when it is first asked for."""
+    """A problem for solvers: a system in time, made on first use.
+
+    Parameters
+    ----------
+    name : str
+    make : callable
+        Returns the System.
+
+    Examples
+    --------
+    >>> from vemcvx.testing import INSTANCES
+    >>> sorted(INSTANCES["friction of one component"].features)
+    ['absolute values', 'quadratic']
+    """
 
     name: str
     make: Callable[[], System]
@@ -44,23 +57,23 @@ class Instance:
     @cached_property
     def system(self) -> System:
         """The system; its instants are TIMES."""
-        with unwarned():  # Friction alone holds some of them.
+        with unwarned():  # Only friction holds some of the bodies.
             return self.make()
 
     @cached_property
     def features(self) -> frozenset[str]:
-        """The features of the instance's programs."""
+        """The features of the programs of the instance."""
         return Condensation(self.system).operators.features
 
     def is_for(self, solver: Solver) -> bool:
-        """Return True if the solver accepts the instance's programs."""
+        """Return True if the solver accepts the programs of the instance."""
         return self.features <= solver.accepts and (self.system.kernel is None or solver.semidefinite)
 
 
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return the paper's block, held on the right, pulled on the left, on what is below; pulled gently if not held."""
+    """Return the paper's block, clamped on the right, loaded on the left, with effects below; small loads if free."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -72,7 +85,7 @@ def block(
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
-    """Return a block in space, held on the right, on what is below, under a pressing load that turns at its top."""
+    """Return a cube, clamped on the right, with effects below, under a pressing load on its top that rotates."""
 
     def pull(x: Floats, t: float) -> Floats:
         size = min(1.0, 4 * t)
@@ -83,7 +96,7 @@ def _cube(*below: Effect) -> Callable[[], System]:
 
 
 def sliders(block: int, n: int = 6) -> System:
-    """Return unconnected sliders of different stiffness and threshold."""
+    """Return uncoupled sliders of different stiffness and threshold."""
     rng = np.random.default_rng(0)
     k, w = rng.uniform(1, 3, n), rng.uniform(0.2, 1.5, n)
     push = rng.uniform(-1, 1, (n, block))
@@ -94,7 +107,7 @@ def sliders(block: int, n: int = 6) -> System:
 
 
 def _plain_matrices() -> System:
-    """Return a system of three unknowns, in which rows of B and D read several of them."""
+    """Return a system of three unknowns, in which rows of B and D have several nonzero entries."""
     K = [[4.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 5.0]]
     norms = Norms([[1.0, -1.0, 0.0], [0.0, 0.6, 0.8]], [0.3, 0.5])
     return System(K, lambda t: [3 * t, -t, 2 * t * (1 - t)], norms, limits=Limits([[1.0, 1.0, 0.0]], [0.4]))
@@ -117,12 +130,12 @@ INSTANCES = {
         "plain matrices": _plain_matrices,
     }.items()
 }
-"""The instances by name; between them they have every feature of programs, and a K with a kernel."""
+"""The instances by name; together they have every feature of programs, and a K with a kernel."""
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A step as solvers are asked it, with the gap asked for and multipliers to begin with."""
+class Request:
+    """The input of a solver: the program of a step, the requested gap, and initial multipliers."""
 
     program: StepProgram
     target: float
@@ -130,7 +143,7 @@ class Asked:
     p: Floats
 
     def arrays(self) -> Iterator[Floats]:
-        """Yield the arrays of numbers in it: operators, data, and multipliers to begin from."""
+        """Yield the arrays of the request: operators, data, and initial multipliers."""
         program, operators = self.program, self.program.operators
         yield from (A if isinstance(A, np.ndarray) else A.toarray() for A in (operators.K, operators.B, operators.D))
         yield from (operators.compliance, *program.data, self.lam, self.p)
@@ -144,36 +157,36 @@ class Case:
     instance: Instance
     must_answer: bool
 
-    def marched(self) -> Trajectory:
-        """Return the trajectory by the solver, whatever its accuracy."""
+    def march(self) -> Trajectory:
+        """Return the trajectory of the solver, without a check of its accuracy."""
         return march(self.instance.system, TIMES, solver=self.solver, check=False)
 
-    def answer(self, asked: Asked) -> Answer:
-        """Return the answer of the solver to one step, freshly prepared."""
-        prepared = self.solver.prepare(asked.program.operators)
-        found = prepared.solve(asked.program, asked.target, asked.lam, asked.p)
-        return read_answer(found, asked.program, self.solver.name)
+    def answer(self, request: Request) -> Answer:
+        """Return the answer of the newly prepared solver to a request."""
+        prepared = self.solver.prepare(request.program.operators)
+        found = prepared.solve(request.program, request.target, request.lam, request.p)
+        return read_answer(found, request.program, self.solver.name)
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The trajectory by the solver; computed once for all tests."""
-        return self.marched()
+        """The trajectory of the solver, computed once for all tests."""
+        return self.march()
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """The answers of the solver to the steps, each freshly prepared; computed once for all tests."""
-        return tuple(map(self.answer, steps_asked(self.instance)))
+        """The answers of the solver to both requests, each newly prepared; computed once for all tests."""
+        return tuple(map(self.answer, requests_of(self.instance)))
 
 
 @cache
 def reference(instance: Instance) -> Trajectory:
-    """Return Newton's answer, as sharp as it comes."""
+    """Return the trajectory of Newton's method at its best accuracy."""
     return march(instance.system, TIMES, solver=Newton(accuracy=1e-12), check=False)
 
 
 @cache
 def newtons_step(instance: Instance, n: int, condense: bool) -> Trajectory:
-    """Return Newton's step n from the reference, as sharp as it comes."""
+    """Return step n of Newton's method from the reference, at its best accuracy."""
     return _step(instance, n, condense, Newton(accuracy=1e-12))
 
 
@@ -183,44 +196,44 @@ def _step(instance: Instance, n: int, condense: bool, solver: Solver) -> Traject
 
 
 @cache
-def steps_asked(instance: Instance) -> tuple[Asked, Asked]:
-    """Return the first and the last program of a march, as solvers are asked them for a relative error of 1e-6."""
-    seen: list[Asked] = []
+def requests_of(instance: Instance) -> tuple[Request, Request]:
+    """Return the first and the last request of a march with a relative error of 1e-6."""
+    seen: list[Request] = []
 
     class Watch:
         semidefinite = True
 
         def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
-            seen.append(Asked(program, target, lam.copy(), p.copy()))
+            seen.append(Request(program, target, lam.copy(), p.copy()))
             return Newton().prepare(program.operators).solve(program, target, lam, p)
 
-    # Without terms nothing is left to ask a solver of a condensed program.
+    # Without terms a condensed program has no unknowns for a solver.
     march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
     return seen[0], seen[-1]
 
 
 def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
-    """An accuracy outside (0, 1) is refused."""
+    """Check that an accuracy outside (0, 1) is refused."""
     for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
         with pytest.raises(SceneError, match=f"^{solver.name}: found accuracy"):
             solver.with_accuracy(wrong).check_accuracy()  # type: ignore[arg-type]
 
 
 def accepts_programs_without_terms(solver: Solver) -> None:
-    """A quadratic function is the least that a program is; a solver that cannot minimise one accepts nothing."""
+    """Check that the solver accepts quadratic functions, which every program contains."""
     assert "quadratic" in solver.accepts
 
 
 def answers_where_rounding_forbids_the_gap(solver: Solver) -> None:
-    """Asked for a gap beyond rounding, once and on the smallest instance, it answers as well as it can."""
+    """Check that the solver answers if the requested gap is below rounding, on the smallest instance."""
     smallest = min((one for one in INSTANCES.values() if one.is_for(solver)), key=lambda one: one.system.n)
-    asked = steps_asked(smallest)[0]
-    answer = Case(solver, smallest, must_answer=False).answer(replace(asked, target=1e-60 * asked.target))
-    program = asked.program
+    request = requests_of(smallest)[0]
+    answer = Case(solver, smallest, must_answer=False).answer(replace(request, target=1e-60 * request.target))
+    program = request.program
     assert np.isfinite(program.certify(program.feasible(answer.d), answer.lam, answer.p).gap)
 
 
-OF_ANY_SOLVER: list[Callable[[Solver], None]] = [
+SOLVER_PROPERTIES: list[Callable[[Solver], None]] = [
     refuses_an_accuracy_that_means_nothing,
     accepts_programs_without_terms,
     answers_where_rounding_forbids_the_gap,
@@ -228,7 +241,7 @@ OF_ANY_SOLVER: list[Callable[[Solver], None]] = [
 
 
 def refuses_what_it_does_not_accept(case: Case) -> None:
-    """The refusal begins with the solver's name and names the features."""
+    """Check that the refusal begins with the name of the solver and names the features."""
     missing = case.instance.features - case.solver.accepts or {"semidefinite"}
     with pytest.raises(NotAccepted, match=f"^solver {case.solver.name}: ") as refusal:
         march(case.instance.system, TIMES, solver=case.solver)
@@ -237,12 +250,12 @@ def refuses_what_it_does_not_accept(case: Case) -> None:
 
 
 def answers_within_its_accuracy(case: Case) -> None:
-    """The certificate of every step is as small as the accuracy that is asked for."""
+    """Check that the certificate of every step is within the requested accuracy."""
     assert not case.must_answer or case.trajectory.certificate.max() <= case.solver.accuracy
 
 
 def is_as_near_to_newton_as_certified(case: Case) -> None:
-    """The first and last step from Newton's states, condensed and on all unknowns: |y - z|_K <= both errors."""
+    """Check |y - z|_K <= both errors for the first and last step from Newton's states, condensed and not."""
     for n in (1, len(TIMES) - 1):
         for condense in (True, False):
             own, ours = _step(case.instance, n, condense, case.solver), newtons_step(case.instance, n, condense)
@@ -251,59 +264,59 @@ def is_as_near_to_newton_as_certified(case: Case) -> None:
 
 
 def gives_multipliers_as_admissible_as_it_is_accurate(case: Case) -> None:
-    """Making them admissible moves forces, in the norm of K^{-1}, by no more than the error that is asked for."""
-    for asked, answer in zip(steps_asked(case.instance), case.answers, strict=True):
-        program = asked.program
+    """Check that admissible multipliers differ in forces, in the norm of K^{-1}, by at most the requested error."""
+    for request, answer in zip(requests_of(case.instance), case.answers, strict=True):
+        program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
         moved = program.multiplier_force(answer.lam - lam, answer.p - p)
-        assert program.operators.factor.energy(moved) <= 2 * asked.target
+        assert program.operators.factor.energy(moved) <= 2 * request.target
 
 
 def agrees_with_itself_warm_and_cold(case: Case) -> None:
-    """Begun with no multipliers, or with those of the answer, within both certificates."""
-    for asked, first in zip(steps_asked(case.instance), case.answers, strict=True):
-        lam, p = asked.program.admissible(first.lam, first.p, first.d)
-        for begin in (replace(asked, lam=0 * lam, p=0 * p), replace(asked, lam=lam, p=p)):
-            _agree(asked.program, first, case.answer(begin))
+    """Check that answers agree within both certificates if it starts from zero or from its own multipliers."""
+    for request, first in zip(requests_of(case.instance), case.answers, strict=True):
+        lam, p = request.program.admissible(first.lam, first.p, first.d)
+        for begin in (replace(request, lam=0 * lam, p=0 * p), replace(request, lam=lam, p=p)):
+            _agree(request.program, first, case.answer(begin))
 
 
 def remembers_no_other_step(case: Case) -> None:
-    """Prepared once and asked the steps backwards, it answers as when freshly prepared, within both certificates."""
-    steps = steps_asked(case.instance)
+    """Check that a solver prepared once, with steps in reverse order, agrees with newly prepared solvers."""
+    steps = requests_of(case.instance)
     prepared = case.solver.prepare(steps[0].program.operators)
-    for asked, fresh in zip(reversed(steps), reversed(case.answers), strict=True):
-        again = replace(asked.program, operators=steps[0].program.operators)
-        _agree(asked.program, prepared.solve(again, asked.target, asked.lam, asked.p), fresh)
+    for request, fresh in zip(reversed(steps), reversed(case.answers), strict=True):
+        again = replace(request.program, operators=steps[0].program.operators)
+        _agree(request.program, prepared.solve(again, request.target, request.lam, request.p), fresh)
 
 
 def changes_nothing_that_it_is_given(case: Case) -> None:
-    """The program and the multipliers to begin with are the same afterwards."""
-    asked = steps_asked(case.instance)[1]
-    before = [array.copy() for array in asked.arrays()]
-    case.answer(asked)
-    for array, copy in zip(asked.arrays(), before, strict=True):
+    """Check that the program and the initial multipliers are not modified."""
+    request = requests_of(case.instance)[1]
+    before = [array.copy() for array in request.arrays()]
+    case.answer(request)
+    for array, copy in zip(request.arrays(), before, strict=True):
         assert np.array_equal(array, copy)
 
 
 def gives_the_same_answer_twice(case: Case) -> None:
-    """The second answer is that of the first to the bit, and the settings are unchanged."""
+    """Check that a second run is equal bit by bit, and that settings are unchanged."""
     settings = repr(case.solver)
-    first, again = case.trajectory, case.marched()
+    first, again = case.trajectory, case.march()
     for name in ("state", "multipliers", "pressures", "gap", "iterations"):
         assert np.array_equal(getattr(again, name), getattr(first, name)), name
     assert repr(case.solver) == settings
 
 
 def does_not_move_without_a_load(case: Case) -> None:
-    """Without a load the answer is zero, within both certificates."""
-    asked = steps_asked(case.instance)[0]
-    program, lam, p = asked.program, 0 * asked.lam, 0 * asked.p
+    """Check that the answer without a load is zero, within both certificates."""
+    request = requests_of(case.instance)[0]
+    program, lam, p = request.program, 0 * request.lam, 0 * request.p
     rest = replace(program, g=0 * program.g, b=0 * program.b, e=np.maximum(program.e, 0.0))
-    _agree(rest, case.answer(replace(asked, program=rest)), Answer(0 * program.g, lam, 0, p=p))
+    _agree(rest, case.answer(replace(request, program=rest)), Answer(0 * program.g, lam, 0, p=p))
 
 
 def answers_sliders_in_closed_form(case: Case) -> None:
-    """k u + w u' / |u'| = f: u_n = u_{n-1} + (1 - w / |q|)_+ q / k, q = f_n - k u_{n-1}, on instances that are this."""
+    """Check sliders k u + w u' / |u'| = f: u_n = u_{n-1} + (1 - w / |q|)_+ q / k with q = f_n - k u_{n-1}."""
     components = {"friction of one component": 1, "friction of two components": 2}.get(case.instance.name)
     if components is None:
         return
@@ -319,7 +332,7 @@ def answers_sliders_in_closed_form(case: Case) -> None:
     assert (np.sqrt((found.state - u) ** 2 @ k) <= allowed).all()
 
 
-OF_EACH_INSTANCE: list[Callable[[Case], None]] = [
+INSTANCE_PROPERTIES: list[Callable[[Case], None]] = [
     answers_within_its_accuracy,
     is_as_near_to_newton_as_certified,
     gives_multipliers_as_admissible_as_it_is_accurate,

@@ -1,4 +1,4 @@
-"""Errors against closed forms, distances between runs on different meshes, observed orders."""
+"""Errors against closed forms, distances between runs on different meshes, and observed orders."""
 
 from vemcvx.estimate.measures.distance import Field, Measured, energy_distance
 from vemcvx.estimate.measures.errors import ConvergenceTable, Orders, convergence_table, energy_error, l2_error, orders

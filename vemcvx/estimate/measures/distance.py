@@ -1,29 +1,27 @@
-"""The distance of two displacement fields in the energy norm, on whatever meshes.
+"""The distance of two displacement fields in the energy norm, on the same or on different meshes.
 
     exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
     projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
-    nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other, whose values there I v takes
+    nodal       |u - I v|_{a^h} on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v
 
-The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are
-norms of a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle
-inequality. The nodal distance misses what v does between the coarse nodes, and is the smallest of the three. Cell
-by cell, in the a^h of the stiffness of `run`, with its own stabilisation,
+The first two integrate exactly on the overlaps of cells, where strains are linear or constant. They are norms of
+differences in one space of strains. So they are symmetric if the moduli are the same, and obey the triangle inequality.
+The nodal distance ignores v between the coarse nodes, and is the smallest of the three. It is a sum over cells, in the
+a^h of the stiffness of `run` with its stabilisation,
 
     |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + S_K(w - Pi w, w - Pi w),    (3.13).
 
-Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
-
-In space the integrals are sums over the pyramids between the centroid of a cell of the second mesh and its faces, whose
-centroids are in cells of the first: exact where its cells lie inside of these, and to the order of h where they overlap
-otherwise. "Exact" is for tetrahedra there, on which u is linear.
+In space the integrals are sums over pyramids between the centroid of a cell of the second mesh and its faces; the
+centroid of a pyramid determines the cell of the first mesh. They are exact if the cells of the second mesh lie inside
+cells of the first mesh, and otherwise O(h). There "exact" is for tetrahedra, on which u is linear.
 
 On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
-e_2 and centre c it is, with xi = 2 e_1.(x - c) / |e_1|^2, eta likewise and the vertex values u_1 ... u_4 in turn,
+e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values u_1 ... u_4 in turn, it is
 
     u(x) = mean + grad(Pi u) (x - c) + b xi eta,    b = (u_1 - u_2 + u_3 - u_4) / 4,
 
-for xi eta is harmonic and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, the slope being that of
-sym(b (x) grad(xi eta)). On other cells nothing but Pi u is known.
+because xi eta is harmonic, and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, with the slope of
+sym(b (x) grad(xi eta)). On other cells only Pi u is known.
 """
 
 from __future__ import annotations
@@ -69,7 +67,7 @@ from vemcvx.vem import (
 
 @dataclass(frozen=True, eq=False)
 class InnerStrain:
-    """Strains that are linear in every cell."""
+    """The strains of a field, linear in every cell."""
 
     mean: Floats
     """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre; in space (n_cells, 6)"""
@@ -79,13 +77,13 @@ class InnerStrain:
     """(n_cells, dim)"""
 
     def at(self, cells: Ints, points: Floats) -> Floats:
-        """Strains (q, 3) at points (q, dim) of cells (q,)."""
+        """Return the strains (q, 3) at points (q, dim) of cells (q,)."""
         off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
         return self.mean[cells] + off_centre
 
 
 def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
-    """Strains of Pi u, or for "exact" of the virtual function: MeshError if that is not known in a cell."""
+    """Return the strains of Pi u, or for "exact" of the virtual function; raise MeshError if a cell has no formula."""
     plane = field.space.in_plane
     known = "neither a triangle nor a rectangle" if plane else "no tetrahedron"
     slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
@@ -95,7 +93,7 @@ def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
         if bad.any():
             raise MeshError(
                 f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is {known}, and "
-                "inside others virtual functions are not known. Measure their projections: kind='projected'."
+                "inside other cells virtual functions are not known. Measure their projections: kind='projected'."
             )
         if plane and n == 4:
             slope[group.cells] = _slopes(group, field.displacement)
@@ -103,7 +101,7 @@ def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
 
 
 def _rectangles(corners: Floats) -> Bools:
-    """A mask of the quadrilaterals (c, 4, 2) that are rectangles."""
+    """Return True for quadrilaterals (c, 4, 2) that are rectangles."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     lengths = np.hypot(*first.T), np.hypot(*second.T)
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
@@ -113,7 +111,7 @@ def _rectangles(corners: Floats) -> Bools:
 
 
 def _slopes(group: CellGroup, displacement: Floats) -> Floats:
-    """Gradients (c, 2, 3) of the strains of b xi eta on rectangles."""
+    """Return the gradients (c, 2, 3) of the strains of b xi eta on rectangles."""
     corners, u = group.corners, displacement[group.nodes]
     b = 0.25 * ((u[:, 0] - u[:, 1]) + (u[:, 2] - u[:, 3]))
     sides = [corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]]
@@ -132,18 +130,24 @@ class Field:
     ----------
     mesh : PolygonMesh or PolyhedralMesh
     displacement : (n_nodes, dim) array
-        At the nodes, length.
+        Displacements of the nodes, length.
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
         As in `History.moduli`, force per area.
     time : float
-        The instant, which closed forms are asked for.
+        The instant at which closed forms are evaluated.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
-        As of `Elasticity`, for nodal distances; None of runs read from files that do not say it.
+        As for `Elasticity`; for nodal distances. None for runs read from files without it.
 
     Raises
     ------
     HistoryError
         The arrays do not fit the mesh.
+
+    Examples
+    --------
+    >>> mesh = vx.meshes.squares(1)
+    >>> print(vx.measures.Field(mesh, mesh.points, np.ones((2, 1))).strain.round(9))
+    [[1. 1. 0.]]
     """
 
     mesh: Mesh
@@ -162,7 +166,7 @@ class Field:
             object.__setattr__(self, name, values)
         nodes, cells = self.mesh.points.shape, self.mesh.n_cells
         if np.shape(self.displacement) != nodes:
-            raise HistoryError(f"Field: found displacements {np.shape(self.displacement)}; this mesh takes {nodes}.")
+            raise HistoryError(f"Field: found displacements {np.shape(self.displacement)}; this mesh needs {nodes}.")
         full = 6 if nodes[1] == 2 else 21
         if np.shape(self.moduli) not in ((2, cells), (full, cells)):
             raise HistoryError(
@@ -174,35 +178,35 @@ class Field:
 
     @cached_property
     def space(self) -> Space:
-        """V^h on the mesh."""
+        """The space V^h on the mesh."""
         return Space(self.mesh)
 
     @cached_property
     def strain(self) -> Floats:
-        """(n_cells, 3) strains of Pi u: e_xx, e_yy, 2 e_xy; in space (n_cells, 6), as stresses are ordered."""
+        """The strains of Pi u (n_cells, 3): e_xx, e_yy, 2 e_xy; in space (n_cells, 6), in the order of stresses."""
         return strains(self.space, self.displacement)
 
 
 def field_of(run: Results | Field, step: int, subject: str) -> Field:
-    """The field of a history at a stored step, or the field that was given."""
+    """Return the field of a history at a stored step, or the given field."""
     if isinstance(run, Field):
         return run
     if not isinstance(run, Results):
-        raise HistoryError(f"{subject}: found {brief(run)} where a History (or a vx.measures.Field) goes.")
+        raise HistoryError(f"{subject}: found {brief(run)}; wanted a History or a vx.measures.Field.")
     row = run.row(step)
     return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]), run.stabilisation)
 
 
 def step_at(history: Results, time: float) -> int:
-    """The number of the stored step at an instant, or HistoryError."""
+    """Return the number of the stored step at an instant; raise HistoryError if there is none."""
     time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
-    # Two runs share an instant if theirs differ by no more than this part of the time they span: linspace rounds.
+    # Two runs share an instant if the difference is at most this part of the time span: linspace rounds.
     if abs(times[nearest] - time) > SAME * span:
         raise HistoryError(
             f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
-            f"t = {times[nearest]:.9g}. Give times that have this instant, or store='all'."
+            f"t = {times[nearest]:.9g}. Simulate with times that contain this instant, or with store='all'."
         )
     return int(history.stored[nearest])
 
@@ -214,15 +218,20 @@ class Measured:
     Attributes
     ----------
     absolute : float
-        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), the root of force times length; the
-        paper's ||v||_E is that over sqrt(2), and relative values are the same.
+        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), the root of force times length. The
+        paper's ||v||_E is smaller by the factor sqrt(2); relative values are the same.
     reference : float
-        The norm of what was compared with, taken in the same way.
+        The same norm of the reference.
     cells : (n_cells,) array
         The norm on each cell of the first mesh: absolute^2 = sum of cells^2.
     moduli_apart : float
-        Largest relative difference between the elastic moduli of the two meshes at the same place; where they differ
-        those of the first mesh were used.
+        Largest relative difference between the elastic moduli of the two meshes at the same point; the norm uses the
+        moduli of the first mesh.
+
+    Examples
+    --------
+    >>> vx.measures.Measured(0.1, 2.0, np.array([0.1])).relative
+    0.05
     """
 
     absolute: float
@@ -232,43 +241,44 @@ class Measured:
 
     @property
     def relative(self) -> float:
-        """absolute / reference; 0 / 0 = 0, and infinity where only the reference is zero.
+        """The ratio absolute / reference; 0 / 0 = 0, and infinity if only the reference is zero.
 
-        Norms are of strains alone, at this instant. An error budget is relative to the largest norm of its run, with
-        what springs (ElasticFoundation) store: see `scale` of :class:`vemcvx.estimate.budget.ErrorBudget`.
+        These are norms of strains at this instant. An error budget is relative to the largest norm of its run with the
+        energy of springs (ElasticFoundation): see `scale` of :class:`vemcvx.estimate.budget.ErrorBudget`.
         """
         if self.reference == 0.0:
             return 0.0 if self.absolute == 0.0 else float("inf")
         return self.absolute / self.reference
 
 
-def measured(squares: Floats, reference: float, moduli_apart: float = 0.0) -> Measured:
-    """A measure from the squared norms of the difference on cells, and of the reference as a whole."""
+def make_measure(squares: Floats, reference: float, moduli_apart: float = 0.0) -> Measured:
+    """Return the measure, given the squared norms of the difference on cells and of the whole reference."""
     cells = np.sqrt(np.maximum(squares, 0.0))
     return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells, moduli_apart)
 
 
 @dataclass(frozen=True, eq=False)
 class CommonRule:
-    """Points of quadrature on the overlaps of two meshes.
+    """A quadrature rule on the overlaps of two meshes.
 
-    They stand for polynomials on each overlap: in cells that are not convex some lie outside, with negative weights.
+    It is for polynomials on each overlap: in cells that are not convex some points are outside, with negative weights.
     """
 
     first: Ints
-    """(q,) the cell of the first mesh that each point belongs to"""
+    """(q,) the cell of the first mesh at each point"""
     second: Ints
+    """(q,) the cell of the second mesh at each point"""
     weights: Floats
-    """(q,) that add up to the area, or volume, that the meshes share"""
+    """(q,) weights; their sum is the area, or volume, of the overlap of the meshes"""
     points: Floats
     """(q, dim)"""
 
 
 @lru_cache(maxsize=4)
 def common_rule(first: Mesh, second: Mesh) -> CommonRule:
-    """A quadrature exact for what is quadratic on the cells of both meshes; in space for constants on nested ones.
+    """Return a rule exact for quadratic functions on the cells of both meshes; in space for constants on nested cells.
 
-    The last few are kept: a history is compared step by step on the same two meshes.
+    The last few rules are cached, because histories are compared step by step on the same two meshes.
     """
     if isinstance(second, PolyhedralMesh):
         return _in_pyramids(first, second)
@@ -280,12 +290,12 @@ def common_rule(first: Mesh, second: Mesh) -> CommonRule:
 
 
 def _in_pyramids(first: Mesh, second: PolyhedralMesh) -> CommonRule:
-    """A point in each pyramid between the centroid of a cell of the second mesh and a face of it."""
+    """Return the rule with a point in each pyramid between the centroid and a face of a cell of the second mesh."""
     assert isinstance(first, PolyhedralMesh)
     cell, face = cell_of_corner(second.cell_offsets), second.cell_faces
     arms = second.face_centroids[face] - second.centroids[cell]
     weights = second.face_signs * second.face_areas[face] / 3.0 * np.sum(arms * second.face_normals[face], axis=1)
-    # Where a cell is not convex a pyramid may be outside of it, and counts against those inside.
+    # A pyramid outside a cell that is not convex has a negative weight.
     points = second.centroids[cell] + 0.75 * arms
     held = solid_places(Space(first), first, points)[1]
     found = np.flatnonzero(np.diff(held.indptr))
@@ -300,7 +310,7 @@ def check_covered(rule: CommonRule, first: Mesh, second: Mesh, subject: str) -> 
         what = "area" if isinstance(first, PolygonMesh) else "volume"
         raise MeshError(
             f"{subject}: the first mesh has the {what} {sizes[0]:.6g}, the second {sizes[1]:.6g}, and they share "
-            f"{sizes[2]:.6g}; both must cover the same domain. Give common=True to measure on what they share."
+            f"{sizes[2]:.6g}; both must cover the same domain. Give common=True to measure on the common part."
         )
 
 
@@ -317,36 +327,43 @@ def energy_distance(
     time: float | None = None,
     common: bool = False,
 ) -> Measured:
-    """Energy norm of the difference of two runs, on the same or on different meshes of one body.
+    """Return the energy norm of the difference of two runs, on the same or on different meshes of one body.
 
     Parameters
     ----------
     run, reference : History or Field
-        Shares of cells are those of the mesh of `run`; relative values refer to `reference`.
+        The result has values on the cells of `run`; relative values refer to `reference`.
     kind : {"projected", "exact", "nodal"}
-        What is compared: see :mod:`vemcvx.estimate.measures.distance`.
+        The compared functions: see :mod:`vemcvx.estimate.measures.distance`.
     step, reference_step : int
         Stored steps; negative ones count from the end.
     time : float, optional
-        An instant that both runs have stored, instead of steps.
+        A stored instant of both runs, instead of steps.
     common : bool
-        Measure on what the meshes share, where they do not cover the same domain.
+        True to measure on the common part of meshes that do not cover the same domain.
 
     Returns
     -------
     Measured
-        Strains are weighed by the moduli of `run`; `moduli_apart` says how different those of `reference` are.
+        The norm uses the moduli of `run`; `moduli_apart` is the difference from the moduli of `reference`.
 
     Raises
     ------
     MeshError
-        The meshes do not cover the same domain; "exact" on cells other than triangles and rectangles; "nodal" where
-        nodes of `run` are no nodes of `reference`.
+        The meshes do not cover the same domain; "exact" on cells other than triangles and rectangles; "nodal" if a node
+        of `run` is no node of `reference`.
     HistoryError
-        There is no such kind, no step was stored at `time`, or "nodal" of a run read from files that do not say its
+        There is no such kind, no step was stored at `time`, or "nodal" for a run read from files without its
         stabilisation.
     SceneError
         A step was not stored.
+
+    Examples
+    --------
+    >>> mesh, moduli = vx.meshes.squares(1), np.ones((2, 1))
+    >>> u, v = (vx.measures.Field(mesh, factor * mesh.points, moduli) for factor in (1.0, 2.0))
+    >>> round(vx.measures.energy_distance(u, v).relative, 9)
+    0.5
     """
     subject = "energy_distance"
     choice(kind, subject, "kind", KINDS, HistoryError)
@@ -356,7 +373,7 @@ def energy_distance(
         reference_step = step_at(reference, time) if isinstance(reference, Results) else reference_step
     u, v = field_of(run, step, subject), field_of(reference, reference_step, subject)
     if u.space.dim != v.space.dim:
-        raise MeshError(f"{subject}: one mesh is of polygons, the other of polyhedra; give two of one kind.")
+        raise MeshError(f"{subject}: one mesh has polygons, the other polyhedra; give two meshes of one kind.")
     if kind == "nodal":
         return _nodal(u, v)
     fields = [inner_strain(field, kind, f"{subject} ({name} mesh)") for field, name in ((u, "first"), (v, "second"))]
@@ -366,17 +383,17 @@ def energy_distance(
     mine, there = fields[0].at(rule.first, rule.points), fields[1].at(rule.second, rule.points)
     apart, C = mine - there, u.moduli[:, rule.first]
     squares, norm = (rule.weights * np.sum(strain * stresses(C, strain), axis=1) for strain in (apart, there))
-    return measured(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _apart(rule, u, v))
+    return make_measure(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _apart(rule, u, v))
 
 
 def _apart(rule: CommonRule, u: Field, v: Field) -> float:
-    """The largest relative difference of elastic matrices at the same place."""
+    """Return the largest relative difference of elastic matrices at the same point."""
     mine, other = (upper_triangle(elastic_matrix(field.moduli, field.space.dim)) for field in (u, v))
     if all((mine[:, :1] == C).all() for C in (mine, other)):
         return 0.0
     difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
     apart = float((difference / np.abs(mine).max(axis=0)[rule.first]).max())
-    # Moduli read at the centroids of different cells agree to round-off if they are the same constants.
+    # Equal constants evaluated at the centroids of different cells agree up to rounding.
     if apart <= ROUNDING:
         return 0.0
     logging.getLogger("vemcvx").warning(
@@ -386,34 +403,34 @@ def _apart(rule: CommonRule, u: Field, v: Field) -> float:
 
 
 def _nodal(u: Field, v: Field) -> Measured:
-    """|u - I v|_{a^h} on the mesh of u, relative to |I v|_{a^h}."""
+    """Return |u - I v|_{a^h} on the mesh of u, relative to |I v|_{a^h}."""
     if u.stabilisation is None:
         raise HistoryError(
-            "energy_distance: the first run was read from files that do not say its stabilisation, and the nodal "
-            "distance is in its a^h; give vx.measures.Field(mesh, displacement, moduli, stabilisation=...) instead."
+            "energy_distance: the first run was read from files without its stabilisation, which the nodal distance "
+            "needs; give vx.measures.Field(mesh, displacement, moduli, stabilisation=...) instead."
         )
-    at_nodes = v.displacement[_nested_nodes(u.mesh, v.mesh)]
-    return measured(_cell_energies(u, u.displacement - at_nodes), float(_cell_energies(u, at_nodes).sum()))
+    at_nodes = v.displacement[_find_nodes(u.mesh, v.mesh)]
+    return make_measure(_cell_energies(u, u.displacement - at_nodes), float(_cell_energies(u, at_nodes).sum()))
 
 
-def _nested_nodes(coarse: Mesh, fine: Mesh) -> Ints:
-    """The node of the fine mesh at every node of the coarse one, (n_nodes,)."""
+def _find_nodes(coarse: Mesh, fine: Mesh) -> Ints:
+    """Return the node of the fine mesh at every node of the coarse mesh, (n_nodes,)."""
     if coarse is fine:
         return np.arange(coarse.n_nodes)
     away, node = nearest(fine.points, coarse.points)
     worst = int(np.argmax(away))
-    # Nodes are the same if they are closer than this part of the smallest cell's diameter.
+    # Nodes are the same if their distance is less than this part of the diameter of the smallest cell.
     if away[worst] > 1e-6 * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(
             f"energy_distance: node {worst} of the first mesh, at {coarse.points[worst]}, is no node of the second: "
-            f"the nearest is {away[worst]:.3g} away. The nodal distance wants the coarse run first and a nested fine "
-            "one as reference; kind='projected' takes any two meshes."
+            f"the nearest is {away[worst]:.3g} away. The nodal distance needs the coarse run first and a nested fine "
+            "run as reference; kind='projected' accepts any two meshes."
         )
     return node
 
 
 def _cell_energies(field: Field, w: Floats) -> Floats:
-    """a_K^h(w, w) of nodal displacements w (n_nodes, dim), with moduli and stabilisation of a field: (n_cells,)."""
+    """Return a_K^h(w, w), (n_cells,), of nodal displacements w (n_nodes, dim), with the material of a field."""
     own = field.stabilisation
     assert own is not None
     if isinstance(own, str):

@@ -1,4 +1,4 @@
-"""Errors against closed forms, in tables, with their observed orders of convergence."""
+"""Errors against closed forms, and tables of errors with their observed orders of convergence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, totals
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.table import Table
 from vemcvx.effects import data
-from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
+from vemcvx.estimate.measures.distance import Field, Measured, field_of, make_measure
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
@@ -32,14 +32,19 @@ from vemcvx.vem import Space, stresses
 
 @dataclass(frozen=True, eq=False)
 class Orders:
-    """Observed orders.
+    """The observed orders of convergence of m runs.
 
     Attributes
     ----------
     successive : (m - 1,) array
-        Between every run and the next.
+        Orders between each run and the next.
     slope : float
-        Of the least-squares line through (log h, log e).
+        Slope of the least-squares line through (log h, log e).
+
+    Examples
+    --------
+    >>> round(vx.measures.orders([0.2, 0.1], [0.4, 0.1]).slope, 9)
+    2.0
     """
 
     successive: Floats
@@ -47,26 +52,35 @@ class Orders:
 
 
 def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
-    """Observed orders of errors in a mesh size or a step.
+    """Return the observed orders of errors in a mesh size or a step.
 
     Parameters
     ----------
-    h : (m,) sequence of positive numbers, no two neighbours alike
-        Mesh sizes or steps (any measure of them: orders do not see constants).
+    h : (m,) sequence of positive numbers, no two neighbours equal
+        Mesh sizes or steps, up to a constant factor.
     errors : (m,) sequence of positive numbers
+
+    Returns
+    -------
+    Orders
 
     Raises
     ------
     HistoryError
         There are fewer than two runs, the lengths differ, or a number is not positive.
+
+    Examples
+    --------
+    >>> print(vx.measures.orders([0.4, 0.2, 0.1], [0.16, 0.04, 0.01]).successive.round(9))
+    [2. 2.]
     """
-    x, y = (np.log(array) for array in checked(h, errors, "orders"))
+    x, y = (np.log(array) for array in check_runs(h, errors, "orders"))
     about = x - x.mean()
     return Orders(np.diff(y) / np.diff(x), float(about @ y / (about @ about)))
 
 
-def checked(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False) -> tuple[Floats, Floats]:
-    """Sizes and errors that have logarithms; NaN among the errors where some may be missing."""
+def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False) -> tuple[Floats, Floats]:
+    """Return sizes and errors as arrays of positive numbers; errors may be NaN if `missing`."""
     sizes, values = (as_real_array(raw, subject, "a sequence of numbers") for raw in (h, errors))
     if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
         raise HistoryError(
@@ -75,28 +89,27 @@ def checked(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False
     for name, array in (("size", sizes), ("error", values[~np.isnan(values)] if missing else values)):
         wrong = ~(np.isfinite(array) & (array > 0))
         if wrong.any():
-            raise HistoryError(f"{subject}: found the {name} {array[wrong][0]:.6g}; logarithms want it finite and > 0.")
+            raise HistoryError(f"{subject}: found the {name} {array[wrong][0]:.6g}; it must be finite and > 0.")
     twice = np.diff(np.log(sizes)) == 0
     if twice.any():
-        raise HistoryError(f"{subject}: found the size {sizes[1:][twice][0]:.6g} twice in a row; refine.")
+        raise HistoryError(f"{subject}: found the size {sizes[1:][twice][0]:.6g} twice in a row; give different sizes.")
     return sizes, values
 
 
-# Errors against closed forms: what Pi u misses of a known displacement.
+# Errors of Pi u_h against a known displacement u.
 #
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
 #
 # by quadrature of degree 5, in space of degree 2 on tetrahedra; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of
-# the paper the first is O(h + k).
+# the paper the energy error is O(h + k).
 #
-# Strains of closed forms are no polynomials, and a rule of low degree hides what is to be measured: at the centroids
-# of squares the strains of the numerical answer superconverge. So Radon's seven points are taken on every triangle of
-# a cell.
+# Strains of closed forms are no polynomials, and a rule of low degree hides errors: at the centroids of squares the
+# computed strains superconverge. So each triangle of a cell has Radon's seven points.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
-    """Error of Pi u against a known strain, in the energy norm.
+    """Return the error of Pi u against a known strain, in the energy norm.
 
     Parameters
     ----------
@@ -115,9 +128,16 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     Raises
     ------
     SceneError
-        That step was not stored, or the strain is ill-shaped or not finite.
+        The step was not stored, or the strain has a wrong shape or is not finite.
     HistoryError
         `history` is neither a history nor a field.
+
+    Examples
+    --------
+    >>> mesh = vx.meshes.squares(1)
+    >>> field = vx.measures.Field(mesh, mesh.points, np.ones((2, 1)))
+    >>> bool(vx.measures.energy_error(field, lambda x, t: np.tile([1.0, 1.0, 0.0], (len(x), 1))).relative < 1e-12)
+    True
     """
     field = field_of(history, step, "energy_error")
     x, weights, owner = _cell_rule(field.space)
@@ -126,34 +146,49 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     moduli = field.moduli[:, owner]
     missed = exact - field.strain[owner]
     missed, exact = (np.sum(e * stresses(moduli, e), axis=1) for e in (missed, exact))
-    return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
+    return make_measure(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
 
 
 def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1) -> Measured:
-    """Error of Pi u against a known displacement, in L2.
+    """Return the error of Pi u against a known displacement, in L2.
 
     Parameters
     ----------
-    history, step : as of `energy_error`
-        Which says what is raised, too.
+    history : History or Field
     displacement : callable (x, t) -> (m, dim)
-        At points x (m, dim) and the instant t of the step.
+        Displacements at points x (m, dim) and the instant t of the step.
+    step : int
+        A stored step; negative ones count from the end.
 
     Returns
     -------
     Measured
         In length squared; its reference is the L2 norm of the closed form.
+
+    Raises
+    ------
+    SceneError
+        The step was not stored, or the displacement has a wrong shape or is not finite.
+    HistoryError
+        `history` is neither a history nor a field.
+
+    Examples
+    --------
+    >>> mesh = vx.meshes.squares(1)
+    >>> field = vx.measures.Field(mesh, 2.0 * mesh.points, np.ones((2, 1)))
+    >>> round(vx.measures.l2_error(field, lambda x, t: x).relative, 9)
+    1.0
     """
     field = field_of(history, step, "l2_error")
     x, weights, owner = _cell_rule(field.space)
     exact = data.vector(displacement, x, field.time, "l2_error: displacement")
     missed = exact - field.space.project_values(x, np.arange(len(x)), owner) @ field.displacement
     missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
-    return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
+    return make_measure(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
 
 
 def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
-    """Points (q, dim), weights (q,) that add up to the areas, or volumes, and the cell (q,) of each point."""
+    """Return points (q, dim), weights (q,), which add up to areas or volumes, and the cell (q,) of each point."""
     mesh = space.mesh
     if isinstance(mesh, PolyhedralMesh):
         return _on_tetrahedra(mesh)
@@ -164,34 +199,36 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
 
 
 def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
-    """Four points each of the tetrahedra between the centroid of a cell, of a face, and an edge of this."""
+    """Return the rule with four points in each tetrahedron of a cell centroid, a face centroid and an edge."""
     rows, nodes, cells = listed_faces(mesh.faces)
     at = cell_of_corner(rows)
     cell, face = cell_of_corner(cells)[at], mesh.cell_faces[at]
     ends = [mesh.points[nodes], mesh.points[nodes[next_corner(rows)]]]
     corners = np.stack([mesh.centroids[cell], mesh.face_centroids[face], *ends], axis=1)
     a, b, c = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
-    # Where a cell or a face is not convex some tetrahedra are outside of it, and count against those inside.
+    # Tetrahedra outside a cell that is not convex have negative volumes.
     volumes = np.einsum("ki,ki->k", a, np.cross(b, c)) / 6.0
     near = (5.0 - np.sqrt(5.0)) / 20.0
     points = near * corners.sum(axis=1)[:, None] + (1.0 - 4.0 * near) * corners
     return points.reshape(-1, 3), np.repeat(0.25 * volumes, 4), np.repeat(cell, 4)
 
 
-# Errors and their observed orders, run by run, as Markdown and CSV.
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvergenceTable:
-    """Errors and their observed orders, size by size; prompts show it as Markdown, notebooks as a table.
+    """A table of errors and observed orders by size; prompts show it as Markdown, notebooks as a table.
 
     Attributes
     ----------
     name : str
-        What the sizes are called.
+        The name of the sizes.
     sizes : (m,) array
     errors, orders : dict of str to (m,) array
-        By names. An order stands beside the finer of two runs, so the first is NaN.
+        Errors and orders by name. An order is in the row of the finer of two runs, so the first order is NaN.
+
+    Examples
+    --------
+    >>> vx.measures.convergence_table([0.5, 0.25], [0.4, 0.2]).orders["error"]
+    array([nan,  1.])
     """
 
     name: str
@@ -200,11 +237,11 @@ class ConvergenceTable:
     orders: dict[str, Floats]
 
     def markdown(self) -> str:
-        """The table in Markdown."""
+        """Return the table in Markdown."""
         return self._table().markdown()
 
     def csv(self) -> str:
-        """The table as comma-separated values, with all digits and names of their own; what is missing is empty."""
+        """Return the table as comma-separated values, with all digits; missing values are empty."""
         columns = [self.sizes, *(part[name] for name in self.errors for part in (self.errors, self.orders))]
         rows = zip(*(column.tolist() for column in columns), strict=True)
         heads = [self.name, *(head for name in self.errors for head in (name, f"order of {name}"))]
@@ -217,7 +254,7 @@ class ConvergenceTable:
         return self._table().html()
 
     def _table(self) -> Table:
-        """The table in words, row by row; what is missing is empty."""
+        """Return the table with rounded numbers; missing values are empty."""
         rows = []
         for row, size in enumerate(self.sizes):
             words = [_fraction(size)]
@@ -229,21 +266,30 @@ class ConvergenceTable:
 
 
 def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike], name: str = "h") -> ConvergenceTable:
-    """Errors in a mesh size or a step with their observed orders, to be read or written as Markdown or CSV.
+    """Return a table of errors and observed orders, for Markdown or CSV.
 
     Parameters
     ----------
-    h : (m,) sequence of positive numbers, no two neighbours alike
-        Mesh sizes or steps; those that are one over a whole number are written so, but for CSV.
+    h : (m,) sequence of positive numbers, no two neighbours equal
+        Mesh sizes or steps; in Markdown one over a whole number is written as a fraction.
     errors : (m,) sequence of positive numbers, or mapping of names to such
-        A column each, NaN where there is none, with a column of orders.
+        Each has a column of errors, NaN where one is missing, and a column of orders.
     name : str
-        What the sizes are called.
+        The name of the sizes.
+
+    Returns
+    -------
+    ConvergenceTable
 
     Raises
     ------
     HistoryError
-        There are fewer than two runs, the lengths differ, a number is not positive, or a name is none.
+        There are fewer than two runs, the lengths differ, a number is not positive, or a name is no string.
+
+    Examples
+    --------
+    >>> print(vx.measures.convergence_table([0.5, 0.25], [0.4, 0.2]).csv().splitlines()[0])
+    h,error,order of error
     """
     given = errors if isinstance(errors, Mapping) else {"error": errors}
     for word in (name, *given):
@@ -251,7 +297,7 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
             raise HistoryError(f"convergence_table: found the name {brief(word)}; wanted words.")
     if not given:
         raise HistoryError("convergence_table: found no errors; give a sequence, or a mapping of names to sequences.")
-    columns = {word: checked(h, values, f"convergence_table: {word}", missing=True) for word, values in given.items()}
+    columns = {word: check_runs(h, raw, f"convergence_table: {word}", missing=True) for word, raw in given.items()}
     sizes = next(iter(columns.values()))[0]
     values = {word: column for word, (_, column) in columns.items()}
     rates = {word: np.diff(np.log(column)) / np.diff(np.log(sizes)) for word, column in values.items()}
@@ -259,6 +305,6 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
 
 
 def _fraction(size: float) -> str:
-    """A size in words: 1/64 where it is that, to rounding."""
+    """Return a size as text: 1/64 if it is one over a whole number up to rounding."""
     parts = round(1.0 / size) if size > 1e-9 else 0
     return f"1/{parts}" if parts > 1 and abs(parts * size - 1.0) < 1e-12 else f"{size:.4g}"

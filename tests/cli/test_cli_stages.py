@@ -77,7 +77,8 @@ def test_options_without_a_meaning_for_stages_are_refused(pad, options):
 
 
 def test_files_that_define_no_stages_are_refused(pad):
-    assert "it has stages and no scene(**parameters); only `vemcvx run`" in call("compare", "pad.py")[1]
+    for command in (["compare"], ["export", "--steps", "1"], ["app"]):
+        assert "it has stages and no scene(**parameters); only `vemcvx run`" in call(*command, "pad.py")[1], command
     (pad / "odd.py").write_text(FILE.replace("return [first, (", "return [first, 3, ("))
     code, said = call("run", "odd.py", "--n", "2")
     assert (code, "wanted a list of (scene, times), one for each stage" in said) == (2, True)

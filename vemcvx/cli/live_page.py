@@ -64,14 +64,14 @@ class App:
             raise ProblemError("app: found --step without --html; the live page has a slider for the step.")
         # The app finds its problem file in the environment, where it begins anew for every page that is opened.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
+        if self.file:
+            read_problem(self.file).require("scene")
         if self.html is not None:
             check_writable(self.html, "--html")
             say(write(self.html, self.step))
         elif self.check:
             say(check())
         else:
-            if self.file:
-                read_problem(self.file)
             serve(self.port, self.browser)
 
 

@@ -276,13 +276,17 @@ class Problem:
             given[name] = literal(text)
         return given
 
-    def _call(self, part: str, *given: Any, **named: Any) -> Any:
-        """The answer of a function of the file, checked to be of the kind that it should be."""
+    def require(self, part: str) -> None:
+        """Raise ProblemError if the file, which has stages, does not define this part."""
         if not callable(getattr(self.module, part, None)):
             raise ProblemError(
                 f"{self.path}: it has stages and no {PARTS[part]}; only `vemcvx run` and `show` take stages. Define "
                 f"{PARTS['scene']} and {PARTS['times']} beside stages() for the other commands."
             )
+
+    def _call(self, part: str, *given: Any, **named: Any) -> Any:
+        """The answer of a function of the file, checked to be of the kind that it should be."""
+        self.require(part)
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         wanted = f". That is the problem file's own {part}, which is to return {RETURNS[part]}."
         made = own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import SAME, Floats, brief, finite, flag, shaped
+from vemcvx.base.arrays import SAME, Floats, as_shaped_array, brief, finite, flag
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import data
@@ -320,7 +320,7 @@ def free_unknowns(
     points = posed.space.mesh.points
     kinds = "one row a node, or None, 'equilibrium', 'settled' or, of a function f(x, t), vx.projected(f)"
     wanted = f"displacements of shape {points.shape}, {kinds}"
-    u = shaped(np.zeros(points.shape) if initial is None else initial, "initial", wanted, points.shape)
+    u = as_shaped_array(np.zeros(points.shape) if initial is None else initial, "initial", wanted, points.shape)
     return _within_supports(finite(u, "initial"), posed, times)
 
 

@@ -10,7 +10,7 @@ from scenes import cyclic, mostly_long, paper_scene, small
 
 import vemcvx as vx
 from problem_pictures import body_and_graph
-from vemcvx.base.canvas import blended, new_figure
+from vemcvx.base.canvas import blend_colours, new_figure
 from vemcvx.plots import (
     along_contact,
     deformed_mesh,
@@ -557,7 +557,7 @@ def lightness(colour):
 
 
 def test_in_grey_print_no_stress_looks_like_its_opposite_and_slip_not_like_stick(history):
-    shades = [lightness(colour) for colour in blended(SIGNED)(np.linspace(0.0, 1.0, 21))[:, :3]]
+    shades = [lightness(colour) for colour in blend_colours(SIGNED)(np.linspace(0.0, 1.0, 21))[:, :3]]
     assert np.diff(shades).max() < -0.01
     areas = sorted(map(lightness, (STICK_AREA, SLIP_AREA, OPEN_AREA)))
     assert np.diff(areas).min() > 0.1

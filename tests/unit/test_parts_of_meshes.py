@@ -26,7 +26,7 @@ def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
     scene = vx.Scene(vx.Elasticity(soft, 0.0), vx.Clamp(on="left"), vx.Traction((0.3, 0.0), on="right"))
     told = []
     for some in (64, 4096):
-        monkeypatch.setattr("vemcvx.results.results.SOME", some)
+        monkeypatch.setattr("vemcvx.results.results.CHUNK_SIZE", some)
         told += said(caplog, lambda: vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
     assert len(told) == 2
     assert all("a strain of 0.3 at (0.0" in one for one in told)
@@ -35,6 +35,6 @@ def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
 def test_rows_made_a_few_at_a_time_have_the_bits_of_all(monkeypatch):
     space, ones = Space(vx.meshes.cubes(6)), np.ones(6**3)
     whole = stiffness(space, ones, ones)
-    monkeypatch.setattr("vemcvx.vem.elasticity.SOME", 50)
+    monkeypatch.setattr("vemcvx.vem.elasticity.CHUNK_SIZE", 50)
     some = stiffness(space, ones, ones)
     assert all(np.array_equal(getattr(whole, part), getattr(some, part)) for part in ("data", "indices", "indptr"))

@@ -1,1 +1,1 @@
-"""What every part of the package may use: errors, checked arrays, records, files that are ours, drawing."""
+"""Code that every part of the package may use: errors, checks of arrays, records, owned files, drawing."""

@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
 KINDS = "biufcU"
-"""NumPy's letters for truth values, numbers and words."""
+"""NumPy's letters for booleans, numbers and strings."""
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Return every array of an archive; a damaged one raises ValueError, or any error of numpy and zipfile."""
-    # NumPy leaves a damaged file open.
+    """Return every array of an archive; a damaged one raises ValueError, or an error of NumPy or zipfile."""
+    # NumPy would leave a damaged file open.
     with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     for name, array in arrays.items():
-        # A member that is no array comes back as bytes.
+        # NumPy returns bytes for members that are not arrays.
         if isinstance(array, bytes) or array.dtype.kind not in KINDS:
             raise ValueError(f"its member {name!r} is no array of numbers, truth values or words")
     return arrays
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
-    """Return a record of arrays by the paths of its fields; `known` fields go in as they are.
+    """Return a record of arrays, read by the paths of its fields; fields in `known` are used unchanged.
 
-    KeyError where a field is missing that may not be None.
+    Raise KeyError if a field is missing that may not be None.
     """
     hints, values = get_type_hints(kind), {}
     for field in fields(kind):

@@ -1,4 +1,4 @@
-"""Types of arrays, sums and lengths, and checks of what users hand in: one sentence for each kind of mistake."""
+"""Types of arrays, sums and lengths of vectors, and checks of arguments, with one message for each kind of mistake."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ EPS = float(np.finfo(float).eps)
 ROUNDING = 1e-12
 """Relative rounding error of sums and products of a few thousand numbers."""
 SAME = 1e-9
-"""Relative difference below which two results are equal that were found in different ways, by solves or in geometry."""
-SINGLE = 1e-6
+"""Relative difference below which results count as equal that were computed in different ways."""
+SINGLE_EPS = 1e-6
 """Relative error of coordinates in single precision, or printed with seven digits."""
 
 Floats = NDArray[np.float64]
@@ -31,12 +31,12 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
-SOME = 2**12
-"""Number of nodes, cells or faces in one batch, whose arrays stay in the caches."""
+CHUNK_SIZE = 2**12
+"""Number of nodes, cells or faces in one batch, so that its arrays stay in the CPU caches."""
 
 
 def read_only(array: Array) -> Array:
-    """Return the same array, which from now on refuses to be written to."""
+    """Make an array read-only, and return it."""
     array.flags.writeable = False
     return array
 
@@ -53,13 +53,13 @@ def lengths(x: Floats) -> Floats:
 
 
 def directions(x: Floats, size: Floats) -> Floats:
-    """Return the rows of x (k, components) over their lengths `size` (k,); zero where these are."""
+    """Return the rows of x (k, components) divided by their lengths `size` (k,); rows of length zero stay zero."""
     return np.sign(x) if x.shape[1] == 1 else x / np.where(size > 0, size, 1.0)[:, None]
 
 
 def onto_discs(lam: Floats, w: Floats) -> Floats:
     """Return the vectors (m, block) nearest to `lam` with |lam_i| <= w_i."""
-    if lam.shape[1] == 1:  # Scaling would leave a rounding error.
+    if lam.shape[1] == 1:  # Clipping is exact; scaling would round.
         return np.minimum(np.maximum(lam, -w[:, None]), w[:, None])
     size = np.linalg.norm(lam, axis=1)
     scale = np.divide(w, size, out=np.ones_like(size), where=size > w)
@@ -67,21 +67,21 @@ def onto_discs(lam: Floats, w: Floats) -> Floats:
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
-    """Return the sum of the weights that go with each number below `count`."""
+    """Return the sums (count,) of the `weights` (k,) with equal `numbers` (k,)."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
-def summed_columns(values: Floats, numbers: Ints, count: int) -> Floats:
-    """Add up columns of values (S, k, ...) with the same number below `count`: (S, count, ...)."""
+def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
+    """Return the sums (S, count, ...) of the columns of `values` (S, k, ...) with equal `numbers` (k,)."""
     total = np.zeros((len(values), count, *values.shape[2:]))
     np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
     return total
 
 
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
-    """Return a new array of the floats, finite or not, that `raw` holds, or raise SceneError.
+    """Convert `raw` into a new array of floats, finite or not, or raise SceneError.
 
-    Words, None, time spans, masked entries and complex numbers, which NumPy would convert, are refused.
+    Strings, None, time spans, masked entries and complex numbers are refused, although NumPy would convert them.
     """
     array = plain(raw)
     with contextlib.suppress(Exception), np.errstate(over="ignore"):
@@ -94,7 +94,7 @@ def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
 
 
 def plain(raw: Any) -> NDArray[Any] | None:
-    """Return the array that `raw` is or makes; None where it makes none, or has masked entries."""
+    """Convert `raw` into an array; return None if it cannot be converted, or has masked entries."""
     masked = any(isinstance(x, np.ma.MaskedArray) for x in (raw, *(raw if isinstance(raw, (list, tuple)) else ())))
     with contextlib.suppress(Exception):
         return None if masked else np.asarray(raw)
@@ -102,45 +102,45 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def largest(values: Floats, part: float) -> Ints:
-    """Return the numbers of the fewest values (k,) >= 0 that make up this part of their sum; largest first."""
+    """Return the indices of the fewest values (k,) >= 0 whose sum is this part of the total, largest first."""
     order = np.argsort(-values, kind="stable")
     sums = np.cumsum(values[order])
     return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]
 
 
-def spread(values: Floats, rows: Ints, n: int) -> Floats:
-    """Return the vector (n,) with these values on some rows, and zero elsewhere."""
+def scatter(values: Floats, rows: Ints, n: int) -> Floats:
+    """Return the vector (n,) with `values` (k,) at the indices `rows` (k,), and zero elsewhere."""
     array = np.zeros(n)
     array[rows] = values
     return array
 
 
-def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return a datum in time that is zero where it is less than 1e-60 of its largest value at the instants of a run.
+def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
+    """Return a function of time that replaces values below 1e-60 of the largest one at `times` by zero.
 
-    The tails of a pulse exp(-x^2) are such data: energies underflow there.
+    In the tails of a pulse exp(-x^2), for example, energies would underflow.
     """
 
     @cache
     def largest() -> float:
         return max((float(np.abs(value(t)).max(initial=0.0)) for t in times), default=0.0)
 
-    def faded(t: float) -> Floats:
+    def drop(t: float) -> Floats:
         found = value(t)
         size = float(np.abs(found).max(initial=0.0))
-        # Larger data are not compared, so that mostly `value` is called once.
+        # Most values are larger than 1e-60; then `value` is called only once.
         return np.zeros_like(found) if 0.0 < size < 1e-60 and size < 1e-60 * largest() else found
 
-    return faded
+    return drop
 
 
 def brief(raw: Any) -> str:
-    """Return `raw` in at most a line."""
+    """Return the representation of `raw`, shortened to one line."""
     return " ".join(reprlib.repr(raw).split())
 
 
-def shaped(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...]) -> Floats:
-    """Return a new array of the floats that `raw` holds, of one of some shapes, or raise SceneError."""
+def as_shaped_array(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...]) -> Floats:
+    """Convert `raw` into a new array of floats with one of the `shapes`, or raise SceneError."""
     array = as_real_array(raw, subject, wanted)
     if array.shape not in shapes:
         raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
@@ -149,7 +149,7 @@ def shaped(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...]) -> Flo
 
 def one_point(raw: Any, dim: int, subject: str) -> Floats:
     """Return the coordinates (dim,) of a point, or raise SceneError."""
-    return finite(shaped(raw, subject, f"a point of {dim} coordinates", (dim,)), subject)
+    return finite(as_shaped_array(raw, subject, f"a point of {dim} coordinates", (dim,)), subject)
 
 
 def shape_in_words(array: Floats) -> str:
@@ -157,8 +157,8 @@ def shape_in_words(array: Floats) -> str:
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"
 
 
-class Quantity(NamedTuple):
-    """An array of a record: names of its sizes, NumPy's letter for its kind, its unit, and its meaning."""
+class ArrayField(NamedTuple):
+    """The description of an array in a record: names of its sizes, NumPy's letter for its kind, unit, and meaning."""
 
     sizes: tuple[str, ...]
     kind: str
@@ -166,11 +166,11 @@ class Quantity(NamedTuple):
     meaning: str
 
 
-def quantities(record: type) -> dict[str, Quantity]:
-    """Return the arrays among the fields of a record by name, for files, tables and datasets.
+def array_fields(record: type) -> dict[str, ArrayField]:
+    """Return descriptions of the array fields of a record by name, for files, tables and datasets.
 
-    Annotations say sizes and unit, as in ``stress: Annotated[Floats, "S cells 3", "force/length2"]``, and attributes
-    in the docstring the meaning.
+    Sizes and units come from annotations such as ``stress: Annotated[Floats, "S cells 3", "force/length2"]``, meanings
+    from the Attributes section of the docstring.
     """
     said = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)*)", inspect.getdoc(record) or "", flags=re.MULTILINE)
     meaning = {name: " ".join(words.split()) for names, words in said for name in names.split(", ")}
@@ -179,31 +179,31 @@ def quantities(record: type) -> dict[str, Quantity]:
         if hasattr(hint, "__metadata__"):
             (sizes, unit), arrays = hint.__metadata__, (hint.__origin__, *get_args(hint.__origin__))
             kind = "b" if Bools in arrays else "i" if Ints in arrays else "f"
-            found[name] = Quantity(tuple(sizes.split()), kind, unit, meaning.get(name, ""))
+            found[name] = ArrayField(tuple(sizes.split()), kind, unit, meaning.get(name, ""))
     return found
 
 
 def flag(raw: Any, name: str) -> bool:
-    """Return True or False; other values are refused, because "False" would be true."""
+    """Return True or False; raise SceneError for other values, because the string "False" would be true."""
     if not isinstance(raw, (bool, np.bool_)):
         raise SceneError(f"{name}: found {brief(raw)}; wanted True or False.")
     return bool(raw)
 
 
 def whole(raw: Any, subject: str, name: str, of: str, least: int = 1) -> int:
-    """Return a whole number of something, at least `least`, or raise SceneError."""
+    """Return an integer that is at least `least`, or raise SceneError."""
     if not is_whole(raw) or raw < least:
         raise SceneError(f"{subject}: found {name} = {brief(raw)}; it is a whole number of {of}, at least {least}.")
     return int(raw)
 
 
 def is_whole(raw: object) -> TypeGuard[int]:
-    """Return True if a value is a whole number; flags and time spans are none."""
+    """Return True if a value is an integer; booleans and time spans are not."""
     return isinstance(raw, numbers.Integral) and not isinstance(raw, (bool, np.timedelta64))
 
 
 def is_real(raw: object) -> TypeGuard[float]:
-    """Return True if a value is a real number, finite or not; flags and time spans are none."""
+    """Return True if a value is a real number, finite or not; booleans and time spans are not."""
     return isinstance(raw, numbers.Real) and not isinstance(raw, (bool, np.timedelta64))
 
 
@@ -222,7 +222,7 @@ def number(raw: Any, found: str, wanted: str) -> float:
 
 
 def choice(raw: Any, subject: str, name: str, words: Sequence[str], error: type[VemcvxError] = SceneError) -> str:
-    """Return one of some words, or raise an error."""
+    """Return `raw` if it is one of `words`, or raise an error."""
     if not isinstance(raw, str) or raw not in words:
         known = ", ".join(map(repr, words[:-1])) + f" and {words[-1]!r}"
         raise error(f"{subject}: found {name} {brief(raw)}; there are {known}.")
@@ -230,19 +230,19 @@ def choice(raw: Any, subject: str, name: str, words: Sequence[str], error: type[
 
 
 def instance(raw: Any, kinds: type | tuple[type, ...], found: str, wanted: str) -> Any:
-    """Return an object of a class, or None; `found` begins the message of a SceneError, as in `number`."""
+    """Return an instance of `kinds`, or None; `found` begins the message of a SceneError, as in `number`."""
     if raw is not None and not isinstance(raw, kinds):
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}, or None.")
     return raw
 
 
 def function(raw: Any, found: str, wanted: str) -> Any:
-    """Return a function, or None."""
+    """Return a function, or None; raise SceneError for anything else."""
     return instance(raw, Callable, found, wanted)  # type: ignore[arg-type]
 
 
 def check_takes(function: Callable[..., object] | None, count: int, subject: str, wanted: str) -> None:
-    """Raise SceneError if a function does not take so many arguments, which `wanted` names."""
+    """Raise SceneError if a function does not take `count` arguments; `wanted` names them."""
     try:
         inspect.signature(function or (lambda *_: None)).bind(*range(count))
     except TypeError as error:
@@ -251,8 +251,8 @@ def check_takes(function: Callable[..., object] | None, count: int, subject: str
         pass  # Some functions in C have no signature.
 
 
-def called(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str, wanted: str) -> Any:
-    """Call a function of a user's with read-only arrays; SceneError where it fails."""
+def call_function(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str, wanted: str) -> Any:
+    """Call a user's function with read-only arrays; raise SceneError if it fails."""
     try:
         return function(*(read_only(x.view()) if isinstance(x, np.ndarray) else x for x in arguments))
     except VemcvxError:
@@ -263,17 +263,17 @@ def called(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str
 
 
 def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
-    """Return data(t), or the data where they are no function; SceneError where the function fails."""
+    """Return data(t), or `data` if it is not a function; raise SceneError if the function fails."""
     if not callable(data):
         return data
     failed = f"{subject}: its function failed when called as f(t) with t = {t:.6g}"
-    return called(data, (t,), failed, "take an instant and return an array")
+    return call_function(data, (t,), failed, "take an instant and return an array")
 
 
-def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
-    """Return a sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given.
+def as_sparse_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
+    """Convert a dense or sparse matrix into a sparse matrix of finite numbers, and check its shape if one is given.
 
-    It is a copy, unless the entries of the given one are read-only.
+    The result is a copy, unless the entries of `raw` are read-only.
     """
     sparse = sp.issparse(raw)
     if sparse and raw.dtype.kind in "biuf":
@@ -295,7 +295,7 @@ def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None)
 
 
 def check_compressed(matrix: sp.csr_matrix) -> None:
-    """Raise ValueError for compressed rows or columns that lead out of a matrix: SciPy's compiled code follows them."""
+    """Raise ValueError for invalid indices of a compressed matrix, which SciPy's compiled code would not check."""
     if not hasattr(matrix, "check_format"):
         return
     matrix.check_format(full_check=True)
@@ -303,9 +303,9 @@ def check_compressed(matrix: sp.csr_matrix) -> None:
         raise ValueError("ends of rows go back")
 
 
-def of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
-    """Return an array of real numbers of a shape, which may be given flat."""
-    return shaped(raw, subject, f"numbers of shape {shape}", shape, (int(np.prod(shape)),)).reshape(shape)
+def as_array_of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
+    """Convert `raw`, of a given shape or flat, into an array of real numbers of this shape."""
+    return as_shaped_array(raw, subject, f"numbers of shape {shape}", shape, (int(np.prod(shape)),)).reshape(shape)
 
 
 def finite(values: Floats, subject: str) -> Floats:

@@ -1,6 +1,6 @@
-"""Drawing: the one file that knows matplotlib.
+"""Drawing with matplotlib, which only this file imports.
 
-Figures are made through matplotlib's objects, never through pyplot: no window, no global state, no display needed.
+Figures are made through matplotlib's objects, not through pyplot: no window, no global state, no display needed.
 """
 
 from __future__ import annotations
@@ -31,13 +31,16 @@ CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
 def new_figure(width: float | None = None, height: float | None = None) -> Figure:
-    """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it; VemcvxError without matplotlib."""
+    """Return an empty figure of a size in inches, or raise VemcvxError without matplotlib.
+
+    ``figure.savefig(path)`` writes it.
+    """
     wide, high = usual_page()
     return _figure_class()(figsize=(width or wide, height or high), layout="constrained")
 
 
 def usual_page() -> tuple[float, float]:
-    """Return matplotlib's own width and height of a figure, in inches; VemcvxError without matplotlib."""
+    """Return matplotlib's default width and height of a figure in inches; raise VemcvxError without matplotlib."""
     try:
         import matplotlib.figure
     except ImportError:
@@ -48,7 +51,7 @@ def usual_page() -> tuple[float, float]:
 
 @cache
 def _figure_class() -> type[Figure]:
-    """Figures that Jupyter shows as the last line of a cell: matplotlib's own it shows only once pyplot is imported."""
+    """Return a class of figures that Jupyter shows at the end of a cell, which Figure requires pyplot for."""
     from matplotlib.figure import Figure
 
     class NotebookFigure(Figure):
@@ -62,7 +65,7 @@ def _figure_class() -> type[Figure]:
 
 
 def in_words(figure: Figure) -> str:
-    """Return the titles of a figure, and what it draws over what: for prompts, and for who cannot see the picture."""
+    """Return the titles and axis labels of a figure in words, for prompts and as alternative text."""
     said = [figure.get_suptitle()]
     for ax in figure.axes:
         graph = " over ".join(filter(None, (ax.get_ylabel(), ax.get_xlabel())))
@@ -79,22 +82,22 @@ def as_png(figure: Figure, dpi: float | None = None) -> bytes:
 
 
 def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:
-    """Return the axes given, or those of a new figure of that size in inches."""
+    """Return the given axes, or the axes of a new figure of this size in inches."""
     return new_figure(width, height).add_subplot() if ax is None else ax
 
 
 def row_of_axes(count: int, width: float, height: float) -> list[Axes]:
-    """Return axes side by side on a new figure, each of that size in inches."""
+    """Return axes side by side in a new figure, each of this size in inches."""
     return list(new_figure(count * width, height).subplots(1, count, squeeze=False)[0])
 
 
 def figure_of(ax: Axes) -> Figure:
-    """Return the figure that axes stand in."""
+    """Return the figure of the axes."""
     return ax.figure.figure
 
 
 def legend_below(ax: Axes) -> None:
-    """Name what is drawn: below axes that are alone in their figure or full of colours, else within them."""
+    """Draw the legend: below axes that are alone in their figure or filled with colours, else inside them."""
     figure, count = figure_of(ax), len(ax.get_legend_handles_labels()[0])
     if count and len(figure.axes) == 1 and figure.get_layout_engine() is not None:
         figure.legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
@@ -105,14 +108,14 @@ def legend_below(ax: Axes) -> None:
 
 
 def legend_under(ax: Axes) -> None:
-    """Name what is drawn under axes that are full of it, whether or not they share their figure."""
-    # The distance is in letters, not a part of axes that may be flat: it leaves room for the ticks and their label.
+    """Draw the legend below filled axes, also if they share their figure."""
+    # The distance is in font sizes, because axes may be flat: it leaves room for the ticks and their label.
     drawn = ax.legend(frameon=False, fontsize="small", ncols=3, loc="upper center", borderaxespad=4.5)
     drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
 
 
 def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
-    """Return what writes the frames of a film, `rate` a second: "pillow", or "ffmpeg"; VemcvxError without it."""
+    """Return the writer "pillow" or "ffmpeg" of a film with `rate` frames per second; raise VemcvxError without it."""
     from matplotlib.animation import writers
 
     if not writers.is_available(kind):
@@ -122,27 +125,27 @@ def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
 
 
 def distinct(colours: Sequence[str]) -> ListedColormap:
-    """Return a colour map of these colours alone, in steps of equal width."""
+    """Return a colour map that consists of these colours, in steps of equal width."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(list(colours))
 
 
-def blended(colours: Sequence[str]) -> LinearSegmentedColormap:
-    """Return a colour map that goes from each of these colours to the next."""
+def blend_colours(colours: Sequence[str]) -> LinearSegmentedColormap:
+    """Return a colour map that interpolates between these colours."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("blended", list(colours))
 
 
 def light_grid(ax: Axes, *, axis: Literal["x", "y", "both"] = "both") -> None:
-    """Draw grid lines that stay behind the data."""
+    """Draw grid lines behind the data."""
     ax.grid(axis=axis, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
 
 
 def plain_logarithms(axis: Axis, digits: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Label these digits of every power of ten by plain numbers on a logarithmic axis: never 6 x 10^0."""
+    """Label these digits of every power of ten by plain numbers on a logarithmic axis: 5, not 5 x 10^0."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=digits))
@@ -156,15 +159,15 @@ def draw_arrows(
     """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
     from matplotlib.patheffects import withStroke
 
-    # A white rim sets arrows off from cells of any colour, in grey print, too. By default arrows shorter than a line's
-    # width are dots, which would be marks of nothing.
+    # A white rim separates arrows from cells of any colour, also in grey print. By default matplotlib draws arrows
+    # shorter than a line width as dots; here they vanish.
     look: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.0, foreground="white")]}
     look |= {"pivot": pivot, "width": width, "minlength": 0.0, "zorder": 3}
     return ax.quiver(*places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **look)
 
 
 def draw_hatched(ax: Axes, outlines: Sequence[Floats]) -> None:
-    """Hatch what is within outlines (k, 2); flat ones are lines, or points."""
+    """Hatch the areas inside outlines (k, 2); degenerate outlines are drawn as lines or points."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
@@ -174,33 +177,33 @@ def draw_hatched(ax: Axes, outlines: Sequence[Floats]) -> None:
 
 
 def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:
-    """Fill polygons of equally many corners (k, n, 2), without lines, each in a colour of its own."""
+    """Fill polygons (k, n, 2) without lines, each in its own colour."""
     from matplotlib.collections import PolyCollection
 
-    # Lines in the colour of the polygon close the seams between neighbours.
+    # Thin lines in the colour of each polygon close the seams between neighbours.
     drawn = PolyCollection(list(corners), facecolors=colours, edgecolors="face", linewidths=0.3, zorder=1)
     ax.add_collection(drawn)
     return drawn
 
 
-Pointed = Literal["neither", "both", "min", "max"]
-"""Ends of a colour bar that are pointed, because some values lie beyond."""
+PointedEnds = Literal["neither", "both", "min", "max"]
+"""Ends of a colour bar that are pointed, because some values lie beyond the scale."""
 
 
-def pointed(values: Floats, ends: tuple[float, float]) -> Pointed:
+def find_pointed_ends(values: Floats, ends: tuple[float, float]) -> PointedEnds:
     """Return the ends of a colour scale beyond which some of the values lie, by more than rounding."""
     slack = 1e-6 * (ends[1] - ends[0])
     below, above = (bool((sign * (values - end) > slack).any()) for sign, end in zip((-1, 1), ends, strict=True))
     return "both" if below and above else "min" if below else "max" if above else "neither"
 
 
-def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: Pointed = "neither") -> None:
-    """Say what the colours of axes mean, beside them."""
+def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: PointedEnds = "neither") -> None:
+    """Draw a labelled colour bar beside the axes."""
     ax.figure.colorbar(mapped, ax=ax, shrink=0.75, extend=extend).set_label(label, fontsize="small")
 
 
 def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMappable:
-    """Return a scale of colours between limits, of what is drawn by others."""
+    """Return a colour scale between limits, for drawings without one."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -210,7 +213,7 @@ def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMapp
 def draw_cells(
     points: Floats, offsets: Ints, vertices: Ints, values: Floats | None, ax: Axes | None, style: Mapping[str, object]
 ) -> Axes:
-    """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values``, one a cell."""
+    """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values`` (n_cells,)."""
     width, height = np.ptp(points, axis=0)
     if ax is None:
         wide = usual_page()[0]
@@ -229,13 +232,12 @@ def draw_cells(
     return ax
 
 
-def bar_beside(ax: Axes, cells: Collection, extend: Pointed = "neither") -> Colorbar:
-    """Return the bar of the colours of cells, in axes of its own: as high as the body, whatever its shape."""
+def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> Colorbar:
+    """Draw and return a colour bar of cells that is as high as the body."""
     from matplotlib.ticker import MaxNLocator
 
-    # By default the number of ticks goes with the height of the bar, and the room for their labels with the ticks: on
-    # a page that is laid out for some, others may then be drawn, and cut off.
-    # Beside a body a third as high as it is wide six labels of the size that narrow screens need run into each other.
+    # The default number of ticks depends on the height of the bar, and the layout depends on the ticks: labels may
+    # be cut off. On flat bodies six labels in the size for narrow screens would overlap.
     flat = 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim())
     ticks = MaxNLocator(2 if flat else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
@@ -244,7 +246,7 @@ def bar_beside(ax: Axes, cells: Collection, extend: Pointed = "neither") -> Colo
 def draw_faces(
     points: Floats, offsets: Ints, vertices: Ints, values: Floats | None, ax: Axes | None, style: Mapping[str, object]
 ) -> Axes:
-    """Draw polygons in space (see `PolyhedralMesh.plot`), with a colour bar if there are ``values``, one a polygon."""
+    """Draw polygons in space (see `PolyhedralMesh.plot`), with a colour bar if there are ``values`` (k,)."""
     if ax is None:
         ax = new_figure().add_subplot(projection="3d")
     from matplotlib.cbook import normalize_kwargs
@@ -253,7 +255,7 @@ def draw_faces(
     polygons = np.split(points[vertices], offsets[1:-1])
     given = {**CELL_STYLE, **normalize_kwargs(dict(style), Poly3DCollection)}
     colours = {f"{name}s": given.pop(name) for name in ("facecolor", "edgecolor")}
-    # Without values, light from one side tells the faces apart.
+    # Without values, shading distinguishes the faces.
     faces = Poly3DCollection(polygons, **{"shade": values is None, **colours, **given})
     ax.add_collection(faces)
     low, high = points.min(axis=0), points.max(axis=0)

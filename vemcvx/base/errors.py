@@ -1,4 +1,4 @@
-"""The errors and warnings a user can meet; each says what was found, what exists and what to do next."""
+"""Errors and warnings for users; each message says what was found, what exists and what to do next."""
 
 from __future__ import annotations
 
@@ -16,7 +16,16 @@ def quietly() -> Iterator[list[WarningMessage]]:
 
 
 class VemcvxError(Exception):
-    """Base of the errors of this package."""
+    """The base class of the errors of this package.
+
+    Examples
+    --------
+    >>> try:
+    ...     vx.Norms(B=np.eye(1), w=-1.0)
+    ... except vx.VemcvxError as error:
+    ...     print(error)
+    Norms: found the weight -1 of norm term 0; it must be >= 0.
+    """
 
 
 class MeshError(VemcvxError):
@@ -24,11 +33,11 @@ class MeshError(VemcvxError):
 
 
 class MeshWarning(UserWarning):
-    """The mesh was corrected: cells or faces turned, unused nodes, inner lines or faces dropped."""
+    """The mesh was corrected: cells or faces were reversed, or unused nodes, inner lines or inner faces dropped."""
 
 
 class SceneError(VemcvxError):
-    """The scene, its data and the times make no well-posed problem."""
+    """The scene, its data and the times do not make a well-posed problem."""
 
 
 class SceneWarning(UserWarning):
@@ -39,11 +48,11 @@ WORTH_A_WORD = 0.05  # Relative deviation above which a warning is issued; of sm
 
 
 class NotAccepted(VemcvxError):
-    """The chosen solver cannot take a term of the program."""
+    """The chosen solver does not accept a feature of the program."""
 
 
 class SolverFailed(SceneError):
-    """The solver raised an error of its own, or its answer does not fit the program."""
+    """The solver raised an error, or its answer does not fit the program."""
 
 
 class HistoryError(VemcvxError):
@@ -64,9 +73,18 @@ class NotCertified(VemcvxError):
     Attributes
     ----------
     step, time : int, float
-        The step that failed, 1 for the first one, and its instant.
+        The number of the step, 1 for the first one, and its instant.
     reached, asked, floor : float
-        Certified relative energy errors: that of the answer, the requested one, and what round-off alone accounts for.
+        Relative energy errors: the certified error of the answer, the requested error, and the part due to rounding.
+
+    Examples
+    --------
+    >>> system = vx.System(K=np.eye(1), load=lambda t: [3.0 * t], norms=vx.Norms(B=np.eye(1), w=1.0))
+    >>> try:
+    ...     vx.march(system, [0.0, 1.0], solver=vx.OSQP(options={"max_iter": 1}))
+    ... except vx.NotCertified as error:
+    ...     print(error.step, error.asked)
+    1 1e-06
     """
 
     step: int = 0
@@ -75,7 +93,7 @@ class NotCertified(VemcvxError):
     asked: float = 0.0
     floor: float = 0.0
 
-    # A pickle calls the class with the message alone, and sets the attributes then.
+    # Unpickling calls the class with the message only, and sets the attributes afterwards.
     def __init__(self, message: str, **attributes: float):
         super().__init__(message)
         vars(self).update(attributes)

@@ -1,4 +1,4 @@
-"""Records in lines of words, for prompts and notebooks."""
+"""Outlines of records, as text and HTML, for prompts and notebooks."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ Lines = Sequence[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Outline:
-    """A title, and lines of a name and words."""
+    """A title, and lines that consist of a name and words."""
 
     title: str
     lines: Lines
 
     def text(self) -> str:
-        """Return plain text, the names in a column."""
+        """Return plain text, with the names in a column."""
         width = max((len(name) for name, _ in self.lines), default=0)
         return "\n".join([self.title, *(f"    {name:<{width}}  {words}".rstrip() for name, words in self.lines)])
 
     def html(self) -> str:
-        """Return a table of HTML."""
+        """Return an HTML table."""
         rows = "".join(
             f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(words)}</td></tr>'
             for name, words in self.lines
@@ -39,11 +39,11 @@ class Outline:
 
 
 class Outlined(ABC):
-    """A record whose representation is its outline."""
+    """The base class of records whose representation is their outline."""
 
     @abstractmethod
     def outline(self) -> Outline:
-        """Return the title and lines to show."""
+        """Return the outline."""
 
     def __repr__(self) -> str:
         return self.outline().text()
@@ -53,12 +53,12 @@ class Outlined(ABC):
 
 
 class ArrayRecord(Outlined):
-    """A dataclass of arrays, whose outline has the shape of each field, or a short value."""
+    """A dataclass of arrays whose outline lists the shape or the value of each field."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def outline(self) -> Outline:
-        """Return the fields in their order, those of inner records one by one."""
+        """Return the outline with all fields, including the fields of inner records."""
         lines: list[tuple[str, str]] = []
         for field in (field for field in fields(self) if field.repr):
             value = getattr(self, field.name)
@@ -68,7 +68,7 @@ class ArrayRecord(Outlined):
 
 
 def in_a_line(value: object) -> str:
-    """Return the shape of an array, or anything else in at most a line."""
+    """Return the shape of an array, or any other value, in at most one line."""
     if isinstance(value, str):
         return value
     if isinstance(value, float):
@@ -82,5 +82,5 @@ def in_a_line(value: object) -> str:
 
 
 def coordinates(point: Iterable[float], digits: int = 4) -> str:
-    """Return a point in so many digits, such as (0.3, 1.25)."""
+    """Return a point in words, such as (0.3, 1.25), with `digits` significant digits."""
     return f"({', '.join(f'{x:.{digits}g}' for x in point)})"

@@ -1,8 +1,8 @@
-"""Files of ours in a folder that may hold files of others, for one process at a time.
+"""Files of this package in a folder that may also contain foreign files, for one process at a time.
 
-The file ``.vemcvx`` lists the files that we made there, a name a line, each written down before the file is made. No
-other file is ever written to or deleted, and no link is followed. The process that works there holds a lock on the
-list; the system releases the lock when that process ends.
+The file ``.vemcvx`` lists the files that we created in the folder, one name per line. A name is listed before its file
+is created. No other file is ever written to or deleted, and no link is followed. The process that uses the folder holds
+a lock on the list; the operating system releases the lock when this process ends.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ FIRST_LINE = "vemcvx files 1"
 
 
 class Owned:
-    """Our files in a folder, which is made if need be; to be closed, or used by ``with``.
+    """The files of this package in a folder, which is created if necessary; close it, or use it by ``with``.
 
-    HistoryError where the folder cannot be made or written to, another process works there, or the list is not ours.
+    Raise HistoryError if the folder cannot be created or written to, if another process uses it, or if its list is
+    foreign.
     """
 
     def __init__(self, path: Path):
@@ -54,7 +55,7 @@ class Owned:
         self.close()
 
     def take(self, name: str) -> Path:
-        """Return the path of a file of that name, ours from now on; HistoryError where it is somebody else's."""
+        """Return the path of a file, and list it; raise HistoryError if a foreign file has this name."""
         path = self.path / name
         if os.path.lexists(path) and not (name in self.names and _is_file(path)):
             raise self._foreign(name)
@@ -68,7 +69,7 @@ class Owned:
         return path
 
     def write(self, name: str, content: str | bytes) -> str:
-        """Write a file of that name, ours from now on; return the name."""
+        """Write a file, list it, and return its name."""
         path = self.take(name)
         try:
             path.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -77,7 +78,7 @@ class Owned:
         return name
 
     def clear(self) -> None:
-        """Delete our files."""
+        """Delete all listed files."""
         try:
             for path in filter(_is_file, (self.path / name for name in self.names)):
                 path.unlink()
@@ -87,12 +88,12 @@ class Owned:
         self.names = []
 
     def close(self) -> None:
-        """Let others work there; an empty list is deleted, and with it the folder if nothing else is in it."""
+        """Close the list and release the lock; delete an empty list, and a folder without other files."""
         if not (self.names or self._list.closed):
-            with contextlib.suppress(OSError):  # Windows deletes no open file.
+            with contextlib.suppress(OSError):  # Windows cannot delete an open file.
                 (self.path / LIST).unlink()
                 self.path.rmdir()
-        with contextlib.suppress(OSError):  # of a list that could not be written
+        with contextlib.suppress(OSError):  # Closing fails if the list could not be written.
             self._list.close()
 
     def _foreign(self, name: str) -> HistoryError:
@@ -103,7 +104,7 @@ class Owned:
 
 
 def path_of(raw: object, subject: str) -> Path:
-    """Return the path that `raw` names, or raise HistoryError."""
+    """Return `raw` as a Path; raise HistoryError if it is not a path."""
     try:
         text = os.fspath(raw) if isinstance(raw, (str, os.PathLike)) else None
         if isinstance(text, str) and text and b"\0" not in os.fsencode(text):
@@ -118,12 +119,12 @@ def _is_file(path: Path) -> bool:
 
 
 def _lock(file: IO[str]) -> None:
-    """Lock an open file, at its beginning afterwards; HistoryError where another process has it or has deleted it."""
+    """Lock an open file and rewind it; raise HistoryError if another process has locked or deleted it."""
     try:
         if sys.platform == "win32":
             import msvcrt
 
-            file.seek(2**30)  # Windows lets nobody read a locked byte: the text never reaches this one.
+            file.seek(2**30)  # Windows forbids reading a locked byte; the text never reaches this one.
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
         else:
             import fcntl

@@ -15,16 +15,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Table:
-    """A table: headings, each with its unit after a line break, and rows of cells.
+    """A table of headings and rows of cells; the unit of a heading follows a line break.
 
-    Cells are words; CSV also takes numbers. A table without headings is a list of names and words.
+    Cells are strings; CSV also accepts numbers. A table without headings is a list of names and words.
     """
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Any]]
 
     def text(self) -> str:
-        """Return plain text, numbers to the right; words in the last column are folded to the width of the terminal."""
+        """Return plain text. Numbers are aligned right; words in the last column wrap at the width of the terminal."""
         columns, gap = list(zip(*self.rows, strict=True)), " " if self.heads else "  "
         numbers = [bool(self.heads) and all(_kind(text) != "w" for text in cells) for cells in columns]
         tall = max((head.count("\n") for head in self.heads), default=0)
@@ -44,7 +44,7 @@ class Table:
         return "\n".join(lines)
 
     def csv(self) -> str:
-        """Return comma-separated values, numbers to the last digit."""
+        """Return comma-separated values, with all digits of numbers."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.heads)
@@ -52,13 +52,13 @@ class Table:
         return text.getvalue()
 
     def markdown(self) -> str:
-        """Return a table of Markdown, all columns but words to the right."""
+        """Return a Markdown table, aligned right."""
         lines = [[word.replace("|", r"\|").replace("\n", " ") for word in line] for line in (self.heads, *self.rows)]
         lines.insert(1, ["---:"] * len(self.heads))
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
     def html(self) -> str:
-        """Return a table of HTML, with units in small below their headings; cells of words have the class w."""
+        """Return an HTML table, with small units below the headings; cells of words have the class "w"."""
         kinds = map(_kind, self.rows[0]) if self.rows else [""] * len(self.heads)
         head = ""
         for kind, words in zip(kinds, self.heads, strict=True):
@@ -70,6 +70,6 @@ class Table:
 
 
 def _kind(text: str) -> str:
-    """Return the class of a cell: "" for numbers, "w" for words, "no" for a no."""
+    """Return the class of a cell: "" for numbers, "w" for words, "no" for the word no."""
     number = text.lstrip("-")[:1].isdigit() or text in ("", "-", "yes")
     return "no" if text in ("no", "NO") else "" if number else "w"

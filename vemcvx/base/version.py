@@ -1,3 +1,3 @@
-"""The version of the package, written into all that it leaves behind."""
+"""The version of the package, which is written into all its files."""
 
 __version__ = "0.1.0"

@@ -1,8 +1,8 @@
-"""The law of friction: weights that follow the answer of a step, w = W(t, p, past, slip).
+"""Laws of friction: weights that depend on the answer of a step, w = W(t, p, past, slip).
 
-Tresca's bound of friction is given. Other bounds follow the forces p of the limits (Coulomb: w = mu p), the slips
-before the step, or the slips of the step. The answer of a step then solves the convex program whose weights are those
-of its own pressure and slip, and the certificate is that of this program, "for the given friction".
+Tresca's friction bound is given. Other bounds depend on the forces p of the limits (Coulomb: w = mu p), on slips before
+the step, or on the slip of the step. The answer of a step then solves the convex program with the weights at its own
+pressure and slip. The certificate holds for this program, "for the given friction".
 """
 
 from __future__ import annotations
@@ -21,25 +21,31 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    An effect gives it for its rows, each with its normal force; a system for its m norm terms, with the forces p (r,)
-    of all limits and a slope (m, r).
+    In an effect a law has m rows, each with its normal force p (m,). In a system it has m norm terms, with the forces
+    p (r,) of all limits and a slope (m, r).
 
     Parameters
     ----------
     weights : callable (t, p, past, slip) -> (m,)
-        Weights >= 0 under forces p >= 0, after the sum of |slip| over the steps before, (m,), and |slip| of the step.
-    softening : number or (m,) array, optional
-        The largest decrease of weights per slip of the step, force per length, of a law that does not read p: where it
-        is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
-    pressed : bool
-        True if weights of an effect read normal forces, which one-sided contact on the same boundary gives; otherwise
-        that argument is an empty array.
-    slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative by p, of the piece towards larger forces where two meet, of a law that does not read the slip of
+        Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over the steps before, `slip` (m,) is |slip| of
         the step.
+    softening : number or (m,) array, optional
+        The largest decrease of weights per slip of the step, force per length, of a law that does not depend on p. If
+        it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
+    pressed : bool
+        True if weights of an effect depend on normal forces, which require one-sided contact on the same boundary;
+        else p is an empty array.
+    slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
+        The derivative by p of a law that does not depend on the slip of the step; at kinks, towards larger forces.
     slips : bool
-        True if weights read slip, before the step or in it; otherwise those arguments are empty arrays of an effect's
-        law, and zero of a system's.
+        True if weights depend on slips, before the step or in it. Else these arguments are empty arrays in an effect,
+        and zeros in a system.
+
+    Examples
+    --------
+    >>> coulomb = vx.Law(lambda t, p, past, slip: 0.3 * p, pressed=True, slope=lambda t, p, past: np.full(len(p), 0.3))
+    >>> coulomb.weights(0.0, np.array([10.0]), np.zeros(1), np.zeros(1))
+    array([3.])
     """
 
     weights: Callable[[float, Floats, Floats, Floats], ArrayLike]

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import SINGLE, Floats, Ints, totals
+from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
 from vemcvx.meshes.quality import STAR
@@ -234,7 +234,7 @@ def _seeing(corners: Floats, cell: int) -> Floats:
     limits = -np.einsum("ia,ia->i", inward, corners)
     found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=limits, bounds=[(None, None), (None, None), (0.0, None)])
     size = np.abs(corners).max()
-    if found.x is None or found.x[2] <= SINGLE * size:
+    if found.x is None or found.x[2] <= SINGLE_EPS * size:
         raise SceneError(
             f"error_bound: no point sees all of cell {cell}, so that no fan of triangles fills it; refine the mesh "
             "there, or cut the cell into pieces that are star-shaped."

@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import SAME, SINGLE, Bools, Floats
+from vemcvx.base.arrays import SAME, SINGLE_EPS, Bools, Floats
 from vemcvx.base.errors import SceneError
 from vemcvx.bound.reading import Reader, Reading
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
@@ -341,7 +341,7 @@ class Boundary:
         z, k = self._depths(now.u, now.t, compliant)
         acts = np.asarray(np.isfinite(z).all(axis=1))[:, None]
         z = np.where(acts, z, 0.0)
-        if not compliant and z.max(initial=0.0) > SINGLE * np.abs(now.u).max(initial=0.0):
+        if not compliant and z.max(initial=0.0) > SINGLE_EPS * np.abs(now.u).max(initial=0.0):
             raise SceneError(
                 "error_bound: the body is inside of a rigid obstacle at a node that supports hold: no displacement is "
                 "at hand that is admissible, and there is no bound. Give the obstacle a gap of zero or more there."

@@ -14,12 +14,12 @@ from vemcvx.base.arrays import (
     Floats,
     Ints,
     as_real_array,
+    as_shaped_array,
     brief,
-    called,
+    call_function,
     finite,
     read_only,
     shape_in_words,
-    shaped,
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh
@@ -163,7 +163,7 @@ def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
 
 def number_a_row(raw: object, m: int, subject: str) -> Floats:
     """Return a number for each of the m rows of a part."""
-    return np.full(m, shaped(raw, subject, f"one number, or ({m},), one a row", (), (m,)))
+    return np.full(m, as_shaped_array(raw, subject, f"one number, or ({m},), one a row", (), (m,)))
 
 
 def finite_a_row(raw: object, m: int, subject: str) -> Floats:
@@ -218,7 +218,7 @@ def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
     x, t = at
     failed = f"{subject}: its function failed when called as f(x{', t' * (t is not None)}) with x of shape {x.shape}"
     wanted = "take all points at once and return one value a point"
-    return called(value, (x,) if t is None else (x, t), failed, wanted)
+    return call_function(value, (x,) if t is None else (x, t), failed, wanted)
 
 
 def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:

@@ -26,7 +26,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, called, fading, read_only
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, call_function, drop_tails, read_only
 from vemcvx.base.errors import SceneError
 from vemcvx.base.weight_law import Law
 from vemcvx.effects import data
@@ -63,7 +63,7 @@ class Load:
     @cached_property
     def values(self) -> Callable[[float], Floats]:
         """t -> the datum at all points, by which `matrix` is to be multiplied."""
-        return fading(lambda t: self.at(self.points, t).ravel(), self.times)
+        return drop_tails(lambda t: self.at(self.points, t).ravel(), self.times)
 
     @cached_property
     def borne(self) -> Floats:
@@ -265,7 +265,7 @@ class Friction(ContactSurface):
         given = f"f(t, p, past{', slip' * (len(slips) > 1)}) with t = {t:.6g}"
         wanted = "take the values of all rows at once and return one number for each"
         rule = "; p is empty without pressed=True, slips are without slips=True"
-        raw = called(function, told, f"{self.subject}: its {name} failed when called as {given}", wanted + rule)
+        raw = call_function(function, told, f"{self.subject}: its {name} failed when called as {given}", wanted + rule)
         return data.number_a_row(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
 
     @property

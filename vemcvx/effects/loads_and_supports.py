@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, Ints, as_real_array, brief, one_point, shaped
+from vemcvx.base.arrays import Floats, Ints, as_real_array, as_shaped_array, brief, one_point
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
@@ -382,7 +382,7 @@ class Pretension(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject, part, dim = self._subject, space.part(self.on, "Pretension", contact=True), space.dim
-        until = float(shaped(self.until, f"{subject}: until", "an instant", ()))
+        until = float(as_shaped_array(self.until, f"{subject}: until", "an instant", ()))
         rows = part.node_normals
         if (rows.partners < 0).any():
             raise SceneError(

@@ -30,7 +30,7 @@ import scipy.sparse as sp
 from scipy.io import mminfo, mmread, mmwrite
 
 from vemcvx.base.archives import read_arrays
-from vemcvx.base.arrays import Floats, as_real_array, check_compressed, finite, of_shape
+from vemcvx.base.arrays import Floats, as_array_of_shape, as_real_array, check_compressed, finite
 from vemcvx.base.errors import ProgramError
 from vemcvx.linear import Matrix
 from vemcvx.program import Answer, Operators, SolvedProgram, StepProgram
@@ -154,7 +154,7 @@ def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram
     if "d" not in kept:
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
-    d, lam, p, step, t = (finite(of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
+    d, lam, p, step, t = (finite(as_array_of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
     return SolvedProgram.from_answer(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
 
 

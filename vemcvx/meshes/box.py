@@ -15,7 +15,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SINGLE, Bools, Floats, brief, called, is_real, is_whole, plain, read_only
+from vemcvx.base.arrays import (
+    SINGLE_EPS,
+    Bools,
+    Floats,
+    brief,
+    call_function,
+    is_real,
+    is_whole,
+    plain,
+    read_only,
+)
 from vemcvx.base.errors import MeshError
 
 Count = int | tuple[int, int]
@@ -97,11 +107,11 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
 def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
     """Return a number an axis, the width of the last cell over that of the first, or raise MeshError."""
     given = tuple(grade) if listed(grade) else (grade,) * dimension
-    if len(given) != dimension or not all(is_real(value) and SINGLE <= value <= 1 / SINGLE for value in given):
+    if len(given) != dimension or not all(is_real(value) and SINGLE_EPS <= value <= 1 / SINGLE_EPS for value in given):
         names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
         raise MeshError(
-            f"grade must be a number from {SINGLE:g} to {1 / SINGLE:g}, or one an axis ({names}): how many times "
-            f"wider the last cell is than the first; got {brief(grade)}."
+            f"grade must be a number from {SINGLE_EPS:g} to {1 / SINGLE_EPS:g}, or one an axis ({names}): how many "
+            f"times wider the last cell is than the first; got {brief(grade)}."
         )
     return tuple(map(float, given))
 
@@ -201,7 +211,9 @@ def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
             f"boundary {name!r}: predicate must be a function of the {middles} (m, {dimension}); got {predicate!r}."
         )
     failed = f"boundary {name!r}: the predicate failed for {middles} of shape {places.shape}"
-    chosen = _array(called(predicate, (places,), failed, f"take all {middles} at once and return a boolean for each"))
+    chosen = _array(
+        call_function(predicate, (places,), failed, f"take all {middles} at once and return a boolean for each")
+    )
     if chosen.shape != (m,) or chosen.dtype != bool:
         raise MeshError(
             f"boundary {name!r}: the predicate gets {m} {middles}, shape ({m}, {dimension}), "

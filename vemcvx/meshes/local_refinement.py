@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
-from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints
+from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.meshes.carrying import (
     Origins,
     Refinement,
@@ -115,7 +115,7 @@ def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
     # Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
-    slack = SINGLE * length[before] * length + rounding(x) * (length[before] + length)
+    slack = SINGLE_EPS * length[before] * length + rounding(x) * (length[before] + length)
     bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.base.arrays import SOME, Floats, Ints
+from vemcvx.base.arrays import CHUNK_SIZE, Floats, Ints
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, same_rows, turned
 
 
@@ -88,8 +88,8 @@ class FaceShapes(NamedTuple):
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
     """Shapes of faces; normals by the right-hand rule."""
-    begin = range(0, max(len(offsets) - 1, 1), SOME)
-    parts = [_shapes_of_some(points, offsets[first : first + SOME + 1], vertices) for first in begin]
+    begin = range(0, max(len(offsets) - 1, 1), CHUNK_SIZE)
+    parts = [_shapes_of_some(points, offsets[first : first + CHUNK_SIZE + 1], vertices) for first in begin]
     return FaceShapes(*map(np.concatenate, zip(*parts, strict=True)))
 
 

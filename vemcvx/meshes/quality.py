@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from vemcvx.base.arrays import SOME, Bools, Floats, Ints
+from vemcvx.base.arrays import CHUNK_SIZE, Bools, Floats, Ints
 from vemcvx.base.errors import MeshWarning
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.meshes.mesh import Mesh
@@ -161,8 +161,8 @@ def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats,
 
     size, cells = normals.shape[1] + 1, len(offsets) - 1
     found = np.empty((cells, size))
-    for first in range(0, cells, SOME):
-        last = min(first + SOME, cells)
+    for first in range(0, cells, CHUNK_SIZE):
+        last = min(first + CHUNK_SIZE, cells)
         sides = slice(offsets[first], offsets[last])
         rows = np.column_stack([normals[sides], np.ones(len(normals[sides]))])
         columns = (cell_of_corner(offsets[first : last + 1])[:, None]) * size + np.arange(size)

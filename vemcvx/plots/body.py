@@ -193,7 +193,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     look: dict[str, Any] = {"array": field.values[row], "cmap": field.colours[0], "clim": field.colours[1]}
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
     mesh.plot(ax=ax, displacement=places - mesh.points, linewidth=line, edgecolor="0.35", **look)
-    beyond = canvas.pointed(np.concatenate([found[seen] for found in field.values]), look["clim"])
+    beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:
         # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
@@ -260,7 +260,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
         return style.SIZE, (0.0, top)
     if low > -0.1 * top:
         return style.TENSION, (0.0, top)
-    return (style.COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (canvas.blended(style.SIGNED), (-top, top))
+    return (style.COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (canvas.blend_colours(style.SIGNED), (-top, top))
 
 
 def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
@@ -377,7 +377,7 @@ def deformed_body(
     height, width = image.shape[:2]
     across = canvas.usual_page()[0]
     ax = canvas.axes_or_new(ax, across, 0.5 + 0.8 * across * height / width)
-    beyond = canvas.pointed(np.concatenate(stresses), scale)
+    beyond = canvas.find_pointed_ends(np.concatenate(stresses), scale)
     ax.imshow(image)
     ax.set_axis_off()
     canvas.colour_bar(ax, canvas.scale_of(colours, scale), label(words, "force per area", units), beyond)

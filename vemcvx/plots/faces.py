@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice, quantities
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, array_fields, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
@@ -90,7 +90,7 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
     """Return the face of some of the contact nodes, seen along a normal."""
     kept = {
         name: getattr(history.contact, name).compress(rows, axis=of.sizes.index("m"))
-        for name, of in quantities(Contact).items()
+        for name, of in array_fields(Contact).items()
     }
     contact, mesh = Contact(**kept), history.mesh
     assert isinstance(mesh, PolyhedralMesh)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, brief, choice, shaped
+from vemcvx.base.arrays import Floats, as_shaped_array, brief, choice
 from vemcvx.base.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.owned_files import path_of
@@ -181,7 +181,7 @@ def hysteresis_loop(
         between = history.force_bounds[history.stored]
     if between is not None:
         wanted = "bounds, two a stored instant"
-        _bars(ax, u, shaped(between, "hysteresis_loop: between", wanted, (len(u), 2)), style.NUMERICAL)
+        _bars(ax, u, as_shaped_array(between, "hysteresis_loop: between", wanted, (len(u), 2)), style.NUMERICAL)
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import ROUNDING, SAME, Bools, Floats, brief, is_real, shaped
+from vemcvx.base.arrays import ROUNDING, SAME, Bools, Floats, as_shaped_array, brief, is_real
 from vemcvx.base.canvas import figure_of
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
@@ -127,7 +127,7 @@ def window_of(raw: ArrayLike | None) -> Window | None:
     if raw is None:
         return None
     wanted = "((low, high), (low, high)), the parts of both axes"
-    found = shaped(raw, "window", wanted, (2, 2))
+    found = as_shaped_array(raw, "window", wanted, (2, 2))
     if not (np.isfinite(found).all() and (found[:, 0] < found[:, 1]).all()):
         raise HistoryError(f"window: found {brief(raw)}; wanted {wanted}.")
     (left, right), (bottom, top) = found.tolist()

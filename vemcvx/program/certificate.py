@@ -131,9 +131,10 @@ class Certificate(ArrayRecord):
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
-    """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i; if w_i is infinite, zero or infinite with s_i.
+    """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i.
 
-    It is computed without cancellation, as (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2.
+    If w_i is infinite, the gap is zero for s_i = 0, else infinite. It is computed without cancellation, as
+    (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2.
     """
     size, slip = lengths(lam), lengths(s)
     # If lam or s vanishes, its factor |lam| or |s| removes the undefined direction from the sum.

@@ -30,7 +30,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, spread
+from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, scatter
 from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import Factor, LinearSolver, Matrix, order_by_minimum_degree
 from vemcvx.program.certificate import ROUNDED
@@ -139,7 +139,7 @@ class Condensation:
                     f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
                     "body), which it does not take; SuperLU() does."
                 )
-            anchor = spread(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
+            anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
         if self.whole:
@@ -185,7 +185,7 @@ class Condensation:
             return Reduced(self, shares)
         full = len(basis) == MOST_SHAPES
         rest, shares = (load, {}) if full else (rest, shares)
-        new = self._solve_shape(rest if rows is None else spread(rest, rows, self.system.n))
+        new = self._solve_shape(rest if rows is None else scatter(rest, rows, self.system.n))
         if not full:
             basis.append((rest, new))
         return Reduced(self, {**shares, new: unit})

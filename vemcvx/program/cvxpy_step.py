@@ -1,4 +1,4 @@
-"""The program of a step in cvxpy: :class:`vemcvx.program.StepProgram` has its notation.
+"""The program of a step in cvxpy, in the notation of :class:`vemcvx.program.StepProgram`.
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
@@ -75,7 +75,7 @@ def to_cvxpy(
 
     Without `cones` each absolute value is written as two inequalities. With `corners` (P, block), unit vectors, discs
     of multipliers are replaced by polygons with these corners. Terms that are `stuck` (m,) do not slip; their weights
-    are to be finite.
+    must be finite.
     """
     import cvxpy as cp
 

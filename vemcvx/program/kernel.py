@@ -25,7 +25,7 @@ from vemcvx.base.arrays import (
     Floats,
     as_real_array,
     brief,
-    called,
+    call_function,
     directions,
     finite,
     function,
@@ -95,7 +95,7 @@ class Kernel:
     def name(self, c: Floats) -> str:
         """Return the motion modes @ c in words, with its direction."""
         if self.in_words is not None:
-            return str(called(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
+            return str(call_function(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
         large = np.flatnonzero(np.abs(c) > 1e-3 * np.abs(c).max())
         return " with ".join(self.names[i] if c[i] > 0 else f"the reverse of {self.names[i]}" for i in large)
 

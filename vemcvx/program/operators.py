@@ -17,13 +17,13 @@ from vemcvx.base.arrays import (
     Floats,
     Ints,
     as_real_array,
+    as_shaped_array,
+    as_sparse_matrix,
     brief,
-    checked_matrix,
     finite,
     is_whole,
     read_only,
     shape_in_words,
-    shaped,
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
@@ -59,7 +59,7 @@ def check_symmetric(K: Any, subject: str) -> None:
 
 def as_read_only_rows(raw: Any, subject: str) -> sp.csr_matrix:
     """Convert a matrix into a read-only sparse matrix of finite numbers."""
-    matrix = checked_matrix(raw, subject)
+    matrix = as_sparse_matrix(raw, subject)
     if not matrix.has_canonical_format:  # Else SciPy would sort the entries in place at a later product.
         matrix = matrix.copy()
         matrix.sum_duplicates()
@@ -141,7 +141,8 @@ class Operators(ArrayRecord):
         read["block"], r = whole_blocks(self.block, read["B"].shape[0], "Operators"), read["D"].shape[0]
         given = np.zeros(r) if self.compliance is None else self.compliance
         c = finite(
-            shaped(given, "Operators: compliance", f"({r},) numbers, one a limit", (r,)), "Operators: compliance"
+            as_shaped_array(given, "Operators: compliance", f"({r},) numbers, one a limit", (r,)),
+            "Operators: compliance",
         )
         if (c < 0).any():
             raise SceneError(f"Operators: found the compliance {c.min():.6g}; it must be >= 0.")

@@ -1,4 +1,4 @@
-"""The program of a step in the increment d = y - y_prev, and its answers; in cvxpy it is :mod:`.cvxpy_step`.
+"""The program of a step in the increment d = y - y_prev, and its answers; :mod:`.cvxpy_step` has its form in cvxpy.
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
@@ -30,12 +30,12 @@ from vemcvx.base.arrays import (
     Bools,
     Floats,
     Ints,
+    as_array_of_shape,
     brief,
     directions,
     finite,
     is_whole,
     lengths,
-    of_shape,
     onto_discs,
     power_of_two,
     read_only,
@@ -113,12 +113,12 @@ class StepProgram(ArrayRecord):
 
     @property
     def stuck(self) -> Bools:
-        """The terms (m,) that always stick."""
+        """True (m,) for terms that always stick."""
         return np.asarray(self.w == np.inf)
 
     @property
     def finite_weights(self) -> Floats:
-        """w (m,), with zero for the terms that always stick: what slips of the others cost."""
+        """The weights w (m,), with zeros for terms that always stick."""
         return np.where(self.stuck, 0.0, self.w)
 
     @property
@@ -290,7 +290,7 @@ class StepProgram(ArrayRecord):
             raise SceneError(f"certify: found the weight {self.w[i]:.6g} of term {i}; weights are >= 0.")
         given = {"d": d} | {key: x for key, x in (("lam", lam), ("p", p)) if x is not None}
         names = {key: f"certify: {key}" for key in given}
-        read = {key: finite(of_shape(x, names[key], self.shapes[key]), names[key]) for key, x in given.items()}
+        read = {key: finite(as_array_of_shape(x, names[key], self.shapes[key]), names[key]) for key, x in given.items()}
         return self.certificate_at(read["d"], *self.multipliers(**read))
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
@@ -484,7 +484,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
         # In an Answer, missing multipliers are empty arrays.
         if not (part is None or (isinstance(part, np.ndarray) and part.size == 0)):
             try:
-                read[key] = of_shape(part, f"solver {solver}: {key}", shapes[key])
+                read[key] = as_array_of_shape(part, f"solver {solver}: {key}", shapes[key])
             except SceneError as error:
                 raise SolverFailed(str(error)) from None
             if has_diverged(read[key]):

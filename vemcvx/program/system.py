@@ -23,15 +23,15 @@ from vemcvx.base.arrays import (
     Floats,
     Ints,
     as_real_array,
+    as_shaped_array,
+    as_sparse_matrix,
     at_instant,
     brief,
-    called,
-    checked_matrix,
+    call_function,
     finite,
     function,
     instance,
-    shaped,
-    spread,
+    scatter,
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
@@ -60,12 +60,12 @@ class Rows(ArrayRecord):
         if self.places is None:
             return f"{self.kind} {i}"
         asked = "take the number of a term and say where it acts"
-        return str(called(self.places, (i,), f"{type(self).__name__}: places failed", asked))
+        return str(call_function(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one finite number per row (count,), of weights perhaps infinite; SceneError for wrong signs."""
+        """Return one number per row (count,), finite or an infinite weight; raise SceneError for wrong signs."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}", type(self).__name__
-        found = np.full(self.count, shaped(raw, f"{owner}: {name}", wanted, (), (self.count,)))
+        found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
         if not signed and (found < 0).any():
             i = int(np.argmin(found))
@@ -81,7 +81,7 @@ class Norms(Rows):
     ----------
     B : (m * block, n) array or sparse matrix
     w : (m,) array, or callable t -> (m,)
-        Weights >= 0; of a term that always sticks infinite: it is the constraint B_i v = 0, of any force.
+        Weights >= 0. An infinite weight makes term i the constraint B_i v = 0: it always sticks.
     block : int
         Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
     places : callable i -> str, optional
@@ -152,15 +152,17 @@ class Norms(Rows):
             return self.weights(t)
         slips = (np.zeros(self.count) if x is None else x for x in (past, slip))
         failed = f"Norms: law: its function failed when called as f(t, p, past, slip) with t = {t:.6g}"
-        return self.read_numbers(called(self.law.weights, (t, p, *slips), failed, "return weights"), "w", "weight")
+        return self.read_numbers(
+            call_function(self.law.weights, (t, p, *slips), failed, "return weights"), "w", "weight"
+        )
 
     def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
         """Return the derivative (m, r) of the law by limit forces p (r,), after slips `past` (m,), or None."""
         if self.law is None or self.law.slope is None:
             return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
-        J = called(self.law.slope, (t, p, past), failed, "return the law's derivative")
-        return checked_matrix(J, "Norms: slope", (self.count, len(p)))
+        J = call_function(self.law.slope, (t, p, past), failed, "return the law's derivative")
+        return as_sparse_matrix(J, "Norms: slope", (self.count, len(p)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -243,7 +245,7 @@ class ForceOnPart:
 
     def __call__(self, t: float) -> Floats:
         """Return the force on all unknowns (n,)."""
-        return spread(self.entries(t), self.rows, self.n)
+        return scatter(self.entries(t), self.rows, self.n)
 
 
 def force_on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
@@ -464,7 +466,7 @@ class System(ArrayRecord):
             return None
         rows, subject = self.B.shape[0], "Norms: ground"
         raw = at_instant(self.norms.ground, t, subject)
-        return finite(shaped(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
+        return finite(as_shaped_array(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
         """Return the given linear solver, or one chosen by size; raise SceneError if it has no fitting `factorise`."""
@@ -481,7 +483,9 @@ class System(ArrayRecord):
         """Return the order of elimination (n,), or None."""
         if not callable(self.order):
             return self.order
-        return self._permutation(called(self.order, (), "System: order: its function failed", "return a permutation"))
+        return self._permutation(
+            call_function(self.order, (), "System: order: its function failed", "return a permutation")
+        )
 
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """Return the load at the instant `t`, checked, and the unknowns on which it acts; None stands for all."""
@@ -492,4 +496,4 @@ class System(ArrayRecord):
     def force(self, t: float) -> Floats:
         """Return the load vector (n,) at the instant `t`, checked."""
         subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
-        return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)
+        return finite(as_shaped_array(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)

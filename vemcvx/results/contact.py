@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
+from vemcvx.base.arrays import EPS, Bools, Floats, Ints, sum_columns, totals
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.meshes.polygons import found_in
 from vemcvx.results.contact_tiles import ContactTiles, unmatched
@@ -190,11 +190,11 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
     The last is of terms along given directions, and not in the one before.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
-    force, given = summed_columns(each, at, m), terms.directed
+    force, given = sum_columns(each, at, m), terms.directed
     if not given.any():
         return totals(at, terms.lengths, m), force, 0.0
     parts = [totals(at[kind], terms.lengths[kind], m) for kind in (given, ~given)]
-    cohesion = np.einsum("smd,md->sm", summed_columns(each[:, given], at[given], m), normals)
+    cohesion = np.einsum("smd,md->sm", sum_columns(each[:, given], at[given], m), normals)
     return np.maximum(*parts), force - cohesion[:, :, None] * normals, cohesion
 
 
@@ -204,7 +204,7 @@ def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     if terms.reported is None:
         return 0.0
     moved = np.array([terms.reported(float(t)) for t in trajectory.times[trajectory.stored]])
-    return summed_columns(moved * (terms.lengths / length[at])[:, None], at, len(length))
+    return sum_columns(moved * (terms.lengths / length[at])[:, None], at, len(length))
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:
@@ -213,7 +213,7 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     S, m = len(forces), len(surface.nodes)
     held = np.unique(surface.normal_reaction.indices)
     rest = forces.reshape(S, -1)[:, held] + trajectory.multipliers.reshape(S, -1) @ terms.rows[:, held]
-    normal = summed_columns(p, surface.find(obstacles), m)
+    normal = sum_columns(p, surface.find(obstacles), m)
     rest += p @ obstacles.rows[:, held]
     return (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
 
@@ -244,7 +244,7 @@ def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bo
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
     """Values (S, terms) summed at contact nodes over their lengths with friction (m,); 0 where there is none."""
-    total = summed_columns(values, at, len(length))
+    total = sum_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 

@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base.archives import Arrays, read_arrays, record_of
-from vemcvx.base.arrays import Floats, quantities
+from vemcvx.base.arrays import Floats, array_fields
 from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.base.version import __version__
@@ -59,7 +59,7 @@ from vemcvx.vem import VertexWeights, component_names
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
 FORMAT = f"{NAME} 7"
-ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in quantities(record).items()}
+ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
 """What is no array, and goes into JSON as it is."""
 WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
@@ -335,7 +335,7 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
     """Displacement, and contact as fields of the whole body: vectors are opposite on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
-    for name in (name for name, of in quantities(type(contact)).items() if of.sizes[0] == "S"):
+    for name in (name for name, of in array_fields(type(contact)).items() if of.sizes[0] == "S"):
         values = getattr(contact, name)[row]
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
         fields[name][contact.partners[joined]] = values[joined] if values.ndim == 1 else -values[joined]

@@ -24,7 +24,7 @@ from typing import Annotated, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, summed_columns
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, sum_columns
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import ContactSurface, Effect
@@ -106,7 +106,7 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         causes=keys[:, 1:3],
         ends=keys[:, 3:],
         held=keys[:, 0].astype(bool),
-        force=summed_columns(force, row.ravel(), len(keys)),
+        force=sum_columns(force, row.ravel(), len(keys)),
         loads=np.array(loads).reshape(S, -1, dim),
         load_causes=np.array([cause for cause, _ in given], dtype=np.int64),
     )

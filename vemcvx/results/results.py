@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SAME, SOME, Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
+from vemcvx.base.arrays import CHUNK_SIZE, SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole, sum_columns
 from vemcvx.base.errors import WORTH_A_WORD, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import Effect
@@ -456,11 +456,11 @@ RECORDS: dict[str, type] = {
 """Records whose arrays make up a history, under the first part of the names that their arrays have in files."""
 
 
-def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
+def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]:
     """Give every array of a history with its name and what there is to say of it."""
     for prefix, kind in RECORDS.items():
         record = attrgetter(prefix[:-1])(history) if prefix else history
-        for name, of in quantities(type(record)).items() if isinstance(record, kind) else ():
+        for name, of in array_fields(type(record)).items() if isinstance(record, kind) else ():
             if (values := getattr(record, name)) is not None:
                 yield prefix + name, values, of
 
@@ -549,10 +549,10 @@ def warn_of_lost_work(run: Trajectory) -> None:
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     """Log a warning of the largest principal strain and its place, if small strains are left.
 
-    It looks at some SOME cells, at the stored instant of the largest energy.
+    It looks at about CHUNK_SIZE cells, at the stored instant of the largest energy.
     """
     space, row = posed.space, int(np.argmax(results.energy))
-    groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // SOME)) for group in space.groups]
+    groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // CHUNK_SIZE)) for group in space.groups]
     cells, mesh = np.concatenate([group.cells for group in groups]), space.mesh
     tensor = strains(space, results.displacement[row], groups)[cells]
     tensor[:, space.dim :] *= 0.5
@@ -576,7 +576,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     first, place = distinct_pairs(obstacles.nodes, obstacles.partners)
     at = obstacles[first].find(terms)
     # The last column is of terms without an obstacle.
-    pressed = summed_columns(trajectory.pressures, place, len(first) + 1)[:, at]
+    pressed = sum_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
     # Answers are a solver's: of the largest pressure 1e-6 counts as touch, and as much of friction's work counts.

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, quantities
+from vemcvx.base.arrays import SAME, array_fields
 from vemcvx.base.errors import HistoryError
 from vemcvx.results.results import Results
 
@@ -99,7 +99,7 @@ def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any
     where its array is smaller, such as one over unknowns, rows are filled with NaN (False).
     """
     found: dict[str, Any] = {}
-    for name, (sizes, *_) in quantities(type(records[0])).items():
+    for name, (sizes, *_) in array_fields(type(records[0])).items():
         arrays = [getattr(record, name) for record in records]
         if sizes[0] in OF_EFFECTS:
             found[name] = np.concatenate(arrays)

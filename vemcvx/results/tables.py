@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import Floats, Ints, brief, quantities
+from vemcvx.base.arrays import Floats, Ints, array_fields, brief
 from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.base.table import Table
 from vemcvx.meshes import PolygonMesh
@@ -44,7 +44,7 @@ def table(history: Results, name: object, points: ArrayLike | None = None) -> Co
 
 def _steps(history: Results) -> Columns:
     run = history.trajectory
-    names = [name for name, of in quantities(type(run)).items() if of.sizes == ("N",) and name != "times"]
+    names = [name for name, of in array_fields(type(run)).items() if of.sizes == ("N",) and name != "times"]
     found = {name: getattr(run, name) for name in (*names, *DERIVED)}
     found |= {name: getattr(history, name) for name in ERRORS}
     columns = {"step": np.arange(len(run.times)), "time": run.times}
@@ -60,7 +60,7 @@ def _contact(history: Results) -> Columns:
     """Every array of contact; those that do not change in time are repeated at every step, named after one node."""
     contact, steps = history.contact, len(history.stored)
     columns = _when(history, len(contact.nodes)) | _along(history)
-    for name, of in quantities(type(contact)).items():
+    for name, of in array_fields(type(contact)).items():
         values = getattr(contact, name)
         if of.sizes[0] == "S":
             columns |= _by_axis(name, values.reshape(-1, *values.shape[2:]))

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, fading, read_only
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, drop_tails, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material
@@ -208,7 +208,7 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
         return tuple(datum for datum, gone in zip(data, zero, strict=True) if not gone)
 
     def faded(datum: Any) -> Any:
-        return replace(datum, value=fading(datum.value, times))
+        return replace(datum, value=drop_tails(datum.value, times))
 
     matrices = () if part.material is not None else ("stiffness", "viscosity")
     weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]

@@ -336,8 +336,8 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        # By cones = True or False and the terms that always stick: the step in cvxpy, and the solver objects that cvxpy
-        # keeps for a warm start.
+        # The keys are `cones` and the terms that always stick. The values are the step in cvxpy, and the solver objects
+        # that cvxpy keeps for a warm start.
         self._compiled: dict[tuple[bool, bytes], tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:

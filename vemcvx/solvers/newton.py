@@ -121,7 +121,7 @@ class ActiveSets:
 
     def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
         """Return x_law (N,): x with w along slips, and zero on open limits."""
-        w = np.where(self.stick, 0.0, w)  # perhaps infinite there
+        w = np.where(self.stick, 0.0, w)  # The weight of a sticking term may be infinite.
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
@@ -385,7 +385,7 @@ class PreparedNewton:
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = WeightsInUnits(law, delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
-        # A system in which a term slips that now always sticks is no start.
+        # Discard the last system if one of its slipping terms now always sticks.
         last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None
         begin = search.system(ActiveSets.at(delassus, point, own), point) if near else last
         point, system, error = search.find_solution(point, begin)

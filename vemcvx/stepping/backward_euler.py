@@ -46,12 +46,12 @@ from vemcvx.base.arrays import (
     Bools,
     Floats,
     as_real_array,
+    as_shaped_array,
     brief,
     check_takes,
     finite,
     flag,
     lengths,
-    shaped,
 )
 from vemcvx.base.errors import WORTH_A_WORD, SceneError, SolverFailed
 from vemcvx.linear import LinearSolver
@@ -485,7 +485,7 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
             f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
             "'settled' (one step from zero)."
         )
-    return finite(shaped(initial, "initial", f"{n} finite values, one an unknown", (n,)), "initial")
+    return finite(as_shaped_array(initial, "initial", f"{n} finite values, one an unknown", (n,)), "initial")
 
 
 def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, is_whole, quantities
+from vemcvx.base.arrays import Bools, Floats, Ints, array_fields, brief, is_whole
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.base.owned_files import Owned, path_of
@@ -280,7 +280,7 @@ def choose_stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
     )
 
 
-FIELDS = {name: of for name, of in quantities(Trajectory).items() if name not in ("times", "stored")}
+FIELDS = {name: of for name, of in array_fields(Trajectory).items() if name not in ("times", "stored")}
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 

@@ -39,7 +39,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
-from vemcvx.base.arrays import SOME, Bools, Floats, Ints
+from vemcvx.base.arrays import CHUNK_SIZE, Bools, Floats, Ints
 from vemcvx.vem.projection import CACHED_NUMBERS, CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
@@ -141,8 +141,8 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
         entries = (gather @ blocks).reshape(-1, dim, dim), columns[i:j], indptr[start : stop + 1] - i
         return sp.bsr_matrix(entries, shape=(dim * (stop - start), dim * n_nodes)).tocsr()
 
-    starts = range(0, max(n_nodes, 1), SOME)
-    return sp.vstack([assemble_rows(start, min(start + SOME, n_nodes)) for start in starts], format="csr")
+    starts = range(0, max(n_nodes, 1), CHUNK_SIZE)
+    return sp.vstack([assemble_rows(start, min(start + CHUNK_SIZE, n_nodes)) for start in starts], format="csr")
 
 
 def _sort_blocks(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:

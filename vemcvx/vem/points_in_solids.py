@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import ROUNDING, SOME, Floats, Ints
+from vemcvx.base.arrays import CHUNK_SIZE, ROUNDING, Floats, Ints
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import TOLERANCE, least_of_each, offsets_of, overlapping_boxes, spans
@@ -43,7 +43,7 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
     array([[1.]])
     """
     # Each point meets a few hundred triangles, so points are treated in batches.
-    parts = [_places(space, mesh, x[k : k + SOME]) for k in range(0, len(x), SOME)]
+    parts = [_places(space, mesh, x[k : k + CHUNK_SIZE]) for k in range(0, len(x), CHUNK_SIZE)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
 

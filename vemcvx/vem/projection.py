@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from vemcvx.base.arrays import SOME, Bools, Floats, Ints, read_only, totals
+from vemcvx.base.arrays import CHUNK_SIZE, Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
@@ -341,14 +341,14 @@ def cell_groups(mesh: Mesh) -> tuple[CellGroup, ...]:
 def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[Floats, Floats]:
     """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all pairs of a cell and its node, computed in batches."""
     b, a = np.empty((len(mesh.face_vertices), 3)), np.empty(len(mesh.face_vertices))
-    for start in range(0, mesh.n_faces, 4 * SOME):  # A face needs a quarter of the memory of a cell.
-        some = np.arange(start, min(start + 4 * SOME, mesh.n_faces))
+    for start in range(0, mesh.n_faces, 4 * CHUNK_SIZE):  # A face needs a quarter of the memory of a cell.
+        some = np.arange(start, min(start + 4 * CHUNK_SIZE, mesh.n_faces))
         for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, some):
             at = mesh.face_offsets[group.faces][:, None] + np.arange(group.nodes.shape[1])
             b[at], a[at] = group.vector_shares, group.shares
     vectors, areas = np.empty((len(nodes), 3)), np.empty(len(nodes))
-    for start in range(0, mesh.n_cells, SOME):
-        every = np.arange(start, min(start + SOME, mesh.n_cells))
+    for start in range(0, mesh.n_cells, CHUNK_SIZE):
+        every = np.arange(start, min(start + CHUNK_SIZE, mesh.n_cells))
         stop = start + len(every)
         sides, ours = slice(*mesh.cell_offsets[[start, stop]]), slice(*offsets[[start, stop]])
         faces = mesh.cell_faces[sides]

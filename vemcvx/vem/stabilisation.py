@@ -25,7 +25,7 @@ from typing import Annotated
 
 import numpy as np
 
-from vemcvx.base.arrays import ROUNDING, Bools, Floats, as_real_array, called
+from vemcvx.base.arrays import ROUNDING, Bools, Floats, as_real_array, call_function
 from vemcvx.base.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
@@ -182,7 +182,7 @@ def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: 
     """Return S (c, n, n, dim, dim); raise SceneError unless it is a finite symmetric array of this size."""
     name, (count, n) = stabilisation.describe(), cells.nodes.shape
     failed = f"{name}: its form failed when called with cells of {n} vertices"
-    raw = called(stabilisation.form, (cells, C), failed, "return a matrix S for every cell")
+    raw = call_function(stabilisation.form, (cells, C), failed, "return a matrix S for every cell")
     S = as_real_array(raw, f"{name}: form", "a matrix S for every cell")
     if S.shape not in ((count, n, n), (count, n, n, dim, dim)):
         raise SceneError(

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SINGLE, Floats, Ints, plain
+from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, plain
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import LARGEST
@@ -216,7 +216,7 @@ def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) ->
 def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     """Raise MeshError where cells overlap, or hardly do not meet."""
     # Narrower slits are mistakes, not a geometry.
-    width = SINGLE * lowest(points, offsets, vertices)
+    width = SINGLE_EPS * lowest(points, offsets, vertices)
     misfit = find_misfit(outlines(points, offsets, vertices), width)
     if misfit is None:
         return
@@ -225,7 +225,7 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
         raise MeshError(f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them.")
     raise MeshError(
         f"cells {one} and {other} do not fit together near {at}: a node on an edge of one is a vertex of the other "
-        f"only, or there is a gap narrower than {width:.3g}, {SINGLE:g} of the lowest cell. Give both the same "
+        f"only, or there is a gap narrower than {width:.3g}, {SINGLE_EPS:g} of the lowest cell. Give both the same "
         "vertices there, hanging nodes included, or open the gap."
     )
 

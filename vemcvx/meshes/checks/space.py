@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SINGLE, Bools, Floats, Ints
+from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.checks import plane
@@ -192,12 +192,12 @@ def _check_faces(points: Floats, listed: Listed, some: Ints, shapes: FaceShapes)
     plane.check_areas(shapes.areas, sizes, rounding, name)
     places = polyhedra.in_planes(points[vertices], face, shapes)
     height = np.abs(places[:, 2])
-    bent = np.flatnonzero(height > (SINGLE * sizes + rounding)[face])
+    bent = np.flatnonzero(height > (SINGLE_EPS * sizes + rounding)[face])
     if len(bent):
         worst = bent[np.argmax(height[bent] / sizes[face[bent]])]
         raise MeshError(
             f"{name(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane, "
-            f"and {SINGLE:g} of its diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, "
+            f"and {SINGLE_EPS:g} of its diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, "
             "the same ones in both cells that have it, or move the node."
         )
     plane.check_simple(places[:, :2], offsets, rounding, name)
@@ -215,12 +215,12 @@ def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSh
             f"cell {flat[0]} has no volume (volume {volumes[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}). Remove it "
             "or correct its faces."
         )
-    _check_outer_faces(points, faces, shapes, SINGLE * float((volumes / sizes**2).min()))
+    _check_outer_faces(points, faces, shapes, SINGLE_EPS * float((volumes / sizes**2).min()))
     try:
         hull = float(ConvexHull(points[np.unique(nodes)]).volume)
     except QhullError:  # as flat as rounding
         hull = np.inf
-    if volumes.sum() > (1.0 + SINGLE) * hull:
+    if volumes.sum() > (1.0 + SINGLE_EPS) * hull:
         raise MeshError(
             f"cells overlap: their volumes add up to {volumes.sum():.6g}, and the convex hull of all has {hull:.6g}. "
             "Remove or correct some of them."
@@ -261,7 +261,7 @@ def find_upon(
     width: float,
     *,
     body: Ints | None = None,
-    part: float = SINGLE,
+    part: float = SINGLE_EPS,
 ) -> Upon:
     """Return pairs of outer faces, of different bodies if these (f,) are given, within a width of each other.
 

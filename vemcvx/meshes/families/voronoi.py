@@ -18,7 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, SINGLE, Bools, Floats, Ints
+from vemcvx.base.arrays import SAME, SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
     UNIT_BOX,
@@ -165,10 +165,10 @@ def _relaxed(
         while True:
             points, cells = cut(seeds, size, reach)
             # Without enough images of seeds cells leave the box, or are open; then all of this is done again.
-            inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE
+            inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE_EPS
             points = np.clip(points, 0.0, size)
             measures, centroids = _measures_and_centroids(points, cells)
-            if reach > size.max() or (inside and abs(measures.sum() - count) < SINGLE):
+            if reach > size.max() or (inside and abs(measures.sum() - count) < SINGLE_EPS):
                 break
             reach *= 2.0
         seeds = centroids

@@ -272,7 +272,8 @@ class Rigid(Effect):
 
     Its motion is unknown but for what `motion` prescribes. It bears loads, and contact and friction of other bodies
     against it. Other supports must not hold its nodes, but where `motion` prescribes the same. `history.force(Rigid)`
-    is the sum of `force` and of what the prescribed motion takes; `history.reaction` has the latter by boundary.
+    is the sum of `force` and of what the prescribed motion takes. On a part of its boundary `history.reaction` also has
+    the forces by which its nodes hold each other, whose sum over the whole part is zero.
 
     Parameters
     ----------

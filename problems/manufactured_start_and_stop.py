@@ -65,7 +65,7 @@ def times(steps):
 
 def picture(history):
     """The block at the end, and the place of a node of its contact: found slipping, it stops inside a step."""
-    figure, graph = body_and_graph(history, stress="mean", forces="friction", magnify=100)
+    figure, graph = body_and_graph(history, step=-1, stress="mean", forces="friction", magnify=100)
     outer = int(np.argmax(history.contact.points[:, 0] * (history.contact.points[:, 0] < 1)))
     place = history.contact.points[outer]
     line = np.linspace(0, 1, 201)

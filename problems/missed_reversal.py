@@ -59,7 +59,8 @@ def farthest(history, reference):
 
 def picture(history):
     """What is left in the unloaded block, and the way the pulled corner took there, beside that of a met turn."""
-    figure, graph = body_and_graph(history, stress="xx", forces="friction", shares=(1.0, 1.1), limits=(-6.5, 0.0))
+    how = {"stress": "xx", "forces": "friction", "shares": (1.0, 1.1), "limits": (-6.5, 0.0)}
+    figure, graph = body_and_graph(history, step=-1, **how)
     met = vx.simulate(scene(), history.mesh, times(200))
     corner = np.argmin(history.contact.points[:, 0])
     ways = [(course(run.times), run.contact.slip[:, corner, 0]) for run in (history, met)]

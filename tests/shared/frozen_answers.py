@@ -66,16 +66,19 @@ class FrozenAnswer:
 
 def answer(run):
     """Return the answer of run(), and its history, or None where it was refused."""
-    logging.getLogger("vemcvx").setLevel(logging.ERROR)
-    began = time.process_time()
+    log, began = logging.getLogger("vemcvx"), time.process_time()
+    level = log.level
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
+        log.setLevel(logging.ERROR)
         try:
             history = run()
         except vx.VemcvxError as error:
             return FrozenAnswer(type(error).__name__, str(error), time.process_time() - began), None
         except Exception as error:  # a crash is reported as such
             return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
+        finally:
+            log.setLevel(level)
     seconds, path = time.process_time() - began, history.trajectory
     # Where nothing has moved, both are zero.
     error = np.where(path.unit > 0, path.certified * np.where(path.unit > 0, path.unit, 1.0), 0.0)

@@ -71,7 +71,7 @@ TOP = 1_736
 TESTS = 27_593
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 39_938
+ALL_TESTS = 39_941
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -217,7 +217,7 @@ def test_error_bars_close_around_the_closed_form():
 
 # What is no quantity.
 
-NO_QUANTITY = "a linear quantity is given as a load"
+NO_QUANTITY = "a linear quantity is given as the load"
 
 
 @pytest.mark.long
@@ -233,9 +233,9 @@ def test_what_is_no_quantity_says_so():
         (history, -1, vx.TrescaFriction(1.0, on="bottom"), NO_QUANTITY),
         (history, -1, vx.PointLoad(ALONG, at=(0.0, 1.0)), "PointLoad"),
         (history, -1, vx.PrescribedDisplacement(ALONG, on="left"), "no support of the scene"),
-        (history, -1, vx.PrescribedDisplacement(1.0, on="bottom", direction="normal"), "ends beside another"),
-        (history, None, vx.Traction(UP, on="top"), "step=-1, with of="),
-        (rubbed, -1, vx.Traction(ALONG, on="left"), "nothing but friction or one-sided contact holds the body"),
+        (history, -1, vx.PrescribedDisplacement(1.0, on="bottom", direction="normal"), "that meets another support"),
+        (history, None, vx.Traction(UP, on="top"), "is bounded in one step; give its number, too, such as step=-1"),
+        (rubbed, -1, vx.Traction(ALONG, on="left"), "only friction or one-sided contact holds the body"),
     ):
         with pytest.raises(vx.SceneError, match=said):
             vx.error_bound(run, step, of)

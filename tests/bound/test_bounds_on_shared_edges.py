@@ -84,5 +84,5 @@ def test_frictions_on_one_ground_are_one_friction():
 
 def test_two_compliant_obstacles_on_an_edge_have_no_bound():
     pads = vx.NormalCompliance(10.0, on="bottom"), vx.NormalCompliance(20.0, on="bottom", gap=0.1)
-    with pytest.raises(vx.SceneError, match=r"no bound where NormalCompliance on bottom .* give each"):
+    with pytest.raises(vx.SceneError, match=r"no bound if NormalCompliance on bottom .* give each"):
         bounded(STEEL, vx.Clamp(on="top"), vx.Traction(grows(1.0, 0.0), on="left"), *pads)

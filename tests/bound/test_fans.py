@@ -173,7 +173,7 @@ def test_forms_enclose_the_least_energy_of_a_cell(lam):
         outline = np.concatenate([u, 0.5 * (u + np.roll(u, -1, axis=0))]).ravel()
         motion = np.stack([u, np.roll(u, -1, axis=0)], axis=1).ravel()
         above, below = (
-            0.5 * np.append(values, force) @ one.of_cells(form(one))[0] @ np.append(values, force)
+            0.5 * np.append(values, force) @ one.expand(form(one))[0] @ np.append(values, force)
             for values, form in ((outline, displacement_form), (motion, stress_form))
         )
         exact = least_energy(one, 0, u, force, lam)

@@ -56,12 +56,12 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
         ((STEEL, vx.Viscosity(1.0, 1.0)), "Viscosity"),
         ((STEEL, vx.PointLoad(lambda x, t: (0.0, t), at=(0.0, 1.0))), "PointLoad"),
         ((STEEL, vx.ElasticFoundation(normal=lambda x: 1.0 + x[:, 0], on="top")), "ElasticFoundation"),
-        ((STEEL, vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")), "linearly between nodes"),
+        ((STEEL, vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")), "from a linear one between nodes"),
         # In a bed what a step makes least was from -.00067 to -.00056 by 4 x 4 squares, -.00105 to -.00100 by 8 x 8.
-        ((STEEL, Stiffness(True)), "springs to the ground along edges"),
-        ((STEEL, Stiffness(False)), "springs to the ground along edges"),
+        ((STEEL, Stiffness(True)), "springs to the ground along boundary edges"),
+        ((STEEL, Stiffness(False)), "springs to the ground along boundary edges"),
         # The check of what acts in a step does not see it.
-        ((STEEL, Rubs()), "no bound for Rubs, which does not say on which edges"),
+        ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
         # Also where nothing strains, because all nodes are held: the bound was a ninth of the error.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
     ],
@@ -114,12 +114,12 @@ def test_supports_of_interfaces_that_hold_together_have_no_bound():
 @pytest.mark.long
 def test_bodies_in_space_and_steps_that_are_not_there_say_so():
     history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
-    with pytest.raises(vx.SceneError, match="step 2 is bounded given the one before, and step 1 was not stored"):
+    with pytest.raises(vx.SceneError, match="the bound of step 2 needs the step before, and step 1 was not stored"):
         vx.error_bound(history, step=-1)
     with pytest.raises(vx.SceneError, match="store='all'"):
         vx.error_bound(history)
     whole = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match="step 0 is where the run begins"):
+    with pytest.raises(vx.SceneError, match="step 0 is the start of the run"):
         vx.error_bound(whole, step=0)
     with pytest.raises(vx.SceneError, match="step=-1"):
         vx.error_bound(vx.simulate(LIFTED, vx.meshes.squares(4), [0.0, 1.0]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.bound.displacement import NODES, SLOPES, _slots, of_triangles
+from vemcvx.bound.displacement import NODES, SLOPES, _slots, triangle_forms
 from vemcvx.bound.fan import COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
 from vemcvx.bound.hypercircle import Defect, hypercircle
 from vemcvx.bound.skeleton import instant
@@ -22,7 +22,7 @@ def inside(fans, outline, body):
     """(c, n, 20) values at the nodes of triangles of least energy, less the work of a body force, by the outline."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
-    T, F = of_triangles(fans), np.einsum("ctij,cj->cti", fans.forces, body)
+    T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
     K, f = np.zeros((len(outline), 14 * n + 2, 14 * n + 2)), np.zeros((len(outline), 14 * n + 2))
     for t, place in enumerate(np.concatenate([within, around], axis=1)):
         K[:, place[:, None], place] += T[:, t, :20, :20]

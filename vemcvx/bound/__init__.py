@@ -1,16 +1,16 @@
-"""Guaranteed bounds on the error: admissible stresses and displacements, and what the skeleton of a mesh bears.
+"""Guaranteed bounds on the error, by admissible stresses and admissible displacements.
 
-This page states the theorems with their proofs; the modules say how the fields in them are made. Norms of stresses are
-in C^-1, those of displacements |v|^2 = a(v, v) = |C eps(v)|^2.
+This page states the theorems with their proofs; the modules construct the fields. Norms of stresses are in C^-1, norms
+of displacements are |v|^2 = a(v, v) = |C eps(v)|^2.
 
 **The step.** u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) over the displacements that supports
-admit, j being convex: friction with a given bound, what obstacles store, and infinite beyond rigid ones, so that sigma
-= sigma_0 + C eps(u) satisfies for all of them
+admit. The convex j contains friction with a given bound and the energy of compliant obstacles, and is infinite beyond
+rigid obstacles. So sigma = sigma_0 + C eps(u) satisfies for all admissible v
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0.                                                          (1)
 
-**The pair.** v is admissible, j(v) finite; tau is a stress in equilibrium with the loads and with friction q and
-pressure p that the laws admit: for all motions w that vanish on supports
+**The pair.** v is admissible, and j(v) is finite. tau is a stress in equilibrium with the loads and with admissible
+friction q and pressure p: for all motions w that vanish on supports
 
     (tau, eps(w))  =  l(w) - int_C q w_t + p w_n,                                                                 (2)
 
@@ -23,44 +23,42 @@ and h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_
     |tau - sigma|^2 + |e|^2  <=  A^2 + 2 b,       J(v) - A^2 / 2 - b  <=  J(u)  <=  J(v).
 
 *Proof.* |e|^2 = (sigma - sigma_0 - C eps(v), eps(e)) <= l(e) + j(v) - j(u) - (sigma_0 + C eps(v), eps(e)) by (1). With
-(2) for w = e, l(e) = (tau, eps(e)) + int q e_t + p e_n, and j(v) - j(u) + int q e_t + p e_n = h(v) - h(u). That is the
-first line, and its last term is not negative; the second follows from x^2 <= A x + b. For X = tau - sigma, r = X + C
-eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2), so that |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e)) is the third.
-For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)), and by the same steps it is (r, eps(e)) + h(v) - h(u)
-- |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
+(2) for w = e, l(e) = (tau, eps(e)) + int q e_t + p e_n, and j(v) - j(u) + int q e_t + p e_n = h(v) - h(u). This proves
+the first inequality. Its last term is not negative, so the second inequality follows from x^2 <= A x + b. For X = tau -
+sigma, r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
+proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps it is (r, eps(e))
++ h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
-Without friction and contact the third is an equation: sigma is on the circle over the diameter from sigma_0 + C eps(v)
-to tau.
+Without friction and contact the third inequality is an equation: sigma is on the circle whose diameter connects
+sigma_0 + C eps(v) and tau.
 
-**Theorem 2** (from below). If w vanishes on supports and where friction and obstacles act, then |e| >= (l(w) - (sigma_0
-+ C eps(v), eps(w))) / |w|, and J(u) <= J(v) less half the square of that. *Proof.* There (1) holds with both signs for
-v = u + w and v = u - w: (sigma, eps(w)) = l(w). So the numerator is a(e, w). The second is the minimum of J(v + s w)
-over s.
+**Theorem 2** (lower bound). If w vanishes on supports and where friction and obstacles act, then |e| >= R(w) / |w| with
+the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) for u +
+w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). The second inequality is the minimum of J(v + s w) over s.
 
 **Theorem 3** (quantities). With a dual pair z_h, tau_z, a linear q(u) is in an interval of the half width A_z (A^2 / 4
-+ b)^{1/2} around a number that both pairs give, provided that z_h vanishes and tau_z has no traction where friction and
-obstacles act. Statement and proof: :mod:`.quantity`.
++ b)^{1/2} around a number computed from both pairs. z_h must vanish, and tau_z must have no traction, where friction
+and obstacles act. Statement and proof: :mod:`.quantity`.
 
-**Theorem 4** (whole histories, of friction with a given bound alone). If data are linear in time between the instants
-of the run, and the exact history begins like the run, D_n being what the friction of tau and the slip of v lack of
-Tresca's law in a step,
+**Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
+of the run, and let the exact history begin like the run. Let D_n be the defect of Tresca's law in step n for the
+friction of tau and the slip of v. Then
 
     |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,    |u - v_n|_a  <=  y_n + |r_n|.
 
-Proof, and what is assumed of the start: :mod:`.whole_history`.
+Proof, and the assumptions on the start: :mod:`.whole_history`.
 
-**The data** are theorems' for what is linear on edges and in cells; what else they are is estimated, and `kind` says so
-(:mod:`.reading`).
+**The data.** The theorems hold for data that are linear on edges and in cells. The difference from other data is
+estimated, and `kind` says so (:mod:`.reading`).
 
-**What sticks for certain: nothing that could be proved.** Theorem 1 with all of its terms says h(u) - inf h <= A^2 / 4
-+ b. For friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, s being the slip of u: where the friction of
-tau stays below its bound by delta, the slip of the exact answer, integrated, is at most (A^2 / 4 + b) / delta. That is
-a bound on how much slips. It is none on where: errors in energy bound tractions in the dual norm H^{-1/2} alone, which
-admits any value at a point. So no node is called certain to stick or to slip.
+**No node is certain to stick or to slip.** Theorem 1 with all of its terms gives h(u) - inf h <= A^2 / 4 + b. For
+friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, with the slip s of u. Where |q| <= g - delta, the
+integral of |s| is at most (A^2 / 4 + b) / delta. This bounds the amount of slip, but not its place: errors in energy
+bound tractions only in the dual norm H^{-1/2}, which admits any value at a point.
 
-**In space** there is no bound yet. The theorems do not ask for the dimension; their fields do. On a tetrahedron split
-at its centroid, symmetric stresses that are linear on the four parts have 42 dimensions (M. Krizek, Apl. Mat. 27
-(1982)), tractions on faces and divergences determine them, and the hybrid method of :mod:`.equilibrium` goes over with
-nine motions a face for four an edge. What is missing is the displacement inside polyhedra: linear ones lock near nu =
-1/2, and the degree that does not, on tetrahedra in four parts, is not looked for.
+**In space** there is no bound yet. The theorems hold in any dimension; the construction of their fields does not. On a
+tetrahedron split at its centroid, symmetric stresses that are linear on the four parts have 42 dimensions (M. Krizek,
+Apl. Mat. 27 (1982)). Tractions on faces and divergences determine them, and the hybrid method of :mod:`.equilibrium`
+carries over with nine motions per face in place of four per edge. What is missing is a displacement inside polyhedra
+that does not lock near nu = 1/2: linear functions lock.
 """

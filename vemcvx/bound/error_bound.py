@@ -29,44 +29,50 @@ log = logging.getLogger("vemcvx")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ErrorBound(Outlined):
-    """Bounds on the distance |u - v|_a of the exact displacement u from the computed one, v.
+    """The bounds on the distance |u - v|_a of the exact displacement u from the computed displacement v.
 
-    v is a conforming function: it has the nodal values of the history, is linear on the edges of cells, and inside
-    them it has the least energy among functions of degree two on a fine split. For a step, u is the exact answer of
-    that step on the continuum, given the displacement before it; for a history, the exact history, which begins at the
-    run's v at times[0], or where the run begins at rest under its loads (initial="equilibrium" or "settled"), as the
-    exact one does then.
+    v is a conforming function. It has the nodal values of the history, is linear on the edges of cells, and has inside
+    a cell the least energy among functions of degree two on a fine split. For a step, u is the exact answer of the step
+    on the continuum, given the displacement before it. For a history, u is the exact history. It begins with v at
+    times[0], or, like the run, at rest under the loads (initial="equilibrium" or "settled").
 
     Attributes
     ----------
     steps : (S,) int
-        The steps looked at.
+        The examined steps.
     upper, lower : (S,)
-        Bounds on |u - v|_a from above and below; a number each where one step was asked for. For whole histories lower
-        is zero: nothing is known from below.
+        Upper and lower bounds on |u - v|_a; numbers for a single step. For whole histories `lower` is zero.
     energy : ((S,), (S,))
-        Bounds on the elastic energy of u, 1/2 a(u, u).
+        Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
-        Bounds on what the step minimises, energy less the work of loads, plus the cost of friction; of whole histories
-        infinite.
+        Bounds on the minimum of the step: energy minus the work of loads, plus the cost of friction; infinite for whole
+        histories.
     cells : (n_cells,)
-        Parts of the square of the (largest) upper.
+        Parts of the square of the (largest) upper bound.
     parts : mapping of str to (S,)
-        Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", the
-        estimate of what data are beside what is linear on edges and in cells, and in time between the instants of the
-        run, zero if they are; "algebra", the certified error of the solver, which is in the others; of whole histories
-        also "steps", y.
+        Parts of `upper`. "mesh": the difference of stress and strain. "contact": the defect in the laws of friction and
+        contact. "data": the estimate for data that are not linear on edges, in cells, or in time between instants; zero
+        if they are. "algebra": the certified error of the solver, which the other parts contain. For whole histories
+        also "steps": y.
     bends : (k,)
-        Of whole histories instants inside steps at which data are found not to be linear between those of the run:
-        more steps, or :func:`vemcvx.instants`, bring it nearer.
+        For whole histories instants inside steps at which data are not linear in time; more steps, or
+        :func:`vemcvx.instants`, make the bound sharper.
     kind : str
-        "bound": a theorem, for data that are linear on edges and in cells as far as points tell
-        (:mod:`vemcvx.bound.reading`). "bound for data as read at points" where some are not: `upper`, `lower`, `energy`
-        and `potential` then have the estimate "data" in them. "bound for the given friction", or "... the given
-        friction and data as read at points", where the bound of friction follows the pressure of the answer. "... data
-        as read at instants" for a history whose data are not linear in time within its steps.
+        "bound": a theorem, for data that are linear on edges and in cells at all examined points
+        (:mod:`vemcvx.bound.reading`). "bound for data as read at points" for other data: `upper`, `lower`, `energy` and
+        `potential` then contain the estimate "data". "bound for the given friction", or "... the given friction and
+        data as read at points", if the bound of friction follows the pressure of the answer. "... data as read at
+        instants" for a history whose data are not linear in time within its steps.
     history : History
         The run.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> bound = vx.error_bound(history, step=-1)
+    >>> bool(bound.lower < bound.upper), bound.kind
+    (True, 'bound')
     """
 
     steps: Ints
@@ -81,7 +87,7 @@ class ErrorBound(Outlined):
     bends: Floats = field(default_factory=lambda: np.zeros(0))
 
     def at(self, k: int) -> ErrorBound:
-        """The bound of the k-th of the steps alone."""
+        """Return the bound of the k-th of the steps only."""
         one = {name: getattr(self, name)[k] for name in ("steps", "upper", "lower")}
         (low, high), (least, most) = self.energy, self.potential
         parts = {name: part[k] for name, part in self.parts.items()}
@@ -89,11 +95,11 @@ class ErrorBound(Outlined):
 
     @property
     def relative(self) -> Floats:
-        """`upper` in parts of the largest energy norm of the run."""
+        """The upper bound relative to the largest energy norm of the run."""
         return self.upper / (float(self.history.trajectory.norm.max()) or 1.0)
 
-    def kept(self) -> dict[str, Any]:
-        """The fields of a history that say it: `bound`, `energy_bounds` and `cell_bounds`."""
+    def as_fields(self) -> dict[str, Any]:
+        """Return the corresponding fields of a history: `bound`, `energy_bounds` and `cell_bounds`."""
         energies = np.full((self.history.steps + 1, 2), np.nan)
         energies[0] = self.history.trajectory.energy[0]
         energies[self.steps] = np.column_stack([np.atleast_1d(side) for side in self.energy])
@@ -101,14 +107,14 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The "upper" and "lower" of the "step" for which upper is largest; "relative", "kind", "reading" ("data")."""
+        """The "step" with the largest upper bound: its "upper", "lower", "relative", "kind", and "reading" ("data")."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
         return {**{name: float(np.atleast_1d(values)[k]) for name, values in each.items()}, "kind": self.kind}
 
     def outline(self) -> Outline:
-        """The outline for prompts and notebooks: the step where the bound is largest."""
+        """Return the outline for prompts and notebooks: the step with the largest bound."""
         steps, upper, lower = (np.atleast_1d(one) for one in (self.steps, self.upper, self.lower))
         k = int(np.argmax(upper))
         parts = [(name, f"{np.atleast_1d(value)[k]:.3g}") for name, value in self.parts.items()]
@@ -119,7 +125,7 @@ class ErrorBound(Outlined):
             *parts,
             *(("inside a step", f"data are not linear at t = {t:.6g}") for t in self.bends[:5]),
         ]
-        return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} looked at)", lines)
+        return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} examined)", lines)
 
 
 @overload
@@ -133,51 +139,58 @@ def error_bound(history: History, step: int, of: Effect | Sequence[Effect]) -> Q
 def error_bound(
     history: History, step: int | None = None, of: Effect | Sequence[Effect] | None = None
 ) -> ErrorBound | QuantityBound:
-    """Guaranteed bounds on the error in the energy norm: of the mesh in one step, or of mesh and steps in a history.
+    """Bound the error in the energy norm: of the mesh in one step, or of mesh and steps in a history.
 
-    Or, of one step, on a linear quantity of the exact displacement.
+    With `of`, bound a linear quantity of the exact displacement in one step.
 
     Parameters
     ----------
     history : History
     step : int, optional
-        A stored step after which the one before it was stored, too; -1 is the last one. By default the whole history,
-        every step of which must be stored, and in which nothing but friction with a given bound acts
-        (BilateralContact and TrescaFriction). Its bound is a theorem for data that are linear in time between the
-        instants of the run. What others do besides is in it by an estimate, and a warning names instants.
+        A stored step whose predecessor was also stored; -1 is the last step. By default the whole history: all its
+        steps must be stored, and only friction with a given bound may act (BilateralContact and TrescaFriction). The
+        bound of a history is a theorem for data that are linear in time between its instants. For other data it
+        contains an estimate, and a warning names instants.
     of : Effect or sequence of Effect, optional
-        A linear quantity, given as the load that does its work: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
-        displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` that of the body, ``Prestress((-1.0 / area,
-        0.0, 0.0))`` its mean strain, and a PrescribedDisplacement on a support the work that the support's force on the
-        body does on it: ``(1.0, 0.0)`` is the force along x. Several add up. This needs a step.
+        A linear quantity, given as a load whose work it is: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
+        displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean displacement of the body, and
+        ``Prestress((-1.0 / area, 0.0, 0.0))`` its mean strain. A PrescribedDisplacement on a support is the work of the
+        force of the support on it: ``(1.0, 0.0)`` is the force along x. A sequence is a sum. This needs a step.
 
     Returns
     -------
     ErrorBound, or with `of` QuantityBound
-        Their docstrings say of which displacement, of which error, and where an interval is a theorem.
+        See there for the displacement, the error, and the conditions under which an interval is a theorem.
 
     Raises
     ------
     HistoryError
-        The history was read from files, so that its scene is not known.
+        The history was read from files, which do not contain its scene.
     SceneError
-        A step was not stored, the scene has something for which there is no bound, or a whole history begins at
-        ``vx.projected(u_0)``.
+        A step was not stored, there is no bound for some effect, or a whole history begins at ``vx.projected(u_0)``.
 
     Notes
     -----
-    The mathematics, and how data are read at points, are in :mod:`vemcvx.bound`.
+    For the mathematics, and the reading of data at points, see :mod:`vemcvx.bound`.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("left"), vx.Traction((1.0, 0.0), "right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> extension = vx.error_bound(history, step=-1, of=vx.Traction((1.0, 0.0), "right"))
+    >>> extension.low < extension.high
+    True
     """
     scene = scene_of(history, "error_bound")
     if step is None and of is not None:
-        raise SceneError("error_bound: a quantity is bounded in one step; give its number, such as step=-1, with of=.")
+        raise SceneError("error_bound: a quantity, of=, is bounded in one step; give its number, too, such as step=-1.")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     if step is None:
-        return _of_history(posed, history)
+        return _bound_history(posed, history)
     circle = hypercircle(posed)
     stepped = pairs_of(circle, history, [step])
     if of is None:
-        return of_steps(circle, history, stepped).at(0)
+        return bound_steps(circle, history, stepped).at(0)
     return quantity_bound(history, stepped[0].n, stepped[0].pair, of)
 
 
@@ -189,15 +202,15 @@ class Stepped(NamedTuple):
 
 
 def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Stepped]:
-    """The pairs of stored steps, each given the one before."""
+    """Return the pairs of stored steps, each given the step before."""
     found = []
     for step in steps:
         n = int(history.stored[history.row(step)])
         if n == 0:
-            raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
+            raise SceneError("error_bound: step 0 is the start of the run; the first step with a bound is 1.")
         if n - 1 not in history.stored:
             raise SceneError(
-                f"error_bound: step {n} is bounded given the one before, and step {n - 1} was not stored; simulate "
+                f"error_bound: the bound of step {n} needs the step before, and step {n - 1} was not stored; simulate "
                 "with store='all'."
             )
         now, before = (instant(history, history.row(k)) for k in (n, n - 1))
@@ -205,8 +218,8 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
     return found
 
 
-def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> ErrorBound:
-    """The bounds of steps whose pairs these are."""
+def bound_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> ErrorBound:
+    """Return the bounds of steps with these pairs."""
     at, pairs = np.array([one.n for one in stepped]), [one.pair for one in stepped]
     eta, misread = np.transpose([pair.allowances() for pair in pairs])
     names = "upper", "norm", "potential", "lowered", "A2", "lacking"
@@ -233,17 +246,17 @@ def of_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) 
 
 
 def _kind(supposed: Mapping[str, bool | np.bool]) -> str:
-    """The kind of a bound that supposes some of these."""
+    """Return the kind of a bound with these assumptions, if True."""
     given = " and ".join(name for name, so in supposed.items() if so)
     return f"bound for {given}" if given else "bound"
 
 
 def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Bounds on the energy of what is no farther than so much from a displacement of this norm."""
+    """Return bounds on the energy of displacements within the distance `upper` of a displacement of this norm."""
     return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
 
 
-def _of_history(posed: PosedScene, history: History) -> ErrorBound:
+def _bound_history(posed: PosedScene, history: History) -> ErrorBound:
     check_history(posed, history)
     found, cells, bends = sizes_along(hypercircle(posed), history)
     y, D, norm, r, richer, points, instants = found.T
@@ -269,28 +282,25 @@ def _of_history(posed: PosedScene, history: History) -> ErrorBound:
     )
 
 
-# Runs that are asked for it.
-
-
 def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
-    """Return the function that adds the bounds of all steps to a history; SceneError where there are none."""
+    """Return a function that adds the bounds of all steps to a history; raise SceneError if there is no bound."""
     circle = hypercircle(posed)
 
-    def bounded(history: History) -> History:
+    def add_bounds(history: History) -> History:
         stepped = pairs_of(circle, history, range(1, history.steps + 1))
-        bounds = of_steps(circle, history, stepped).kept()
+        bounds = bound_steps(circle, history, stepped).as_fields()
         return replace(history, **bounds, **_bounds_of_force(circle, history, stepped))
 
-    return bounded
+    return add_bounds
 
 
 def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
-    """The fields of a history that bound the force by which a boundary is moved; none where nothing moves."""
+    """Return the fields of a history with bounds of the force that moves a boundary; none if no boundary moves."""
     if (loop := loop_of(history)) is None or loop.kind == "load":
         return {}
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
     try:
-        dual = Dual.of(circle, moved)
+        dual = Dual.from_effects(circle, moved)
         found = np.array([(np.nan, np.nan), *(dual.interval(Fields(one.pair)) for one in stepped)])
     except SceneError as error:
         log.info("no bounds of the force of %s: %s", loop.on, error)

@@ -1,12 +1,12 @@
-"""The fan of a polygon: triangles from a point that sees the whole cell, each split in three at its centroid (Alfeld).
+"""The fan of a polygon: triangles around a point that sees the whole cell, each split at its centroid (Alfeld).
 
 A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0), (0,1), with the columns x_i - c and
-x_{i+1} - c of B; centroids go to centroids, so that one reference triangle serves all. Fields on its three parts are
-polynomials of degree 2, given by their values at six points a part: the 18 *stations*.
+x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts
+are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
-A body force is linear in each cell, f = (1, x, y) c about the centre of the fan, with six numbers c. Stresses and
-displacements of least energy are made triangle by triangle from what is around it and from F_k = int f lambda_k; those
-inside of the cell answer to its outline and to c, so that a symmetric matrix of 4 n + 6 rows is all that is kept.
+A body force is linear in each cell, f = (1, x, y) c about the centre of the fan, with six coefficients c. Stresses and
+displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. Inner unknowns of a
+cell are condensed. A symmetric matrix with 4 n + 6 rows remains, for the outline of the cell and c.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from vemcvx.vem.elasticity import distinct
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
-"""(3, 3) corners of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
+"""The corners (3, 3) of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
 FORCES = 6
-"""Numbers of a body force that is linear in a cell."""
+"""Number of coefficients of a linear body force in a cell."""
 
 
 def monomials(x: Floats) -> Floats:
-    """(q, 6) 1, x, y, x^2, xy, y^2."""
+    """Return the monomials 1, x, y, x^2, xy, y^2 at points, (q, 6)."""
     one, two = x.T
     return np.column_stack([np.ones(len(x)), one, two, one * one, one * two, two * two])
 
 
 def monomial_slopes(x: Floats) -> Floats:
-    """(q, 2, 6) their derivatives."""
+    """Return the derivatives (q, 2, 6) of the monomials."""
     (one, two), none, unit = x.T, np.zeros(len(x)), np.ones(len(x))
     along_x = np.column_stack([none, unit, none, 2.0 * one, two, none])
     return np.stack([along_x, np.column_stack([none, none, unit, none, one, 2.0 * two])], axis=1)
@@ -47,124 +47,124 @@ def monomial_slopes(x: Floats) -> Floats:
 
 TRIANGLES = np.concatenate([CORNERS, CORNERS.mean(axis=0)[None]])[PARTS]
 STATIONS = np.concatenate([TRIANGLES, 0.5 * (TRIANGLES + np.roll(TRIANGLES, -1, axis=1))], axis=1)
-"""(3, 6, 2) the points by which a field on each part is given: its corners, then the middles of its edges."""
+"""The interpolation points (3, 6, 2) of each part: its corners, then the middles of its edges."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
-"""(3, 6, 6) monomials of the six Lagrange functions of each part."""
+"""The coefficients (3, 6, 6) of the six Lagrange functions of each part."""
 RULE, RULE_WEIGHTS = np.stack([RADON_POINTS @ part for part in TRIANGLES]), np.tile(RADON_WEIGHTS / 6.0, 3)
-"""(3, 7, 2) Radon's points in each part, exact for degree 5; (21,) weights, which add up to the area, 1/2."""
+"""Radon's points (3, 7, 2) in each part, exact for degree 5, and weights (21,), which add up to the area, 1/2."""
 _LAGRANGE = monomials(RULE[0]) @ COEFFICIENTS[0]
 MASS = np.einsum("q,qi,qj->ij", RADON_WEIGHTS / 6.0, _LAGRANGE, _LAGRANGE)
-"""(6, 6) int of products of two Lagrange functions over a part, the same for all three."""
+"""The integrals (6, 6) of products of two Lagrange functions over a part, the same for all parts."""
 LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
-"""(3, 3) inverse of int lambda_j lambda_k over the reference triangle."""
+"""The inverse (3, 3) of int lambda_j lambda_k over the reference triangle."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fans:
-    """Cells with equally many vertices and their fans: c cells of n triangles each."""
+    """The fans of cells with equally many vertices: c cells of n triangles each."""
 
     cells: Ints
-    """(c,)"""
+    """(c,) cell numbers"""
     nodes: Ints
-    """(c, n)"""
+    """(c, n) vertices"""
     corners: Floats
     """(c, n, 2) relative to the centre of the fan"""
     centres: Floats
     """(c, 2)"""
     C: Floats
-    """(c, 3, 3) stresses from strains (e_xx, e_yy, 2 e_xy)"""
+    """(c, 3, 3) elastic matrices for strains (e_xx, e_yy, 2 e_xy)"""
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
-        """Representatives of the cells up to translation, and the number of the representative of each cell."""
+        """The representatives of the cells up to translation, and the number of the representative of each cell."""
         return distinct([self.corners, self.C])
 
-    def of_cells(self, matrices: Floats) -> Floats:
-        """(c, ...) of the cells, of (k, ...) of the shapes."""
+    def expand(self, matrices: Floats) -> Floats:
+        """Return the matrices (c, ...) of the cells, given the matrices (k, ...) of the shapes."""
         some, same = self.alike
         return matrices if isinstance(some, slice) and some == slice(None) else matrices[same]
 
     @property
     def shapes(self) -> Fans:
-        """The representatives."""
+        """The fans of the representatives, called shapes."""
         rows = self.alike[0]
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def apply(self, matrices: Floats, data: Floats) -> Floats:
-        """(c, r) the products of matrices (k, r, s), one a shape, with vectors (c, s) of cells."""
+        """Return the products (c, r) of matrices (k, r, s), one per shape, with vectors (c, s) of cells."""
         if len(matrices) == 1:
             alone: Floats = data @ matrices[0].T
             return alone
-        products: Floats = np.matmul(self.of_cells(matrices), data[:, :, None])[:, :, 0]
+        products: Floats = np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0]
         return products
 
     @property
     def n(self) -> int:
-        """The number of triangles a fan."""
+        """The number of triangles per fan."""
         return int(self.nodes.shape[1])
 
     @cached_property
     def B(self) -> Floats:
-        """(c, n, 2, 2) of the maps from the reference triangle."""
+        """The matrices B (c, n, 2, 2) of the maps from the reference triangle."""
         return np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=3)
 
     @cached_property
     def back(self) -> Floats:
-        """(c, n, 2, 2) B^-1."""
+        """The inverses (c, n, 2, 2) of B."""
         return np.asarray(np.linalg.inv(self.B), dtype=np.float64)
 
     @cached_property
     def doubled_areas(self) -> Floats:
-        """(c, n) det B."""
+        """The determinants (c, n) of B."""
         return cross(self.corners, np.roll(self.corners, -1, axis=1))
 
     @cached_property
     def areas(self) -> Floats:
-        """(c,) of the cells."""
+        """The areas (c,) of the cells."""
         areas: Floats = 0.5 * self.doubled_areas.sum(axis=1)
         return areas
 
     @cached_property
     def normals(self) -> Floats:
-        """(c, n, 2) of the outer edges, outward, as long as these."""
+        """The outward normals (c, n, 2) of the outer edges, with the length of the edge."""
         return right_of(np.roll(self.corners, -1, axis=1) - self.corners)
 
     @cached_property
     def outline(self) -> Floats:
-        """(c, 2 n, 2) the vertices, and the middles of outer edges."""
+        """The vertices and the middles of outer edges, (c, 2 n, 2)."""
         return np.concatenate([self.corners, 0.5 * (self.corners + np.roll(self.corners, -1, axis=1))], axis=1)
 
     @cached_property
     def gradients(self) -> Floats:
-        """(c, 2 n, 2) the mean gradients in cells of what is one at a place of the outline and quadratic on edges."""
+        """The mean gradients (c, 2 n, 2) in cells of functions that are one at a point of the outline, quadratic."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         means: Floats = np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None])
         return means
 
     @cached_property
     def forces(self) -> Floats:
-        """(c, n, 6, 6) int f lambda_k of triangles, from the numbers of a body force that is linear in the cell."""
+        """The matrices (c, n, 6, 6) from coefficients of a linear body force to int f lambda_k of triangles."""
         corners = np.concatenate([0.0 * self.corners[:, :, None], self.B.swapaxes(2, 3)], axis=2)
         values = np.concatenate([np.ones((*corners.shape[:3], 1)), corners], axis=3)
         mass = (np.ones((3, 3)) + np.eye(3)) / 24.0 * self.doubled_areas[..., None, None]
-        of_one = np.matmul(mass, values)
-        found: Floats = np.einsum("ctkj,ab->ctkajb", of_one, np.eye(2)).reshape(*of_one.shape[:2], 6, FORCES)
+        scalar = np.matmul(mass, values)
+        found: Floats = np.einsum("ctkj,ab->ctkajb", scalar, np.eye(2)).reshape(*scalar.shape[:2], 6, FORCES)
         return found
 
 
-def condensed(M: Floats, first: int) -> Floats:
-    """Symmetric matrices (..., m, m) without their first unknowns, which answer to the others."""
-    # Solved with: by inverses all but five digits were lost at lambda = 1e6.
+def condense(M: Floats, first: int) -> Floats:
+    """Condense the first unknowns of symmetric matrices (..., m, m): return their Schur complements."""
+    # Solves keep digits: with inverses all but five digits were lost at lambda = 1e6.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
     symmetric: Floats = 0.5 * (left + left.swapaxes(-1, -2))
     return symmetric
 
 
-def of_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
-    """(k, 4 n + 6, 4 n + 6) of cells, from those of triangles (k, n, 18, 18) by what is around them and forces.
+def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
+    """Return the matrices (k, 4 n + 6, 4 n + 6) of cells, given the matrices (k, n, 18, 18) of triangles.
 
-    `slots` (n, 12) are the unknowns around triangles among those of the cell: those inside, then those of the outline.
+    `slots` (n, 12) are the positions of the unknowns of triangles among those of the cell, inner unknowns first.
     """
     inside = int(slots.max()) + 1 - 4 * fans.n
     places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
@@ -174,29 +174,29 @@ def of_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
     size = int(places.max()) + 1
     where = (places[:, :, None] * size + places[:, None]).ravel()
     added = sp.csr_matrix((np.ones(len(where)), (where, np.arange(len(where)))), shape=(size * size, len(where)))
-    return condensed(np.ascontiguousarray((added @ each.reshape(len(each), -1).T).T).reshape(-1, size, size), inside)
+    return condense(np.ascontiguousarray((added @ each.reshape(len(each), -1).T).T).reshape(-1, size, size), inside)
 
 
-def gathered(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
-    """(size,) the sum of values (c, m) of chunks of cells at places (c, m)."""
+def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
+    """Return the sum (size,) of values (c, m) of chunks of cells at positions (c, m)."""
     where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
     return totals(where, what, size)
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """The fans of all cells, in chunks of equally many vertices; C (n_cells, 3, 3).
+    """Return the fans of all cells, in chunks of equally many vertices; C (n_cells, 3, 3).
 
     Raises
     ------
     SceneError
-        No point sees the whole of some cell, or an edge is too short for its cell.
+        No point sees all of some cell, or an edge is too short for its cell.
     """
     found = []
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
-        # A better centre is sought where triangles are flat: they cost effectivity, not validity.
+        # Flat triangles make bounds larger, but not invalid: a better centre is found for such cells.
         for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < STAR):
-            centres[k] += _seeing(chunk.corners[k] - centres[k], int(chunk.cells[k]))
+            centres[k] += _find_centre(chunk.corners[k] - centres[k], int(chunk.cells[k]))
         fans = Fans(
             cells=chunk.cells,
             nodes=chunk.nodes,
@@ -210,11 +210,11 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
 
 
 SHORTEST_EDGE = 1e-3
-"""Edges below this part of the cell's radius are refused."""
+"""Smallest length of an edge relative to the radius of its cell; shorter edges are refused."""
 
 
 def _least_height(corners: Floats) -> Floats:
-    """The least height of the centre over an edge, (c,), in parts of the root of the area; negative if unseen."""
+    """Return the least height of the centre over an edge, (c,), relative to the root of the area."""
     ahead = np.roll(corners, -1, axis=1)
     doubled = cross(corners, ahead)
     height = doubled / np.linalg.norm(ahead - corners, axis=2)
@@ -222,22 +222,22 @@ def _least_height(corners: Floats) -> Floats:
     return least
 
 
-def _seeing(corners: Floats, cell: int) -> Floats:
-    """The point of a cell (n, 2) that is farthest from the lines of all its edges, inside of all."""
-    # Few meshes need it, and it takes a tenth of a second to import.
+def _find_centre(corners: Floats, cell: int) -> Floats:
+    """Return the point of a cell (n, 2) that is farthest inside the lines of all its edges."""
+    # Few meshes need linprog, and its import takes a tenth of a second.
     from scipy.optimize import linprog
 
     along = np.roll(corners, -1, axis=0) - corners
     inward = -right_of(along) / np.linalg.norm(along, axis=1)[:, None]
-    # Largest r with inward . (x - x_i) >= r.
+    # Find the largest r with inward . (x - x_i) >= r.
     rows = np.column_stack([-inward, np.ones(len(corners))])
     limits = -np.einsum("ia,ia->i", inward, corners)
     found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=limits, bounds=[(None, None), (None, None), (0.0, None)])
     size = np.abs(corners).max()
     if found.x is None or found.x[2] <= SINGLE_EPS * size:
         raise SceneError(
-            f"error_bound: no point sees all of cell {cell}, so that no fan of triangles fills it; refine the mesh "
-            "there, or cut the cell into pieces that are star-shaped."
+            f"error_bound: cell {cell} is not star-shaped: no point sees all of it. Refine the mesh there, or cut the "
+            "cell into star-shaped pieces."
         )
     return np.asarray(found.x[:2])
 
@@ -250,6 +250,6 @@ def _refuse_short_edges(fans: Fans) -> None:
         cell, side = int(fans.cells[worst]), int(np.argmin(lengths[worst]))
         raise SceneError(
             f"error_bound: an edge of cell {cell}, from node {fans.nodes[worst, side]}, is {ratio[worst]:.2g} of "
-            f"the cell's radius; bounds are useless on edges shorter than {SHORTEST_EDGE:g} of it. Merge its nodes, or "
-            "refine the cell there."
+            f"the cell's radius; bounds are useless if it is below {SHORTEST_EDGE:g}. Merge its nodes, or refine the "
+            "cell there."
         )

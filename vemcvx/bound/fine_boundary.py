@@ -1,7 +1,7 @@
-"""Places between nodes at which data are read: boundary edges cut into pieces, and points in cells.
+"""Points between nodes for reading data: boundary edges cut into pieces, and points in cells.
 
-The effects of a scene are asked once more on the same cells with their boundary edges cut: their data at the new nodes,
-beside lines between the old nodes, are what assembly does not see.
+The effects of a scene contribute once more, on the same cells with boundary edges cut into pieces. The differences
+between their data at the new nodes and linear interpolation between the old nodes are the errors of assembly.
 """
 
 from __future__ import annotations
@@ -18,39 +18,39 @@ from vemcvx.meshes import Interface, PolygonMesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulated
 
 PIECES, SPACING = 512, 128
-"""Parts of the size of the body, on the boundary and inside, that are looked at; what is narrower than these may be
-missed. Edges have four pieces at least, and triangles four points."""
+"""Number of pieces, on the boundary and inside, per size of the body; narrower features of data may be missed. An edge
+has at least four pieces, a triangle at least four points."""
 
 
 @dataclass(frozen=True)
 class FineBoundary:
-    """A mesh with its boundary edges cut into pieces; its cells, and data on these, stay as they are."""
+    """A mesh with its boundary edges cut into pieces; the cells and their data do not change."""
 
     mesh: PolygonMesh
     old: int
-    """new nodes are numbered from here on"""
+    """number of the first new node"""
     pieces: Ints
     """(k, 2) the pieces, edge by edge"""
     piece_owner: Ints
-    """(k,) the boundary edge of each"""
+    """(k,) the boundary edge of each piece"""
     owner: Ints
     """(q,) the boundary edge of each new node"""
     along: Floats
-    """(q,) in (0, 1), from the first end of the edge to the second"""
+    """(q,) position in (0, 1) from the first end of the edge to the second"""
     lengths: Floats
-    """(q,) of the pieces beside it: weights of the trapezoidal rule for what vanishes at the ends of edges"""
+    """(q,) length of the pieces at each new node: weights of the trapezoidal rule for functions zero at the ends"""
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
-        """Linear at new nodes between the values (b, 2, ...) at the ends of edges."""
+        """Interpolate values (b, 2, ...) at the ends of edges linearly at new nodes."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
         line: Floats = (1.0 - s) * start + s * stop
         return line
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
-        """(b, 2, j) values (m, j) of rows at both ends of boundary edges; nan on edges without them.
+        """Return values (m, j) of rows at both ends of boundary edges, (b, 2, j); nan on edges without rows.
 
-        Effects that do not say which edges a row has are left out.
+        Effects whose rows have no edges are omitted.
         """
         found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
         if rows.ends is not None:
@@ -60,20 +60,20 @@ class FineBoundary:
         return found
 
     def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """New nodes (k,), the values (m, j) of rows there, and those that are linear between the ends of the edges."""
+        """Return new nodes (k,), the values (k, j) of rows there, and the interpolation between ends."""
         new = np.flatnonzero(rows.nodes >= self.old) if rows.ends is not None else np.zeros(0, dtype=np.int64)
         at = rows.nodes[new] - self.old
         return at, *without_rounding(values[new], np.nan_to_num(self.between(self.tips(rows, values), at)))
 
 
 def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
-    """The values, which are those of the line where they differ by rounding, and the line."""
+    """Return the values, replaced by those of the line where they differ by rounding, and the line."""
     size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
     return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
 
 
 def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
-    """The mesh with the boundary edges of its skeleton cut, alike on both sides of an interface."""
+    """Return the mesh with its boundary edges cut into pieces, equally on both sides of an interface."""
     joints, ends = edges.joints, edges.outer_edges
     counts = np.maximum(np.ceil(edges.lengths * PIECES / np.ptp(mesh.points, axis=0).max()).astype(np.int64), 4)
     counts[joints.second] = counts[joints.first]
@@ -87,24 +87,24 @@ def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
     opposite[joints.first] = joints.second
     across = np.where(opposite[owner] < 0, -1, mesh.n_nodes + start[opposite[owner]] + inner[owner] - 1 - place)
 
-    def chained(of_new: Ints, of_ends: Ints) -> Ints:
-        """(k, 2) of the pieces of all edges, one after the other."""
-        tips = (np.insert(of_new, at, of_ends[:, side]) for side, at in enumerate((start, start + inner)))
-        return np.column_stack(list(tips))
+    def chain(between: Ints, tips: Ints) -> Ints:
+        """Return the ends (k, 2) of the pieces of all edges, one after the other."""
+        rows = (np.insert(between, at, tips[:, side]) for side, at in enumerate((start, start + inner)))
+        return np.column_stack(list(rows))
 
-    def cut(whole: Ints) -> Bools:
+    def find_pieces(whole: Ints) -> Bools:
         return np.isin(piece_owner, positions(whole, ends, mesh.n_nodes))
 
-    pieces, partners = chained(new, ends), chained(across, joints.across)
+    pieces, partners = chain(new, ends), chain(across, joints.across)
     fine = PolygonMesh.unchecked(
         np.concatenate([mesh.points, first + along[:, None] * (last - first)]),
         offsets,
         np.insert(mesh.vertices, edges.outer_corners[owner] + 1, new),
     )
     sides = {name: of for name, of in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
-    named = {name: pieces[cut(of)] for name, of in sides.items()}
+    named = {name: pieces[find_pieces(of)] for name, of in sides.items()}
     joined = {
-        name: Interface(joint.bodies, pieces[cut(joint.edges)], partners[cut(joint.edges)])
+        name: Interface(joint.bodies, pieces[find_pieces(joint.edges)], partners[find_pieces(joint.edges)])
         for name, joint in mesh.interfaces.items()
     }
     fine = fine._replace(_named=named, interfaces=MappingProxyType(joined), cell_data=mesh.cell_data)
@@ -121,7 +121,7 @@ def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
 
 @dataclass(frozen=True)
 class SamplePoints:
-    """Points (q, 2) of cells (q,) with the weights (q,) of a midpoint rule."""
+    """A midpoint rule in cells: points (q, 2), weights (q,), and the cell of each point (q,)."""
 
     x: Floats
     weights: Floats
@@ -129,7 +129,7 @@ class SamplePoints:
 
 
 def in_cells(mesh: PolygonMesh, spacing: float = SPACING) -> SamplePoints:
-    """The centroids of equal parts of the triangles that cells are cut into, each cut until its parts are small."""
+    """Return the centroids of equal small parts of the triangles of cells."""
     corners, areas, owner = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
     size = np.ptp(mesh.points, axis=0).max()
     cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) * spacing / size).astype(np.int64), 2)

@@ -1,26 +1,26 @@
-"""The hypercircle: a displacement and a stress that are admissible, and the exact ones no farther away than a bound.
+"""The hypercircle: an admissible displacement and an admissible stress, with a bound on the distance to the exact ones.
 
 The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), for a step
 with
 
     j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap),
 
-phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2 / 2 of a compliant one; :mod:`.surface`
-has b. Springs to the ground, k u, are as triangles are: |m - v|_k beside |r|_K, if tau has the tractions -k m on them,
-and the energy norm has theirs.
+where phi is zero up to the gap of a rigid obstacle and infinite beyond, and k z_+^2 / 2 for a compliant obstacle. b is
+in :mod:`.surface`. Springs to the ground, k u, are treated like triangles: if tau has the tractions -k m on them,
+|m - v|_k is added to |r|_K, and their energy to the energy norm.
 
-**The defect.** In a cell let x be the motions of edges that belong to tau, less those L u of v, u the values of v on
-the outline less a linear displacement, and f the numbers of the body force. Of the forms G of stresses (:mod:`.stress`)
-and S of displacements (:mod:`.displacement`), with L for motions from values beside one for f,
+**The defect.** In a cell let u be the values of v on the outline minus a linear displacement, L u their edge motions, x
+the edge motions of tau minus L u, and f the coefficients of the body force. With the forms G of stresses
+(:mod:`.stress`) and S of displacements (:mod:`.displacement`), and L extended by the identity for f,
 
     |r|_K^2  =  x . G x  +  (u, f) . (S - L' G L) (u, f).
 
-*Proof.* The stresses of x, without divergence, are orthogonal to the rest of r: that of L u does the work on x that v
-does, that of f is of least energy, and v of f vanishes on the outline. What is left is |tau|^2 - 2 (tau, eps(v)) +
-|v|^2 of L u and f, in which the second term is the work of the tractions of tau on v and of f on it.
+*Proof.* The stresses of x, without divergence, are orthogonal to the rest of r: the stress of L u does the same work on
+x as v, the stress of f has least energy, and the displacement of f vanishes on the outline. What remains is |tau|^2 -
+2 (tau, eps(v)) + |v|^2 for L u and f, where the second term is the work on v of the tractions of tau and of f.
 
-**From below.** w is quadratic on edges, inside cells what its values there make least energy of, and vanishes where v
-touches or is held; the best one is that of S w = R, R being the residual of v. The displacement v + w is richer.
+**The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes where v touches an obstacle or
+is held. The best w solves S w = R with the residual R of v. The displacement v + w is called richer.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, totals
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.displacement import displacement_form, edge_forces, to_edges, without_slopes
-from vemcvx.bound.equilibrium import Equilibrium, assembled, axes_of, edges_of, equilibrium
-from vemcvx.bound.fan import FORCES, Fans, fans_of, gathered
+from vemcvx.bound.displacement import displacement_form, edge_forces, split_slopes, to_edges
+from vemcvx.bound.equilibrium import Equilibrium, assemble, axes_of, edges_of, equilibrium
+from vemcvx.bound.fan import FORCES, Fans, fans_of, gather
 from vemcvx.bound.reading import SAFETY, Reader, Reading
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import stress_form
@@ -47,26 +47,26 @@ from vemcvx.scene import PosedScene
 from vemcvx.vem import elastic_matrix
 
 IN_SPACE = (
-    "in space a displacement inside polyhedra that does not lock is missing (the docstring of vemcvx.bound says how "
-    "far it goes); vemcvx.error_budget estimates the error"
+    "in space there is no bound yet (see the docstring of vemcvx.bound for the reason); vemcvx.error_budget estimates "
+    "the error"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The forms of a chunk of cells, one matrix (k, 4 n + 6, 4 n + 6) a shape, by its outline and its body force."""
+    """The forms of a chunk of cells: one matrix (k, 4 n + 6, 4 n + 6) per shape, for its outline and body force."""
 
     fans: Fans
     outlines: Ints
-    """(c, 4 n) the places of vertices and of middles of edges among those of all"""
+    """(c, 4 n) positions of vertices and middles of edges among all of these"""
     stress: Floats
-    """G, by motions of edges"""
+    """G, for motions of edges"""
     displacement: Floats
-    """S, by values at vertices and middles"""
+    """S, for values at vertices and middles"""
 
     @cached_property
     def defect(self) -> Floats:
-        """S - L' G L."""
+        """The matrices S - L' G L."""
         n = 4 * self.fans.n
         L = np.eye(n + FORCES)
         L[:n, :n] = to_edges(self.fans.n)
@@ -74,21 +74,21 @@ class Forms:
         return defect
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
-        """(c,) the forms of vectors (c, m) of cells."""
-        of_cells: Floats = np.einsum("cm,cm->c", one, self.fans.apply(matrices, other))
-        return of_cells
+        """Return the values (c,) of forms for vectors (c, m) of cells."""
+        values: Floats = np.einsum("cm,cm->c", one, self.fans.apply(matrices, other))
+        return values
 
 
 @dataclass(frozen=True, eq=False)
 class Defect:
-    """r of a displacement and a stress, by what makes it; linear in all three."""
+    """The defect r of a displacement and a stress, which is linear in the three fields."""
 
     motion: Floats
-    """x (4 E,)"""
+    """(4 E,) x"""
     outline: Floats
     """(2 nodes + 2 E,) v at vertices and at middles of edges"""
     body: Floats
-    """f (n_cells, 6)"""
+    """(n_cells, 6) f"""
 
     def __sub__(self, other: Defect) -> Defect:
         return Defect(self.motion - other.motion, self.outline - other.outline, self.body - other.body)
@@ -96,36 +96,36 @@ class Defect:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pair:
-    """A displacement and a stress at an instant, admissible both, and what separates them."""
+    """An admissible displacement and an admissible stress at an instant, and their defect."""
 
     circle: Hypercircle
     t: float
     u: Floats
-    """(n_nodes, 2) of the displacement v"""
+    """(n_nodes, 2) nodal values of v"""
     surface: Surface
     read: Reading
     defect: Defect
     w: Floats
-    """of vertices and of middles of edges"""
+    """(2 nodes + 2 E,) w at vertices and at middles of edges"""
     cells: Floats
     """(n_cells,) |r|_K^2"""
     springs: Floats
-    """(b,) int k |v - m|^2 of springs on edges, m being the motion of the edges that belongs to tau"""
+    """(b,) int k |v - m|^2 of springs on edges, with the edge motions m of tau"""
     potential: float
     """J(v)"""
     norm: float
     """|v|_a"""
     lowered: float
-    """the bound of |u - v|_a from below"""
+    """lower bound of |u - v|_a"""
 
     @property
     def richer(self) -> Defect:
-        """r of v + w."""
+        """The defect of v + w."""
         motion = self.defect.motion - self.circle.equilibrium.edges.motions @ self.w
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
 
     def allowances(self) -> tuple[float, float]:
-        """For what is not read of the data: eta, and |e(u)| of the exact u; zero where data are linear."""
+        """Return the allowances for unread data: eta, and |e(u)| of the exact u; zero if data are linear."""
         if self.read.exact:
             return 0.0, 0.0
         eta = self.read.energy
@@ -133,54 +133,54 @@ class Pair:
 
     @property
     def A2(self) -> float:
-        """A^2."""
+        """The square A^2."""
         return float(self.cells.sum() + self.springs.sum())
 
     @property
     def lacking(self) -> float:
-        """b."""
+        """The defect b in the laws of friction and contact."""
         return float(self.surface.gap.sum())
 
     @property
     def upper(self) -> float:
-        """The bound of |u - v|_a from above."""
+        """The upper bound of |u - v|_a."""
         return float(0.5 * np.sqrt(self.A2) + np.sqrt(0.25 * self.A2 + self.lacking))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hypercircle:
-    """The parts of a posed scene that pairs are made of, at any instant."""
+    """The operators of a posed scene for the construction of pairs at any instant."""
 
     posed: PosedScene
     boundary: Boundary
     forms: tuple[Forms, ...]
     equilibrium: Equilibrium
     free: sp.csr_matrix
-    """(2 nodes + 2 E, m) orthonormal columns, the w there are"""
+    """(2 nodes + 2 E, m) orthonormal columns that span the admissible w"""
     factor: Factor | None
-    """of S on these, if there are any"""
+    """factor of S on these columns, if there are any"""
 
     def pair(self, now: Instant, before: Instant) -> Pair:
-        """The pair of a displacement that obstacles admit, at the end of a step.
+        """Return the pair of an admissible displacement at the end of a step.
 
         Raises
         ------
         SceneError
-            Something in the scene has no bound.
+            There is no bound for some effect of the scene.
         """
         boundary = self.boundary
         boundary.check_supports(now)
         if boundary.reader.varies_inside_cells(now.t):
             raise SceneError(
-                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
-                "give one value a cell, as an array (n_cells,) or by on=."
+                "error_bound: moduli, eigenstrains or prestress vary inside cells, for which there is no bound; "
+                "give one value per cell, as an array (n_cells,) or by on=."
             )
         read = boundary.reader.at(now)
         surface = boundary.at(now, before, read, self.work(read.body, boundary.motions))
-        return self.joined((now.t, now.u), surface, read, self.prestress(now.t))
+        return self.make_pair((now.t, now.u), surface, read, self.prestress(now.t))
 
-    def joined(self, at: tuple[float, Floats], surface: Surface, read: Reading, still: Floats) -> Pair:
-        """The pair of a displacement (n_nodes, 2) at an instant, under body forces and the prestress (n_cells, 3)."""
+    def make_pair(self, at: tuple[float, Floats], surface: Surface, read: Reading, still: Floats) -> Pair:
+        """Return the pair of a displacement (n_nodes, 2) at an instant, with the prestress `still` (n_cells, 3)."""
         (t, u), boundary, numbered = at, self.boundary, self.equilibrium.edges
         defect = Defect(np.zeros(4 * numbered.count), numbered.outline(u), read.body)
         ends = u[boundary.edges.outer_edges]
@@ -190,9 +190,9 @@ class Hypercircle:
         np.add.at(given, numbered.outer, surface.forces - pull)
         largest = max(float(np.abs(one).max(initial=0.0)) for one in (tractions, surface.forces))
         motion = self.equilibrium.solve(given, largest)
-        w, lowered = self._best(self.of_tractions(surface.loads) - work)
+        w, lowered = self._best(self.work_of_tractions(surface.loads) - work)
         defect, springs = replace(defect, motion=motion), boundary.spring_energies(ends).sum()
-        energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.stretched(still, defect)
+        energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.work_of_stress(still, defect)
         loads = float(self.works(read.body, defect).sum() + np.sum(surface.loads * ends))
         return Pair(
             circle=self,
@@ -210,54 +210,54 @@ class Hypercircle:
         )
 
     def prestress(self, t: float) -> Floats:
-        """sigma_0 (n_cells, 3)."""
+        """Return sigma_0 (n_cells, 3)."""
         stresses = self.posed.prestress
         return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
 
-    def of_tractions(self, forces: Floats) -> Floats:
-        """(2 nodes + 2 E,) the work of int t phi (b, 2, 2) at both ends of boundary edges on vertices and middles."""
+    def work_of_tractions(self, forces: Floats) -> Floats:
+        """Return the work (2 nodes + 2 E,) on vertices and middles of int t phi (b, 2, 2) at ends of boundary edges."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         work: Floats = edges.motions.T @ whole
         return work
 
     def _forces_of(self, defect: Defect, still: Floats) -> tuple[Floats, Floats]:
-        """The tractions (4 E,) on edges of the stress of motions L u, and the work of that of v on all outlines.
+        """Return the tractions (4 E,) on edges of the stress of L u, and the work of the stress of v on all outlines.
 
-        Both are under body forces, and with the prestress `still` (n_cells, 3).
+        Both contain body forces and the prestress `still` (n_cells, 3).
         """
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
-            v, n = without_slopes(one.fans, defect.outline[one.outlines]), 4 * one.fans.n
+            v, n = split_slopes(one.fans, defect.outline[one.outlines]), 4 * one.fans.n
             L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
             constant = np.matmul(one.fans.C, v.strain[:, :, None])[:, :, 0] + still[one.fans.cells]
             even = edge_forces(one.fans, constant)
             tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([v.bent @ L.T, f], axis=1)))
             works.append(even @ L + one.fans.apply(one.displacement[:, :n], np.concatenate([v.bent, f], axis=1)))
         edges = self.equilibrium.edges
-        on_edges = gathered(edges.places, tractions, 4 * edges.count)
-        return on_edges, gathered([one.outlines for one in self.forms], works, len(defect.outline))
+        on_edges = gather(edges.places, tractions, 4 * edges.count)
+        return on_edges, gather([one.outlines for one in self.forms], works, len(defect.outline))
 
     def _best(self, residual: Floats) -> tuple[Floats, float]:
-        """w and the bound of |u - v|_a from below, by the residual of v."""
+        """Return w and the lower bound of |u - v|_a, given the residual of v."""
         if self.factor is None:
             return np.zeros(len(residual)), 0.0
         left = self.free.T @ residual
         part = self.factor.solve(left)
         w, work = self.free @ part, float(left @ part)
-        # As it is, not as it should be: near nu = 1/2 the solution is rounded.
+        # Use the computed energy of w, because near nu = 1/2 the solution has rounding errors.
         energy = float(sum(self._inner(one, w, w).sum() for one in self.forms))
         return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
 
     def _inner(self, one: Forms, v: Floats, w: Floats) -> Floats:
-        """(c,) a(v, w) in a chunk of cells of displacements by their outlines, without body forces."""
+        """Return a(v, w), (c,), in a chunk of cells, for displacements given by outlines, without body forces."""
         n = 4 * one.fans.n
-        (a, b) = (without_slopes(one.fans, each[one.outlines]) for each in (v, w))
+        (a, b) = (split_slopes(one.fans, each[one.outlines]) for each in (v, w))
         linear = np.einsum("ck,ckl,cl->c", a.strain, one.fans.C, b.strain)
         return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], a.bent, b.bent)
 
     def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
-        """(n_cells,) a(v, v') and (r, r') in C^-1 of two displacements and their defects."""
+        """Return a(v, v') and (r, r') in C^-1, both (n_cells,), of two displacements and their defects."""
         energies, defects = np.zeros((2, len(self.boundary.edges.areas)))
         for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
             at, n = form.fans.cells, 4 * form.fans.n
@@ -265,7 +265,7 @@ class Hypercircle:
             energies[at] = self._inner(form, one.outline, other.outline)
             energies[at] -= form.forms(form.displacement[:, n:, n:], f, h)
             whole = [
-                np.concatenate([without_slopes(form.fans, each.outline[form.outlines]).bent, each.body[at]], axis=1)
+                np.concatenate([split_slopes(form.fans, each.outline[form.outlines]).bent, each.body[at]], axis=1)
                 for each in (one, other)
             ]
             defects[at] = form.forms(form.stress[:, :n, :n], one.motion[place], other.motion[place])
@@ -273,11 +273,11 @@ class Hypercircle:
         return energies, defects
 
     def squares(self, defect: Defect) -> Floats:
-        """(n_cells,) |r|_K^2."""
+        """Return |r|_K^2, (n_cells,)."""
         return np.maximum(self.products(defect, defect)[1], 0.0)
 
     def works(self, body: Floats, v: Defect) -> Floats:
-        """(n_cells,) the work of body forces (n_cells, 6) on the displacement of a defect."""
+        """Return the work (n_cells,) of body forces (n_cells, 6) on the displacement of a defect."""
         found = np.zeros(len(body))
         for one in self.forms:
             at, n = one.fans.cells, 4 * one.fans.n
@@ -286,27 +286,27 @@ class Hypercircle:
         return found
 
     def work(self, body: Floats, motions: Floats) -> Floats:
-        """(j,) the work of body forces (n_cells, 6) on rigid motions (n_u, j)."""
+        """Return the work (j,) of body forces (n_cells, 6) on rigid motions (n_u, j)."""
         outlines = [self.equilibrium.edges.outline(mode.reshape(-1, 2)) for mode in motions.T]
         rigid = [Defect(np.zeros(0), outline, 0.0 * body) for outline in outlines]
         return np.array([self.works(body, one).sum() for one in rigid])
 
-    def stretched(self, stress: Floats, v: Defect) -> float:
-        """(sigma, eps(v)) of constant stresses (n_cells, 3) in cells."""
+    def work_of_stress(self, stress: Floats, v: Defect) -> float:
+        """Return (sigma, eps(v)) of constant stresses (n_cells, 3) in cells."""
         total = 0.0
         for one in self.forms:
-            strain = without_slopes(one.fans, v.outline[one.outlines]).strain
+            strain = split_slopes(one.fans, v.outline[one.outlines]).strain
             total += float(one.fans.areas @ np.einsum("ck,ck->c", stress[one.fans.cells], strain))
         return total
 
     def misread(self, read: Reading, v: Defect) -> float:
-        """|e(v)| of the displacement of a defect."""
+        """Return |e(v)| of the displacement of a defect."""
         edges = self.equilibrium.edges
         forces = self.boundary.forces_of(read.tractions_apart)
         along = np.sum(forces * (edges.motions @ v.outline)[edges.outer], axis=(1, 2))
         bent = np.zeros(len(read.body))
         for one in self.forms:
-            n, inside = 4 * one.fans.n, without_slopes(one.fans, v.outline[one.outlines])
+            n, inside = 4 * one.fans.n, split_slopes(one.fans, v.outline[one.outlines])
             bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside.bent, inside.bent)
             f = v.body[one.fans.cells]
             bent[one.fans.cells] -= one.forms(one.displacement[:, n:, n:], f, f)
@@ -314,12 +314,12 @@ class Hypercircle:
 
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
-    """The Hypercircle of a posed scene.
+    """Return the Hypercircle of a posed scene.
 
     Raises
     ------
     SceneError
-        Something in the scene has no bound.
+        There is no bound for some effect of the scene.
     """
     check_bounded(posed)
     mesh = plane_mesh(posed.space.mesh, "error_bound")
@@ -335,7 +335,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
         for one, place in zip(fans, numbered.places, strict=True)
     )
     stiffness = tuple(np.ascontiguousarray(one.stress[:, : 4 * one.fans.n, : 4 * one.fans.n]) for one in forms)
-    free, factor = _freed(posed, boundary, forms, numbered.outer[:, 0, 0] // 4)
+    free, factor = _find_free(posed, boundary, forms, numbered.outer[:, 0, 0] // 4)
     return Hypercircle(
         posed=posed,
         boundary=boundary,
@@ -347,17 +347,17 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
 
 
 def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
-    """(c, 4 n) the places of vertices and middles of a chunk of cells, from those of motions; middles are the last."""
+    """Return the positions (c, 4 n) of vertices, then of middles, of a chunk of cells, given those of motions."""
     edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
     nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
     found: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
     return found
 
 
-def _freed(
+def _find_free(
     posed: PosedScene, boundary: Boundary, forms: Sequence[Forms], outer: Ints
 ) -> tuple[sp.csr_matrix, Factor | None]:
-    """What supports leave free of vertices and of middles that touch nothing, and the factor of S on that."""
+    """Return a basis of free values at vertices and middles that touch nothing, and the factor of S on it."""
     edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
     touched = np.zeros(P.shape[0])
     nodes = np.unique(edges.outer_edges[boundary.touching])
@@ -372,17 +372,17 @@ def _freed(
     free = sp.csr_matrix((axes.ravel(), places), shape=(size, m))
     if m == 0:
         return free, None
-    S = [one.fans.of_cells(one.displacement[:, : 4 * one.fans.n, : 4 * one.fans.n]) for one in forms]
-    K = sp.csr_matrix(free.T @ assembled([one.outlines for one in forms], S, size) @ free)
+    S = [one.fans.expand(one.displacement[:, : 4 * one.fans.n, : 4 * one.fans.n]) for one in forms]
+    K = sp.csr_matrix(free.T @ assemble([one.outlines for one in forms], S, size) @ free)
     return free, choose_linear(m).factorise(K)
 
 
 def check_bounded(posed: PosedScene) -> None:
-    """Raise SceneError where there is no bound."""
+    """Raise SceneError if there is no bound."""
     plane_mesh(posed.space.mesh, "error_bound", IN_SPACE)
     check_estimable(posed, "error_bound")
     if posed.curves:
         raise SceneError(
-            f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: a polygon, over whose "
-            "corners nothing slides, is another body; vemcvx.error_budget estimates the error."
+            f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: the mesh is a polygon, over "
+            "whose corners nothing slides; vemcvx.error_budget estimates the error."
         )

@@ -1,37 +1,36 @@
 """Bounds on a linear quantity, by the parallelogram of two hypercircles.
 
-A quantity is a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement u, and the
-work of the forces of supports on a displacement -z_D that is given on these. Its dual solution z, with a(z, w) = q(w)
-for all w that supports admit and z = z_D on supports, has a hypercircle of its own: z_h, and a stress tau_z in
-equilibrium with q. With r, v, tau, b and A of :mod:`.hypercircle`, e = u - v, and r_z and A_z of the dual problem, let
-T be the work of all forces that tau balances, the tractions of friction and contact among them. Then
+A quantity is a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement u, plus
+the work of the forces of supports on a displacement -z_D given on supports. Its dual solution z satisfies a(z, w) =
+q(w) for all admissible w, and z = z_D on supports. It has a hypercircle: z_h, and a stress tau_z in equilibrium with q.
+Take r, v, tau, b and A of :mod:`.hypercircle`, e = u - v, and r_z and A_z of the dual problem. Let T be the work of all
+forces in balance with tau, including friction and contact. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
     (C eps(z_h), eps(e))  =  T(z_h) - (sigma_0 + C eps(v), eps(z_h))             equilibrium of sigma,
 
-and what is left of |e|^2 <= (r, eps(e)) + b after the square is completed, d = C eps(e) - r / 2, has |d|^2 <= A^2 / 4 +
-b. So q(u) differs from the computable
+and by |e|^2 <= (r, eps(e)) + b, d = C eps(e) - r / 2 satisfies |d|^2 <= A^2 / 4 + b. So q(u) differs from the
+computable
 
     m  =  q(v) + T(z_h) - (sigma_0 + C eps(v), eps(z_h)) + (r_z, C^-1 r) / 2
 
-by no more than A_z (A^2 / 4 + b)^{1/2}. Without friction and contact this is |r| |r_z| / 2: the least that a(e + s e_z,
-e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles, leave for any s (W. Prager and J. L. Synge, Quart.
-Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation*
-(2000), chapter 8). Springs to the ground are as triangles are, and the part of their r that m leaves out is in the
-bound.
+by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact this is |r| |r_z| / 2: the best result over s of the
+parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager and
+J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
+Posteriori Error Estimation* (2000), chapter 8). Springs to the ground are treated like triangles; the bound contains
+the part of their r that is not in m.
 
-The steps used two things. Tractions of tau_z do no work on e where e need not vanish; and the tractions of sigma do the
-work on z_h that T says. Where nothing but supports holds the body both are so. With friction and contact they are so if
-z_h vanishes on contact, and tau_z has no traction there (but for normals that are held together): a theorem, whatever
-sticks, slips and opens. r_z does not fall with the mesh then, and the interval falls as A does. Where z_D moves an end
-of an edge along which friction may act, the work of friction there is bounded by what it is at most.
+The proof uses two conditions. Tractions of tau_z do no work on e where e may be nonzero, and the work of the tractions
+of sigma on z_h is that in T. Both hold if only supports hold the body. With friction and contact both hold if z_h
+vanishes on contact, and tau_z has no traction there (except for bonded normals): then the interval is a theorem for any
+stick, slip and opening. In this case r_z does not decrease with the mesh, and the interval decreases like A. Where z_D
+moves an end of an edge on which friction may act, the work of friction there is bounded by its largest possible value.
 
-For v and z_h one may take v + w and z_h + w_z of :mod:`.hypercircle`, richer inside of the body, the former on contact
-the same.
+v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w is the same on contact.
 
-What is not read of loads and quantities moves q(u) by e(z_h) of the load, by e_z(u) of the quantity, and by A_z eta in
-what friction and contact may do on z (:mod:`.reading`): an allowance, which is an estimate.
+Unread parts of loads and quantities change q(u) by e(z_h) of the load, by e_z(u) of the quantity, and by A_z eta
+through friction and contact (:mod:`.reading`). This allowance is an estimate.
 """
 
 from __future__ import annotations
@@ -60,20 +59,26 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class QuantityBound(Outlined):
-    """An interval for a linear quantity q(u) of the exact displacement u of a step, given the one before it.
+    """An interval for a linear quantity q(u) of the exact displacement u of a step, given the step before.
 
     Attributes
     ----------
     step : int
         The step.
     value : float
-        q of the run. The interval need not contain it: its middle is corrected by the dual solution.
+        The value q of the run. The interval need not contain it: the dual solution corrects its middle.
     low, high : float
-        The interval. With Coulomb's law it is for the friction that the pressure of the run gives. With friction and
-        one-sided contact it supposes nothing of what sticks, slips and opens, and is wider than without.
+        The interval. With Coulomb's law it is for the friction by the pressure of the run. With friction and one-sided
+        contact it holds for any stick, slip and opening, and is wider than without.
     reading : float
-        Of the half width of low and high the estimate of what the load and the quantity are beside what is linear on
-        edges and in cells, zero if they are linear (:mod:`vemcvx.bound.reading`).
+        The part of the half width that estimates loads and quantities which are not linear on edges and in cells; zero
+        if they are linear (:mod:`vemcvx.bound.reading`).
+
+    Examples
+    --------
+    >>> interval = vx.QuantityBound(step=1, value=1.0, low=0.9, high=1.2)
+    >>> interval.guaranteed, round(interval.error, 9)
+    (True, 0.2)
     """
 
     step: int
@@ -84,16 +89,16 @@ class QuantityBound(Outlined):
 
     @property
     def guaranteed(self) -> bool:
-        """True if q(u) is between low and high by a theorem: load and quantity are linear as far as points tell."""
+        """True if the interval is a theorem: load and quantity are linear at all examined points."""
         return self.reading == 0.0
 
     @property
     def error(self) -> float:
-        """The distance of the run's value from the farther end of the interval."""
+        """The distance from the value of the run to the farther end of the interval."""
         return max(self.high - self.value, self.value - self.low)
 
     def outline(self) -> Outline:
-        """The outline for prompts and notebooks: the interval, and whether it is a theorem."""
+        """Return the outline for prompts and notebooks: the interval, and its kind."""
         rest = f"for data as read at points, with {self.reading:.2g} for the rest of them"
         lines = [
             ("interval", f"{self.low:.8g} ... {self.high:.8g}, {'guaranteed' if self.guaranteed else rest}"),
@@ -103,14 +108,14 @@ class QuantityBound(Outlined):
 
 
 def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequence[Effect]) -> QuantityBound:
-    """The bound of q in a step whose pair this is.
+    """Return the bound of q in a step with this pair.
 
     Raises
     ------
     SceneError
-        `of` is no linear quantity, or one for which there is no bound.
+        `of` is no linear quantity, or there is no bound for it.
     """
-    dual, primal = Dual.of(pair.circle, of, pair.t), Fields(pair)
+    dual, primal = Dual.from_effects(pair.circle, of, pair.t), Fields(pair)
     low, high = dual.interval(primal)
     plain = Fields(replace(pair, w=0.0 * pair.w))
     return QuantityBound(
@@ -118,21 +123,21 @@ def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequenc
         value=dual.fields.quantity_of(plain) - float(np.sum(history.forces[history.row(step)] * dual.lifted)),
         low=low,
         high=high,
-        reading=_not_read(primal, dual.fields),
+        reading=_allowance(primal, dual.fields),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Dual:
-    """The dual problem of a quantity at the instant t; of one that does not depend on time it serves all steps."""
+    """The dual problem of a quantity at the instant t; it serves all steps if the quantity does not depend on time."""
 
     primal: Hypercircle
     effects: tuple[Effect, ...]
     t: float
 
     @classmethod
-    def of(cls, circle: Hypercircle, of: Effect | Sequence[Effect], t: float = 0.0) -> Dual:
-        """The dual problem of the quantity that these effects are."""
+    def from_effects(cls, circle: Hypercircle, of: Effect | Sequence[Effect], t: float = 0.0) -> Dual:
+        """Return the dual problem of the quantity given by these effects."""
         effects = tuple(of) if isinstance(of, (list, tuple)) and of else (of,)
         for effect in effects:
             parts = effect.contribute(circle.posed.space) if isinstance(effect, Effect) else Contribution()
@@ -141,7 +146,7 @@ class Dual:
             linear = not any(part is not None and (not isinstance(part, tuple) or part) for part in others)
             if not linear or not (parts.loads or moved or parts.initial_stresses):
                 raise SceneError(
-                    f"error_bound: found of={brief(effect)}; a linear quantity is given as a load that does its work: "
+                    f"error_bound: found of={brief(effect)}; a linear quantity is given as the load whose work it is: "
                     "Traction((1.0 / length, 0.0), on='top') for the mean displacement along x of a side, BodyForce or "
                     "Prestress for means over the body, PrescribedDisplacement((1.0, 0.0), on='left') on a support for "
                     "its force on the body along x; or a list of these, for their sum."
@@ -149,13 +154,13 @@ class Dual:
             for load in parts.loads:
                 if load.cells is None and load.edges is None:
                     raise SceneError(
-                        f"error_bound: found of={brief(effect)}; {load.subject} at a point has no bound, for what a "
-                        "point force does has no finite energy. Give the mean over a part, by Traction."
+                        f"error_bound: found of={brief(effect)}; {load.subject} at a point has no bound, because the "
+                        "answer to a point force has infinite energy. Give the mean over a part, by Traction."
                     )
         return cls(circle, effects, t)
 
     def motion(self, space: Space) -> Floats:
-        """z_D (n_nodes, 2): minus the displacement that the effects give on supports."""
+        """Return z_D (n_nodes, 2): minus the displacement of supports by the effects."""
         supports = by_precedence([s for effect in self.effects for s in effect.contribute(space).supports])
         points = space.mesh.points
         if not supports:
@@ -165,34 +170,34 @@ class Dual:
 
     @cached_property
     def lifted(self) -> Floats:
-        """z_D (n_nodes, 2)."""
+        """The motion z_D (n_nodes, 2), checked against the supports of the scene."""
         supports, lifted = self.primal.posed.supports, self.motion(self.primal.posed.space)
         if np.abs(supports.gather(lifted.ravel())).max(initial=0.0) > SAME * np.abs(lifted).max(initial=0.0):
             raise SceneError(
                 "error_bound: found of= a displacement where no support of the scene holds the body in that direction; "
-                "it asks for the force of a support, such as of=PrescribedDisplacement((1.0, 0.0), on='left') for that "
-                "along x of Clamp(on='left')."
+                "it is for the force of a support: of=PrescribedDisplacement((1.0, 0.0), on='left') is the force along "
+                "x of Clamp(on='left')."
             )
         return lifted
 
     @cached_property
     def fields(self) -> Fields:
-        """z that vanishes on contact, and the stress that has no tractions there."""
+        """The dual fields: z vanishes on contact, and its stress has no tractions there."""
         circle, posed, lifted = self.primal, self.primal.posed, self.lifted
         edges, (_, normal) = circle.boundary.edges, circle.boundary.acting
         if circle.boundary.motions.shape[1]:
             raise SceneError(
-                "error_bound: there is no bound of a quantity, of=, where nothing but friction or one-sided contact "
-                "holds the body; add a support."
+                "error_bound: there is no bound of a quantity, of=, if only friction or one-sided contact holds the "
+                "body; add a support."
             )
-        if (normal & self._moved(edges.units)).any():
+        if (normal & self._moves_along(edges.units)).any():
             raise SceneError(
-                "error_bound: found of= a displacement of a support that ends beside one-sided contact in the same "
-                "direction; their forces cannot be told apart."
+                "error_bound: found of= a displacement of a support that ends next to one-sided contact in the same "
+                "direction; their forces cannot be separated."
             )
         parts = [effect.contribute(posed.space) for effect in self.effects]
         prestress = initial_stresses(parts, posed.material, posed.space)
-        u, free = lifted.ravel(), self._untouched()
+        u, free = lifted.ravel(), self._find_untouched()
         if len(free):
             K, P = sp.csr_matrix(posed.system.K[free][:, free]), posed.supports.P[:, free]
             force = (np.zeros(len(u)) if prestress is None else prestress.vector(self.t)) - posed.A @ u
@@ -204,15 +209,15 @@ class Dual:
         reader = Reader(posed, edges, circle.boundary.reader.centres, self.effects)
         read = reader.at(Instant(t=self.t, u=z, lam=np.zeros((0, 1)), p=none, weights=none, worn=none))
         still = np.zeros((len(edges.areas), 3)) if prestress is None else prestress.stress(self.t)
-        surface = Surface.of_loads(circle.boundary.forces_of(read.tractions))
-        return Fields(circle.joined((self.t, z), surface, read, still), still)
+        surface = Surface.from_loads(circle.boundary.forces_of(read.tractions))
+        return Fields(circle.make_pair((self.t, z), surface, read, still), still)
 
-    def _moved(self, ways: Floats) -> Bools:
-        """(b,) which edges z_D moves at an end along ways (b, 2)."""
+    def _moves_along(self, ways: Floats) -> Bools:
+        """Return True for edges (b,) with an end that z_D moves along the directions `ways` (b, 2)."""
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
-    def _untouched(self) -> Ints:
-        """The free unknowns that move nothing along friction or towards obstacles."""
+    def _find_untouched(self) -> Ints:
+        """Return the free unknowns that move nothing along friction or towards obstacles."""
         posed, boundary, rows = self.primal.posed, self.primal.boundary, []
         for acts, ways in zip(boundary.acting, (boundary.edges.tangents, boundary.edges.units), strict=True):
             ends, across = boundary.edges.outer_edges[acts].ravel(), boundary.edges.joints.across[acts].ravel()
@@ -222,49 +227,49 @@ class Dual:
         return np.flatnonzero(np.asarray(touched).ravel() < SAME)
 
     def _check_supports(self, z: Floats) -> None:
-        """Raise SceneError where z does not follow z_D on the edges of supports."""
+        """Raise SceneError if z differs from z_D on the edges of supports."""
         moved = self.motion(Space(self.primal.boundary.reader.fine.mesh))
 
-        def wanted(support: Support) -> Floats:
+        def components_of(support: Support) -> Floats:
             jumps = moved[support.nodes]
             if support.partners is not None:
                 jumps = jumps - np.where(support.partners[:, None] >= 0, moved[support.partners], 0.0)
             components: Floats = np.einsum("md,md->m", support.directions, jumps)
             return components
 
-        if self.primal.boundary.off_supports(z, wanted)[0] is not None:
+        if self.primal.boundary.off_supports(z, components_of)[0] is not None:
             raise SceneError(
-                "error_bound: found of= a displacement of a support that ends beside another one, which holds the same "
-                "direction: the force of one of two supports that meet has no limit. Ask for that of both, or for a "
-                "component that the other one leaves free."
+                "error_bound: found of= a displacement of a support that meets another support of the same direction: "
+                "the force of one of the two has no limit. Use the force of both, or a component that the other "
+                "support leaves free."
             )
 
     def interval(self, primal: Fields) -> tuple[float, float]:
-        """The bounds of q(u) in a step."""
+        """Return the bounds of q(u) in a step."""
         pair, circle, dual = primal.pair, self.primal, self.fields
         edges, springs = circle.boundary.edges.outer_edges, circle.boundary.springs
         energies, defects = circle.products(primal.richer, dual.richer)
         one, other = (fields.pair.u[edges].reshape(-1, 4) for fields in (primal, dual))
         middle = dual.quantity_of(primal) + dual.work(pair.surface.forces, pair.read.body)
         middle -= float(energies.sum() + np.einsum("bi,bij,bj->", one, springs, other))
-        middle += float(0.5 * defects.sum()) - circle.stretched(circle.prestress(pair.t), dual.richer)
+        middle += float(0.5 * defects.sum()) - circle.work_of_stress(circle.prestress(pair.t), dual.richer)
         width = self._unknown_work(pair) + float(np.sqrt(dual.A2 * (0.25 * primal.A2 + pair.lacking)))
-        width += 0.5 * float(np.sum(np.sqrt(dual.pair.springs * pair.springs))) + _not_read(primal, dual)
+        width += 0.5 * float(np.sum(np.sqrt(dual.pair.springs * pair.springs))) + _allowance(primal, dual)
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """A bound on friction's work on z beyond that of T, on edges that are moved at an end by z_D."""
+        """Return a bound on the work of friction on z that is not in T, on edges with an end that z_D moves."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
         ends, bent = self.fields.on_edges
         size = np.abs(along(ends, edges.tangents)).sum(axis=1)
         work = most * edges.lengths * (0.5 * size + 2.0 / 3.0 * np.abs(np.sum(bent * edges.tangents, axis=1)))
-        return float(np.sum(work[boundary.acting[0] & self._moved(edges.tangents)]))
+        return float(np.sum(work[boundary.acting[0] & self._moves_along(edges.tangents)]))
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """A pair with its richer displacement v + w inside of cells."""
+    """A pair with its richer displacement v + w inside cells."""
 
     pair: Pair
     still: Floats | None = None
@@ -272,17 +277,17 @@ class Fields:
 
     @property
     def circle(self) -> Hypercircle:
-        """The parts of the scene that the pair is made of."""
+        """The hypercircle of the pair."""
         return self.pair.circle
 
     @cached_property
     def richer(self) -> Defect:
-        """r of v + w."""
+        """The defect of v + w."""
         return self.pair.richer
 
     @property
     def on_edges(self) -> tuple[Floats, Floats]:
-        """v + w on boundary edges: (b, 2, 2) at their ends, and (b, 2) the parabola."""
+        """The values of v + w on boundary edges: at their ends (b, 2, 2), and the quadratic part (b, 2)."""
         edges, values = self.circle.equilibrium.edges, self.richer.outline.reshape(-1, 2)
         ends = values[self.circle.boundary.edges.outer_edges]
         middles = values[len(values) - edges.count + edges.outer[:, 0, 0] // 4]
@@ -290,26 +295,26 @@ class Fields:
 
     @cached_property
     def A2(self) -> float:
-        """A^2 of v + w."""
+        """The square A^2 of v + w."""
         return float(self.circle.squares(self.richer).sum() + self.pair.springs.sum())
 
     def work(self, forces: Floats, body: Floats) -> float:
-        """The work of int t phi (b, 2, 2) at both ends of edges, and of body forces (n_cells, 6), on v + w."""
-        on_edges = self.circle.of_tractions(forces) @ self.richer.outline
+        """Return the work on v + w of int t phi (b, 2, 2) at ends of edges and of body forces (n_cells, 6)."""
+        on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
         return float(on_edges + self.circle.works(body, self.richer).sum())
 
     def quantity_of(self, other: Fields) -> float:
-        """The load of this pair as a quantity of the displacement of another one."""
+        """Return the work of the load of this pair on the displacement of another pair."""
         assert self.still is not None
         work = other.work(self.pair.surface.loads, self.pair.read.body)
-        return work - other.circle.stretched(self.still, other.richer)
+        return work - other.circle.work_of_stress(self.still, other.richer)
 
 
-def _not_read(primal: Fields, dual: Fields) -> float:
-    """The allowance for what is not read of the load, on z, and of the quantity, on u."""
-    of_load, of_quantity = primal.pair.read, dual.pair.read
-    if of_load.exact and of_quantity.exact:
+def _allowance(primal: Fields, dual: Fields) -> float:
+    """Return the allowance for unread parts of the load, on z, and of the quantity, on u."""
+    load, quantity = primal.pair.read, dual.pair.read
+    if load.exact and quantity.exact:
         return 0.0
-    eta, own = of_load.energy, of_quantity.energy
-    works = dual.circle.misread(of_load, dual.richer) + primal.circle.misread(of_quantity, primal.richer)
+    eta, own = load.energy, quantity.energy
+    works = dual.circle.misread(load, dual.richer) + primal.circle.misread(quantity, primal.richer)
     return works + float(np.sqrt(dual.A2)) * eta + own * (primal.pair.upper + eta)

@@ -1,36 +1,36 @@
-"""Data as bounds and estimates read them: linear on edges and in cells, or as assembled, and what is left of them.
+"""Reading of data for bounds and estimates: fits that are linear on edges and in cells, and their remainders.
 
-The effects of the scene are asked once more on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Bounds* fit
+The effects of the scene contribute once more on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Bounds* fit
 tractions and bounds of friction by linear functions on every edge, from means on pieces and from values at new nodes,
-and body forces by linear functions in every cell. For such data, with gaps and motions of the ground that are linear
-between nodes, bounds are theorems. For others they are theorems for the data *as read*, and eta is an estimate of what
-is left: of e(w), the work on displacements w of loads that are not read, eta = sup e(w) / |w|,
+and body forces by linear functions in every cell. For such data, with gaps and ground motions that are linear between
+nodes, bounds are theorems. For other data they are theorems for the data *as read*. The unread load e(w), a linear
+functional of displacements w, has the size eta = sup e(w) / |w|, which is estimated by
 
-    SAFETY times the answer of the whole body to what a second reading of fewer points gives otherwise; and, cell by
-    cell, the energies below of what is left beside the linear functions.
+    SAFETY times the answer of the whole body to the difference from a second reading with fewer points, plus, in each
+    cell, the energies below of the remainders.
 
-Answers are no farther apart than eta, also with friction and contact, and what a step minimises no farther than
-|e(v)| + eta |u - v| + eta^2 / 2 and SAFETY times the work of the answer's pressure on what is left of gaps. What is
-narrower than the distance of the points may be missed.
+Answers differ by at most eta, also with friction and contact. The minima of a step differ by at most
+|e(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders of gaps. Features
+narrower than the distance of points may be missed.
 
-*Estimates* (:mod:`vemcvx.estimate.unseen`) take what was assembled in place of linear functions. The energies are
+*Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
 
     tractions       int t . v                            l_e / (2 mu) |t|^2_e
     body forces     int f . v                            d_K^2 / (9 mu) |f|^2_K
     compliance      int (k d - p_h) v_n                  |k d - p_h|^2_e / (2 mu / l_e + k)
-    gaps            u is to move by d where it does not  2 mu max |d|^2
-    motions         the same                             2 mu |d|_e |d'|_e
+    gaps            u must move by d, but does not       2 mu max |d|^2
+    motions         u must move by d, but does not       2 mu |d|_e |d'|_e
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-d_K being the longest side of the box of a cell: the first two by the Poincare inequalities of a cell and, with a half
-space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e / (2 mu); half of it is enough for what is orthogonal to
-linear functions. A half space stores 2 mu times the wave number under waves along its surface, of which that of motions
-is a bound. The last is the work itself, in its dual norm.
+with the longest side d_K of the box of a cell. The first two follow from the Poincare inequalities of a cell and of an
+edge of a half space, which has the constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu). Half of this is enough for
+functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu times the wave number,
+which the weight of motions bounds. The last is the work itself, in its dual norm.
 
-All that is local. Means of tractions and body forces are forces r on the whole body: two answers whose loads differ by
-r are no farther apart than (r'K^-1 r)^{1/2} in the discrete space. Waves of a traction as long as an edge, or a strip
-of weight between quadrature points, are of one sign and move the whole body: no weight that vanishes with the edge can
-stand for them (local weights alone gave .37 of the error).
+These energies are local. Means of tractions and body forces are forces r on the whole body: two answers whose loads
+differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. A traction wave as long as an edge, or a strip of
+weight between quadrature points, has one sign and moves the whole body. No weight that vanishes with the edge can bound
+it (local weights alone gave .37 of the error).
 """
 
 from __future__ import annotations
@@ -54,28 +54,28 @@ from vemcvx.scene import PosedScene, contributions, unwarned
 from vemcvx.vem import Space, elastic_matrix
 
 SAFETY = 2.0
-"""What two readings differ by is taken for so many times as large."""
+"""Safety factor of the difference between two readings."""
 POINCARE = 1.0 / 9.0
-"""1 / pi^2 on a convex cell of the longer side one, and a tenth for turning, which no strain resists: sideways waves of
-weight on 8 x 8 and 16 x 16 squares were .9964 of the error with 1 / pi^2."""
+"""Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus a tenth for rotations
+without strain. With 1 / pi^2 the estimate for waves of weight on 8 x 8 squares was .9964 of the error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Least squares, part by part, of values at points."""
+    """A least-squares fit of values at points, separately on each part (an edge or a cell)."""
 
     owner: Ints
-    """(q,) the part of each point"""
+    """(q,) part of each point"""
     basis: Floats
-    """(q, j) functions there, the first of which is constant, or which add up to a constant"""
+    """(q, j) basis functions at points, whose span contains constants"""
     weights: Floats
-    """(q,)"""
+    """(q,) weights of points"""
     count: int
-    """of parts"""
+    """number of parts"""
 
     @cached_property
     def matrix(self) -> sp.csr_matrix:
-        """(count * j, q) coefficients from values."""
+        """The matrix (count * j, q) from values to coefficients."""
         q, j = self.basis.shape
         gram = np.zeros((self.count, j, j))
         np.add.at(gram, self.owner, self.weights[:, None, None] * self.basis[:, :, None] * self.basis[:, None])
@@ -84,7 +84,7 @@ class Fit:
         rows = self.owner[:, None] * j + np.arange(j)
         return sp.csr_matrix((entries.ravel(), (rows.ravel(), np.repeat(np.arange(q), j))), shape=(self.count * j, q))
 
-    def of(self, values: Floats) -> Floats:
+    def fit(self, values: Floats) -> Floats:
         """Return the coefficients (count, j, d) of values (q, d)."""
         return np.asarray(self.matrix @ values).reshape(self.count, self.basis.shape[1], -1)
 
@@ -94,8 +94,8 @@ class Fit:
         return values
 
     @cached_property
-    def of_every_other(self) -> Fit:
-        """The fit that every other point counts three times in: of these alone it would differ twice as much."""
+    def second(self) -> Fit:
+        """The fit with three times the weight on every other point, with half the difference of a fit to these only."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property
@@ -104,77 +104,78 @@ class Fit:
         return replace(self, basis=np.ones((len(self.owner), 1)))
 
     def read(self, values: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return coefficients, by how much those of every other point differ, and what is left (q, d)."""
-        found = self.of(values)
-        apart, left = 2.0 * (self.of_every_other.of(values) - found), values - self.at_points(found)
-        return found, *_without_rounding(values, apart, left)
+        """Return coefficients, their differences from a fit to every other point, and remainders (q, d)."""
+        found = self.fit(values)
+        apart, left = 2.0 * (self.second.fit(values) - found), values - self.at_points(found)
+        return found, *_remove_rounding(values, apart, left)
 
-    def beside(self, values: Floats, known: Floats) -> tuple[Floats, Floats]:
-        """Return by how much means differ from those that are known (count, d), and what is left (q, d)."""
-        apart = self.means.of(values)[:, 0] - known
+    def compare_means(self, values: Floats, known: Floats) -> tuple[Floats, Floats]:
+        """Return the differences of means from known means (count, d), and remainders (q, d)."""
+        apart = self.means.fit(values)[:, 0] - known
         left = values - (known + apart)[self.owner]
-        return _without_rounding(values, apart, left)
+        return _remove_rounding(values, apart, left)
 
 
-def _without_rounding(values: Floats, apart: Floats, left: Floats) -> tuple[Floats, Floats]:
-    """Return differences of values, zero where they are rounding."""
+def _remove_rounding(values: Floats, apart: Floats, left: Floats) -> tuple[Floats, Floats]:
+    """Return differences of values, set to zero where they are rounding errors."""
     rounding = SAME * np.abs(values).max(initial=0.0)
     return np.where(np.abs(apart) <= rounding, 0.0, apart), np.where(np.abs(left) <= rounding, 0.0, left)
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The data at an instant, linear on edges and in cells, and what they are beside."""
+    """The data at an instant: fits that are linear on edges and in cells, and remainders."""
 
     reader: Reader
     tractions: Floats
-    """(b, 2, 2) at the ends of edges"""
+    """(b, 2, 2) tractions at the ends of edges"""
     friction: Floats
-    """(b, 2) bounds of friction there, where they are given"""
+    """(b, 2) given bounds of friction at the ends of edges"""
     body: Floats
-    """(n_cells, 6) of body forces, as :class:`.fan.Fans` has them"""
+    """(n_cells, 6) coefficients of body forces, as in :class:`.fan.Fans`"""
     tractions_apart: Floats
+    """(b, 2, 2) differences of tractions in a second reading"""
     body_apart: Floats
-    """by how much a second reading differs"""
+    """(n_cells, 6) differences of body forces in a second reading"""
     on_pieces: Floats
-    """(k, 2) what is left of tractions"""
+    """(k, 2) remainders of tractions"""
     in_cells: Floats
-    """(q, 2) and of body forces"""
+    """(q, 2) remainders of body forces"""
     others: Floats
-    """(n_cells,) energies of what is left of bounds of friction, gaps and motions of the ground"""
+    """(n_cells,) energies of remainders of bounds of friction, gaps and ground motions"""
     on_gaps: float
-    """the work of the answer's pressure on what is left of gaps"""
+    """work of the pressure of the answer on remainders of gaps"""
 
     @property
     def exact(self) -> bool:
-        """True where data are linear as far as points tell."""
+        """True if data are linear at all examined points."""
         left = self.tractions_apart, self.body_apart, self.on_pieces, self.in_cells, self.others
         return not any(one.any() for one in left)
 
     def __sub__(self, other: Reading) -> Reading:
-        """Return the part that is new since another instant."""
+        """Return the change of data since another instant."""
         names = "tractions", "friction", "body", "tractions_apart", "body_apart", "on_pieces", "in_cells"
         new = {name: getattr(self, name) - getattr(other, name) for name in names}
         return replace(self, **new, others=np.abs(self.others - other.others))
 
     @cached_property
     def local(self) -> Floats:
-        """(n_cells,) energies of what is left in cells and on their edges."""
+        """The energies (n_cells,) of remainders in cells and on their edges."""
         return 0.5 * self.reader.energies(self.on_pieces, self.in_cells) + self.others
 
     @property
     def energy(self) -> float:
-        """eta."""
+        """The estimate eta."""
         if self.exact:
             return 0.0
         on_edges = self.reader.edges.lengths[:, None] * self.tractions_apart.mean(axis=1)
-        apart = self.reader.of_the_body(on_edges, self.reader.forces_of(self.body_apart))
+        apart = self.reader.body_energies(on_edges, self.reader.forces_of(self.body_apart))
         return float(np.sqrt(self.local.sum()) + SAFETY * np.sqrt(apart.sum()))
 
     def misread(self, works: Sequence[Floats], bent: Floats) -> float:
-        """Return |e(w)| of w, by works of what a second reading adds, and its energies (n_cells,) beside strains.
+        """Return |e(w)|, given the works of the second reading on w, and the energies `bent` of w without mean strain.
 
-        What is left beside linear functions does no work on what is linear in a cell.
+        Remainders do no work on linear displacements in a cell.
         """
         left = np.sum(np.sqrt(self.local * np.maximum(bent, 0.0)))
         return float(SAFETY * sum(np.abs(one).sum() for one in works) + left)
@@ -182,47 +183,47 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Reader:
-    """The data of a posed scene, and the places where they are read."""
+    """The data of a posed scene, and the points at which they are read."""
 
     posed: PosedScene
     edges: Skeleton
     centres: Floats
-    """(n_cells, 2) about which body forces are linear functions"""
+    """(n_cells, 2) origins of the linear functions for body forces"""
     effects: Sequence[Effect] | None = None
-    """whose data these are; None of the scene's"""
+    """effects with these data; None for the effects of the scene"""
 
     @cached_property
     def fine(self) -> FineBoundary:
-        """The mesh on which effects are asked again."""
+        """The mesh with edges cut into pieces, on which effects contribute again."""
         return fine_boundary(plane_mesh(self.posed.space.mesh, "error_bound"), self.edges)
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """The contributions of all effects on the fine mesh, those that are zero as well; of materials, on the mesh."""
+        """The contributions of all effects, including zero effects, on the fine mesh; of materials, on the mesh."""
         effects = self.posed.scene.canonical if self.effects is None else self.effects
         others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
         with unwarned():
-            asked = contributions(others, Space(self.fine.mesh))
-        return [*(part for _, part in asked), *self.posed.laws]
+            found = contributions(others, Space(self.fine.mesh))
+        return [*(part for _, part in found), *self.posed.laws]
 
     @property
     def frictions(self) -> list[Friction]:
-        """The frictions of all effects, also of those that are zero."""
+        """The frictions of all effects, including zero effects."""
         return [friction for part in self.parts for friction in part.frictions]
 
     @property
     def obstacles(self) -> list[Obstacle]:
-        """Likewise the obstacles."""
+        """The obstacles of all effects, including zero effects."""
         return [obstacle for part in self.parts for obstacle in part.obstacles]
 
     @property
     def supports(self) -> list[Support]:
-        """Likewise the supports."""
+        """The supports of all effects, including zero effects."""
         return [support for part in self.parts for support in part.supports]
 
     @cached_property
     def body_loads(self) -> list[Load]:
-        """Likewise the body forces."""
+        """The body forces of all effects, including zero effects."""
         loads = [load for part in self.parts for load in part.loads if load.cells is not None]
         for load in loads:
             if load.matrix.shape[1] == len(load.points):
@@ -234,7 +235,7 @@ class Reader:
 
     @cached_property
     def springs(self) -> Floats:
-        """(q, 2, 2) stiffness per length of springs to the ground at new nodes."""
+        """The stiffness (q, 2, 2) per length of springs to the ground at new nodes."""
         springs, each = np.zeros((self.fine.mesh.n_nodes, 2, 2)), np.tile(np.eye(2), (self.fine.mesh.n_nodes, 1))
         for part in self.parts:
             if part.material is None and part.stiffness is not None:
@@ -246,12 +247,12 @@ class Reader:
 
     @cached_property
     def inside(self) -> SamplePoints:
-        """Places in the cells."""
+        """The sample points in cells."""
         return in_cells(plane_mesh(self.posed.space.mesh, "error_bound"))
 
     @cached_property
     def pieces(self) -> Fit:
-        """Of the means on pieces of boundary edges, by functions that are linear from either end."""
+        """The fit of means on pieces of boundary edges by linear functions."""
         owner, counts = self.fine.piece_owner, np.bincount(self.fine.piece_owner)
         place = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
         s = (place + 0.5) / counts[owner]
@@ -259,12 +260,12 @@ class Reader:
 
     @cached_property
     def cells(self) -> Fit:
-        """Of values at points of cells."""
+        """The fit of values at points of cells by linear functions."""
         return self._about_centres(self.inside)
 
     @cached_property
     def _coarse(self) -> tuple[SamplePoints, Fit]:
-        """Fewer points of cells, for a second reading, and their fit."""
+        """The sample points with fewer points in cells, for a second reading, and their fit."""
         inside = in_cells(plane_mesh(self.posed.space.mesh, "error_bound"), 0.75 * SPACING)
         return inside, self._about_centres(inside)
 
@@ -286,14 +287,14 @@ class Reader:
         return np.sum([load.in_cells(points.x, points.owner, t) for load in self.body_loads], axis=0)
 
     def body(self, t: float) -> tuple[Floats, Floats, Floats]:
-        """Return body forces (n_cells, 6), how a second reading differs, and what is left of them (q, 2)."""
+        """Return body forces (n_cells, 6), their differences in a second reading, and remainders (q, 2)."""
         h = np.sqrt(self.edges.areas)
         if not self.body_loads:
             return np.zeros((len(h), 6)), np.zeros((len(h), 6)), np.zeros((0, 2))
         f, (coarse, fit) = self.body_force(self.inside, t), self._coarse
-        found = self.cells.of(f)
-        second = fit.of(self.body_force(coarse, t))
-        apart, left = _without_rounding(f, second - found, f - self.cells.at_points(found))
+        found = self.cells.fit(f)
+        second = fit.fit(self.body_force(coarse, t))
+        apart, left = _remove_rounding(f, second - found, f - self.cells.at_points(found))
         scales = np.column_stack([np.ones(len(h)), 1.0 / h, 1.0 / h])[..., None]
         body, body_apart = ((one * scales).reshape(len(h), 6) for one in (found, apart))
         return body, body_apart, left
@@ -324,7 +325,7 @@ class Reader:
         )
 
     def _bounds(self, t: float) -> tuple[Floats, Floats]:
-        """Return given bounds of friction (b, 2) at the ends of edges, and energies (b,) of what is left of them."""
+        """Return given bounds of friction (b, 2) at the ends of edges, and the energies (b,) of remainders."""
         fine, g = self.fine, np.zeros((len(self.fine.owner), 1))
         for friction in (one for one in self.frictions if one.law is None):
             at, bound, _ = fine.read(friction, (friction.weights(t) / friction.lengths)[:, None])
@@ -337,7 +338,7 @@ class Reader:
 
     @cached_property
     def compliances(self) -> Floats:
-        """l_e / (2 mu)."""
+        """The compliances l_e / (2 mu), (b,)."""
         compliances: Floats = self.edges.lengths / (2.0 * self.edges.shear[self.edges.outer])
         return compliances
 
@@ -356,19 +357,19 @@ class Reader:
         return found
 
     def between_nodes(self, now: Instant, compliant: bool = False) -> Floats:
-        """Return the energies (b,) of gaps and motions of the ground that are not linear between nodes.
+        """Return the energies (b,) of gaps and ground motions that are not linear between nodes.
 
-        With `compliant` also those of compliant obstacles whose gaps are linear: what they bear there is not.
+        With `compliant` this includes the nonlinear pressure of compliant obstacles with linear gaps.
         """
         squares = np.zeros(len(self.edges.outer))
         for friction in (one for one in self.frictions if one.ground is not None):
             assert friction.ground is not None
             at, moved, line = self.fine.read(friction, friction.ground.vector(now.t))
-            squares += self.of_motion(at, moved - line)
-        return squares + np.sum([self._of_obstacle(one, now, compliant) for one in self.obstacles], axis=0)
+            squares += self.motion_energies(at, moved - line)
+        return squares + np.sum([self._obstacle_energies(one, now, compliant) for one in self.obstacles], axis=0)
 
     def _work_on_gaps(self, now: Instant) -> float:
-        """Return int p |gap - line|: to first order what a step minimises is off by that."""
+        """Return int p |gap - line|, the first-order change of the minimum of a step."""
         if not self.obstacles:
             return 0.0
         pressure, work = pressures_at_ends(self.posed, self.edges, now), 0.0
@@ -377,7 +378,7 @@ class Reader:
             work += float(np.sum(self.fine.lengths[at] * np.abs(gap - line)[:, 0] * self.fine.between(pressure, at)))
         return work
 
-    def of_motion(self, at: Ints, apart: Floats) -> Floats:
+    def motion_energies(self, at: Ints, apart: Floats) -> Floats:
         """Return 2 mu |d|_e |d'|_e of displacements (k, 2) at new nodes, zero at all others."""
         fine, d = self.fine, np.zeros((len(self.fine.owner), 2))
         np.add.at(d, at, apart)
@@ -388,23 +389,23 @@ class Reader:
         squares = self.sums(slice(None), np.sum(d**2, axis=1)) * self.sums(slice(None), rise / fine.lengths**2)
         return 2.0 * self.edges.shear[self.edges.outer] * np.sqrt(squares)
 
-    def of_jumps(self, values: Floats, unit: Floats) -> Floats:
-        """Return compliances of edges along the units (b, 2); what reads jumps may move either of two bodies.
+    def compliance_sums(self, values: Floats, unit: Floats) -> Floats:
+        """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces the sum of both bodies.
 
-        An edge that supports let move at the angle a to its unit has the part cos^2 a: the cosine of a force acts, and
-        the cosine of the way is along the unit.
+        If an edge is free only at the angle a to its unit vector, it has the part cos^2 a: the force acts with the
+        factor cos a, and so does the displacement along the unit vector.
         """
         free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
         found, joints = np.where(free > ROUNDING, free * values, 0.0), self.edges.joints
         found[joints.first] += found[joints.second]
         return found
 
-    def _of_obstacle(self, obstacle: Obstacle, now: Instant, compliant: bool) -> Floats:
-        """Return what obstacles add between nodes, rigid or compliant ones."""
+    def _obstacle_energies(self, obstacle: Obstacle, now: Instant, compliant: bool) -> Floats:
+        """Return the energies (b,) due to an obstacle, rigid or compliant, between nodes."""
         edges, soft = self.edges, obstacle.compliance > 0
         stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
         at, values, line = self.fine.read(obstacle, np.column_stack([obstacle.gap(now.t), stiffness]))
-        # What a constant gap and stiffness bear is what nodes say.
+        # For constant gap and stiffness the nodal pressure is right.
         bears = compliant and soft.any() and bool(np.any(values != line) or np.ptp(values, axis=0).any())
         if np.array_equal(values[:, 0], line[:, 0]) and not bears:
             return np.zeros(len(edges.outer))
@@ -413,14 +414,14 @@ class Reader:
         pressure = pressures_at_ends(self.posed, edges, now)
         if soft.any():
             apart = k * np.maximum(outward - gap, 0.0) - self.fine.between(pressure, at)
-            weight = self.of_jumps(self.compliances, edges.units)[self.fine.owner[at]]
+            weight = self.compliance_sums(self.compliances, edges.units)[self.fine.owner[at]]
             return self.sums(at, apart**2 * weight / (1.0 + k * weight))
-        # Beyond the obstacle, or held away from it by both ends.
+        # The edge is beyond the obstacle, or both its ends hold it away from the obstacle.
         held = np.all(pressure > 0, axis=1)[self.fine.owner[at]]
         apart = np.maximum(np.minimum(outward, nodal) - gap, np.where(held, gap - nodal, 0.0))
         highest = np.zeros(len(edges.outer))
         np.maximum.at(highest, self.fine.owner[at], np.maximum(apart, 0.0) ** 2)
-        compliance = self.of_jumps(0.5 / edges.shear[edges.outer], edges.units)
+        compliance = self.compliance_sums(0.5 / edges.shear[edges.outer], edges.units)
         return np.divide(highest, compliance, out=np.zeros_like(highest), where=compliance > 0)
 
     # The whole body.
@@ -428,17 +429,17 @@ class Reader:
     @cached_property
     def _factor(self) -> Factor:
         system = self.posed.system
-        # Where K does not feel rigid motions a small part of its diagonal holds them; friction and contact do more.
+        # A small multiple of the diagonal restrains rigid motions in the kernel of K; friction and contact are stiffer.
         grounded = system.K if system.kernel is None else system.K + sp.diags_array(np.sqrt(EPS) * system.K.diagonal())
         return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
 
-    def of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:
-        """Return r'K^-1 r (n_cells,) of forces on edges (b, 2) and in cells (n_cells, 2), shared out by their work."""
+    def body_energies(self, on_edges: Floats, in_cells: Floats) -> Floats:
+        """Return r'K^-1 r, distributed over cells (n_cells,), of forces on edges (b, 2) and in cells (n_cells, 2)."""
         posed, edges = self.posed, self.edges
         none, P = np.zeros(len(in_cells)), posed.supports.P
         if posed.system.n == 0 or not (on_edges.any() or in_cells.any()):
             return none
-        # Vertices share the force in a cell alike, as in the load.
+        # Each vertex carries an equal part of the force in a cell, as in the load.
         shares = (in_cells / np.bincount(edges.owner)[:, None])[edges.owner]
         nodes = np.append(edges.outer_edges, edges.sides[:, 0])
         cells = np.append(np.repeat(edges.outer, 2), edges.owner)
@@ -451,10 +452,10 @@ class Reader:
         squares: Floats = float(r @ y) * np.divide(work, work.sum(), out=none, where=work > 0)
         return squares
 
-    # What varies inside cells.
+    # Variation inside cells.
 
     def varies_inside_cells(self, t: float) -> bool:
-        """Return True where moduli, eigenstrains or prestress vary inside cells, whatever the strains there are."""
+        """Return True if moduli, eigenstrains or prestress vary inside cells."""
         at = self.inside.x, self.inside.owner
         unit = np.ones((len(self.edges.areas), 3))
         return any(stresses_apart(self.posed, self.parts, at, t, strain)[0].any() for strain in (0.0 * unit, unit))

@@ -1,13 +1,12 @@
-"""The skeleton of a mesh: its edges with their cells, and the forces that act on those of the boundary.
+"""The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
-Forces on the surface are loads, friction, pressure of contact and springs. What contact exerts on an edge of the first
-body it exerts on the second one's edge in the same place the other way. Where normals are held together, no multiplier
-is at hand; the normal force that balances the stresses on both sides best, in the weights w = d_e / (2 mu) of the
-residuals, is as good as any:
+Forces on the surface are loads, friction, pressure of contact and springs. Contact exerts opposite forces on the edges
+of the two bodies at an interface. Where normals are bonded there is no multiplier. There we use the normal force that
+balances the stresses on both sides best, in the weights w = d_e / (2 mu) of the residuals:
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2,
 
-which is what a jump across an edge inside one body counts, d_e / (4 mu), where both sides are alike.
+For equal sides this is the weight d_e / (4 mu) of a jump across an edge inside one body.
 """
 
 from __future__ import annotations
@@ -28,26 +27,25 @@ from vemcvx.vem import elastic_matrix, mean_shear
 
 @dataclass(frozen=True)
 class Joints:
-    """Pairs of boundary edges, in space faces, in one place."""
+    """The pairs of boundary edges, in space faces, at interfaces."""
 
     across: Ints
-    """(b, 2) the partners of the nodes of each boundary edge; -1 where it is no first body's at an interface; in space
-    there are none"""
+    """(b, 2) partners of the nodes of boundary edges of first bodies at interfaces, else -1; empty in space"""
     first: Ints
     """(k,) boundary edges, or faces, of first bodies"""
     second: Ints
-    """(k,) those of second ones in the same places"""
+    """(k,) boundary edges, or faces, of second bodies at the same places"""
     bonded: Bools
-    """(k,) whether normals are held together"""
+    """(k,) True where normals are bonded"""
 
     def reaction(self, force: Floats) -> Floats:
-        """The reaction on second bodies of contact that exerts forces (b, dim) on first ones."""
+        """Return the reaction on second bodies of contact forces (b, dim) on first bodies."""
         back = np.zeros_like(force)
         back[self.second] = -force[self.first]
         return back
 
     def normal_forces(self, traction: Floats, weights: Floats, units: Floats) -> Floats:
-        """(b, dim) what bilateral contact exerts on both bodies, by the tractions (b, dim) of stresses on all edges."""
+        """Return the normal forces (b, dim) of bilateral contact, given tractions (b, dim) of stresses on all edges."""
         one, other = self.first[self.bonded], self.second[self.bonded]
         n, w, v = units[one], weights[one], weights[other]
         size = np.einsum("kd,kd->k", (w[:, None] * traction[one] - v[:, None] * traction[other]), n) / (w + v)
@@ -58,7 +56,7 @@ class Joints:
 
 
 def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
-    """The joints among boundary edges (b, 2) with outward normals (b, 2)."""
+    """Return the joints among boundary edges (b, 2) with outward normals (b, 2)."""
     mesh, across = posed.space.mesh, np.full(edges.shape, -1)
     none = np.empty((0, 2), dtype=np.int64)
     found = list(mesh.interfaces.values())
@@ -75,66 +73,65 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
 
 @dataclass(frozen=True, kw_only=True)
 class Skeleton:
-    """Edges inside and on the boundary."""
+    """The edges of a mesh, inside and on the boundary."""
 
     mesh: PolygonMesh
     sides: Ints
-    """(c, 2) the edges of every cell, counter-clockwise"""
+    """(c, 2) edges of all cells, counter-clockwise"""
     owner: Ints
-    """(c,) the cell of each"""
+    """(c,) cell of each edge"""
     shear: Floats
-    """(n_cells,) mu; half the harmonic mean of the two moduli of shear, at most twice the softer, where they differ"""
+    """(n_cells,) mu, half the harmonic mean of the two Kelvin moduli of deviatoric strains"""
     outer: Ints
-    """(b,) the cell of each boundary edge"""
+    """(b,) cell of each boundary edge"""
     outer_corners: Ints
-    """(b,) the corner of that cell at which it begins"""
+    """(b,) corner of this cell at which the edge begins"""
     outer_edges: Ints
-    """(b, 2) its nodes, counter-clockwise"""
+    """(b, 2) nodes of the edge, counter-clockwise"""
     outer_normals: Floats
-    """(b, 2) outward, as long as the edge"""
+    """(b, 2) outward normals, with the length of the edge"""
     free: Floats
-    """(b, 2, 2) projector on the directions that supports leave free at one end at least"""
+    """(b, 2, 2) projectors on the directions that supports leave free at one end at least"""
     joints: Joints
-    """where two bodies meet"""
 
     @cached_property
     def sizes(self) -> Floats:
-        """(n_cells,) h_K."""
+        """The sizes h_K (n_cells,)."""
         return extents(self.owner, self.mesh.points[self.sides] - self.mesh.centroids[self.owner, None])
 
     @property
     def areas(self) -> Floats:
-        """(n_cells,)."""
+        """The areas (n_cells,) of cells."""
         return self.mesh.areas
 
     @cached_property
     def lengths(self) -> Floats:
-        """(b,) of boundary edges."""
+        """The lengths (b,) of boundary edges."""
         lengths: Floats = np.linalg.norm(self.outer_normals, axis=1)
         return lengths
 
     @cached_property
     def units(self) -> Floats:
-        """(b, 2) outward unit normals of boundary edges."""
+        """The outward unit normals (b, 2) of boundary edges."""
         return self.outer_normals / self.lengths[:, None]
 
     @cached_property
     def tangents(self) -> Floats:
-        """(b, 2) unit tangents of boundary edges, the body on the left."""
+        """The unit tangents (b, 2) of boundary edges, with the body on the left."""
         return self.units[:, ::-1] * [-1.0, 1.0]
 
     def jumps(self, u: Floats) -> Floats:
-        """(b, 2, 2) u (n_nodes, 2) at both ends of boundary edges, less that of another body where there is one."""
+        """Return u (n_nodes, 2) at both ends of boundary edges, minus u of the second body at interfaces, (b, 2, 2)."""
         across = self.joints.across
         jumps: Floats = u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
         return jumps
 
 
 def extents(owner: Ints, arms: Floats) -> Floats:
-    """h_K, the longest side of the box with a cell's moments M = 12 / |K| int (x - c)(x - c)' dx.
+    """Return h_K, the longest side of the box with a cell's moments M = 12 / |K| int (x - c)(x - c)' dx.
 
-    `arms` (k, dim, dim) lead from the centroids c of cells (k,) to the corners of simplices that make them up. Over a
-    simplex T of c and the corners c + a_i, int x x' = |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)).
+    `arms` (k, dim, dim) are vectors from the centroids c of cells `owner` (k,) to the corners of simplices of the cell.
+    Over a simplex T of c and c + a_i, int x x' = |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)).
     """
     dim, count = arms.shape[2], int(owner.max()) + 1
     volumes = np.linalg.det(arms)
@@ -146,7 +143,7 @@ def extents(owner: Ints, arms: Floats) -> Floats:
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
-    """The edges of a posed scene's mesh."""
+    """Return the skeleton of the mesh of a posed scene."""
     mesh = plane_mesh(posed.space.mesh, "error_budget")
     shared = mesh.shared_edges
     edges = directed_edges(mesh.offsets, mesh.vertices)
@@ -184,19 +181,19 @@ class Instant:
 
 
 def instant(history: History, row: int) -> Instant:
-    """The state of a row of a history's arrays."""
+    """Return the state in a row of the arrays of a history."""
     run = history.trajectory
     parts = run.multipliers[row], run.pressures[row], run.weights[row], run.worn[row]
     return Instant(float(history.times[row]), history.displacement[row], *parts)
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
-    """Pressure of obstacles (b, 2) at the two ends of each boundary edge, force per length."""
+    """Return the pressure (b, 2) of obstacles at the two ends of each boundary edge, force per length."""
     return at_ends(edges, posed.obstacles, (now.p / posed.obstacles.lengths)[:, None])[..., 0]
 
 
 def edge_loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
-    """Loads (b, 2) on the boundary edges."""
+    """Return the loads (b, 2) on the boundary edges."""
     total = np.zeros((len(edges.outer), 2))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.edges is not None:
@@ -205,7 +202,7 @@ def edge_loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
 
 
 def body_forces(posed: PosedScene, t: float) -> Floats:
-    """Loads (n_cells, dim) in the cells."""
+    """Return the loads (n_cells, dim) in the cells."""
     total = np.zeros((posed.space.mesh.n_cells, posed.space.dim))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is not None:
@@ -214,10 +211,9 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
-    """(b, 2, k) values (m, k) of rows at the two ends of each edge that they own; zero where there is none.
+    """Return values (m, k) of rows at the two ends of edges, (b, 2, k); zero on edges without rows.
 
-    Where supports hold an end of an interface they bear what acts there, whatever it is: it is taken to be as at the
-    other end.
+    An end of an interface that supports hold has no row: there the value at the other end is used.
     """
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
@@ -232,7 +228,7 @@ def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
 
 
 def check_estimable(posed: PosedScene, subject: str) -> None:
-    """Raise SceneError where there is no estimate."""
+    """Raise SceneError if there is no estimate."""
     if posed.system.damping is not None:
         raise SceneError(
             f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
@@ -240,7 +236,7 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
     if posed.supports.amplitudes:
         loose = ", ".join(support.subject for support in posed.supports.given if support.patterns is not None)
         raise SceneError(
-            f"{subject}: there is no estimate beside {loose}, whose motion is unknown: what holds its nodes is no "
+            f"{subject}: there is no estimate with {loose}, whose motion is unknown: the force on its nodes is no "
             "traction; compare meshes and steps of your own choice."
         )
     for friction in posed.terms.frictions:
@@ -254,12 +250,12 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
     for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):
         if (rows.names[rows.ends.indices, 1] < 0).any():
             raise SceneError(
-                f"{subject}: there is no estimate for {', '.join(subjects)}, which does not say on which edges it "
-                "acts: effects of one's own say it by ends= of their Friction, Obstacle or ContactSurface."
+                f"{subject}: there is no estimate for {', '.join(subjects)}, whose edges are not known: a user's "
+                "effect gives them by ends= of its Friction, Obstacle or ContactSurface."
             )
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:
             raise SceneError(
-                f"{subject}: there is no estimate for {load.subject}: a force on a point does infinite work on an "
-                "elastic body, and no mesh comes near that energy. Spread it over a part of the boundary by Traction."
+                f"{subject}: there is no estimate for {load.subject}: a point force does infinite work on an elastic "
+                "body, so energies do not converge. Distribute it over a part of the boundary by Traction."
             )

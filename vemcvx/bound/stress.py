@@ -1,23 +1,23 @@
 """Stresses in equilibrium on the fan of a polygon (Johnson and Mercier), from tractions on its edges.
 
-On a triangle split at its centroid the symmetric stresses that are linear on the three parts, with tractions that go
-on across the inner edges, are determined by the tractions on the three edges, linear there, and the divergences on
-the parts: 12 + 6 numbers with three conditions, balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). By
+On a triangle split at its centroid consider the symmetric stresses that are linear on the three parts, with continuous
+tractions across inner edges. The linear tractions on the three edges and the divergences on the parts determine them:
+12 + 6 numbers with three conditions of balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). By
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
-one reference triangle gives all. A traction t that is linear on an edge is known by int t phi at both ends. Body
-forces f enter by F_k = int f lambda_k: constants on the parts with the same moments against linear functions, and for
-the rest, f less these constants, a stress of degree 2 on the parts that has no traction on the edges of the triangle.
-So div tau = -f exactly.
+one reference triangle serves all. A linear traction t on an edge is given by int t phi at both ends. A body force f is
+given by F_k = int f lambda_k. It is split into constants on the parts with the same moments against linear functions,
+and a remainder, which has a stress of degree 2 on the parts without tractions on the edges. So div tau = -f exactly.
 
-The stress of a triangle whose tractions, balanced by its body force, maximise
+Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
+maximiser of
 
-    sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1,      m (motion) linear on each edge,
+    sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1
 
-is linear in m and F, and the maximum is half of a quadratic form of both: its derivatives by m are the tractions, and
-less the form of F alone is |tau|^2 where nothing moves. The spokes of a fan move so that the tractions of both sides
-cancel, which makes the sum of the triangles' forms stationary; what is left is the form of a cell (:mod:`.fan`).
+is linear in m and F, and the maximum is half a quadratic form of both. The derivatives of the maximum by m are the
+tractions. The form of F alone is minus |tau|^2 without motions. The motions of spokes make the tractions of both
+sides cancel, that is, the sum of the forms of triangles stationary; they are condensed (:mod:`.fan`).
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from vemcvx.bound.fan import (
     MASS,
     STATIONS,
     Fans,
+    condense_to_outlines,
     monomial_slopes,
     monomials,
-    of_outlines,
 )
 from vemcvx.meshes.polygons import right_of
 
 VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]])
-"""(2, 2, 3) entries of a symmetric tensor by its components xx, yy, xy."""
+"""The entries (2, 2, 3) of a symmetric tensor by its components xx, yy, xy."""
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """(2 q, 54) the vectors tau n at points (q, 2), or div tau, from the values of tau at all stations."""
+    """Return the matrix (2 q, 54) from tau at all stations to tau n at points (q, 2), or to div tau without n."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -53,13 +53,13 @@ def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
 
 
 def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
-    """Rows of outer tractions, of jumps across inner edges and of divergences at `count` points an edge."""
+    """Return rows for outer tractions, jumps across inner edges, and divergences, at `count` points per edge."""
     outer, jumps, inside = [], [], []
     centre = CORNERS.mean(axis=0)
     for k in range(3):
         start, stop = CORNERS[k], CORNERS[(k + 1) % 3]
         outer.append(_rows(k, np.linspace(start, stop, count), right_of(stop - start)))
-        # From corner k to the centroid run the parts k and k - 1.
+        # The inner edge from corner k to the centroid separates the parts k and k - 1.
         x, n = np.linspace(start, centre, count), right_of(centre - start)
         jumps.append(_rows(k, x, n) - _rows((k - 1) % 3, x, n))
         inside.append(_rows(k, STATIONS[k, :3]))
@@ -68,10 +68,10 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
 
 @cache
 def reference() -> Floats:
-    """(54, 18) stresses at the stations of the reference triangle, from 12 numbers of tractions and 6 of forces.
+    """Return the matrix (54, 18) from 12 tractions and 6 forces to stresses at stations of the reference triangle.
 
-    Tractions are int tau n phi at both ends of the edges from corner k to corner k + 1, forces int f lambda_k; on data
-    that are in balance the stress is in equilibrium with them.
+    Tractions are int tau n phi at both ends of the edges from corner k to corner k + 1, forces are int f lambda_k. If
+    they are in balance, the stress is in equilibrium with them.
     """
     outer, jumps, inside = _conditions(2)
     middles = np.zeros((3, 3, 3, 3, 6, 3))
@@ -79,13 +79,13 @@ def reference() -> Floats:
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # A traction that is linear on an edge is |e| t = 4 b - 2 b' at the end with the force b = int t phi.
-    of_ends = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
+    # A linear traction on an edge is |e| t = 4 b - 2 b' at the end with the force b = int t phi.
+    end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)
     stacked = np.concatenate([outer, jumps, inside, middles.reshape(27, 54)])
     data = np.zeros((len(stacked), 18))
-    data[:12, :12] = of_ends
+    data[:12, :12] = end_values
     data[24:42, 12:] = -np.kron(np.repeat(constants, 3, axis=0), two)
     found: Floats = np.linalg.pinv(stacked) @ data
     values = np.stack([1.0 - STATIONS[..., :3, :].sum(axis=2), STATIONS[..., :3, 0], STATIONS[..., :3, 1]], axis=2)
@@ -95,7 +95,7 @@ def reference() -> Floats:
 
 
 def _least(data: Floats) -> Floats:
-    """(54, j) the stresses of degree 2 and least mean square that meet the conditions at three points by data."""
+    """Return the stresses (54, j) of degree 2 and least mean square with these data of the conditions."""
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
@@ -104,15 +104,15 @@ def _least(data: Floats) -> Floats:
 
 
 def _piola(B: Floats) -> Floats:
-    """(..., 3, 3) the components xx, yy, xy of B tau^ B' from those of tau^."""
+    """Return the matrices (..., 3, 3) from components of tau^ to components xx, yy, xy of B tau^ B'."""
     (a, b), (c, d) = np.moveaxis(B, (-2, -1), (0, 1))
     rows = [[a * a, b * b, 2.0 * a * b], [c * c, d * d, 2.0 * c * d], [a * c, b * d, a * d + b * c]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 @cache
-def _balanced() -> Floats:
-    """(18, 15) data of the reference triangle in balance: nine tractions alone, and six that bear a force each."""
+def _balance_data() -> Floats:
+    """Return data (18, 15) of the reference triangle in balance: nine of tractions only, and six with a force each."""
     ends = np.array([CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)])
     x = np.concatenate([ends, CORNERS])
     rows = np.stack([np.tile([1.0, 0.0], 9), np.tile([0.0, 1.0], 9), np.column_stack([-x[:, 1], x[:, 0]]).ravel()])
@@ -124,21 +124,21 @@ def _balanced() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """(9, 225) int of products of components of the stresses of these."""
-    parts = (reference() @ _balanced()).reshape(3, 6, 3, 15)
+    """Return the integrals (9, 225) of products of components of the stresses of the balanced data."""
+    parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)
 
 
-def of_triangles(fans: Fans) -> Floats:
-    """(c, n, 18, 18) the form of triangles, by the motions of their edges (12) and their forces (6)."""
+def triangle_forms(fans: Fans) -> Floats:
+    """Return the forms (c, n, 18, 18) of triangles, in the motions of their edges (12) and their forces (6)."""
     c, n = fans.corners.shape[:2]
     M = _piola(fans.B)
     compliances = np.matmul(M.swapaxes(2, 3), np.matmul(np.linalg.inv(fans.C)[:, None], M))
     compliances /= fans.doubled_areas[..., None, None]
     A = (compliances.reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15)
-    # Motions work in the reference triangle as B' m, forces act there as B^-1 F.
-    moved = np.matmul(_balanced()[:12].reshape(6, 2, 15).swapaxes(1, 2), fans.B.swapaxes(2, 3)[:, :, None])
+    # In the reference triangle motions are B' m, and forces are B^-1 F.
+    moved = np.matmul(_balance_data()[:12].reshape(6, 2, 15).swapaxes(1, 2), fans.B.swapaxes(2, 3)[:, :, None])
     moved = moved.swapaxes(2, 3).reshape(c, n, 15, 12)
     hat = np.kron(np.eye(3), np.ones((2, 2))) * np.tile(fans.back, (3, 3))
     free = np.concatenate([moved[:, :, :9], -np.matmul(A[..., :9, 9:], hat)], axis=3)
@@ -152,9 +152,9 @@ def of_triangles(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """(n, 12) the motions of the edges of each triangle among those of the cell: spokes, then outer edges; 4 n each.
+    """Return the positions (n, 12) of edge motions of triangles among those of the cell: 4 n of spokes, 4 n of edges.
 
-    Spoke i runs from the centre to vertex i; edge 2 of a triangle runs from the vertex to the centre.
+    Spoke i is directed from the centre to vertex i; edge 2 of a triangle is directed from the vertex to the centre.
     """
     t = np.arange(n)[:, None]
     after = 4 * ((t + 1) % n)
@@ -162,6 +162,6 @@ def _slots(n: int) -> Ints:
 
 
 def stress_form(fans: Fans) -> Floats:
-    """(k, 4 n + 6, 4 n + 6) of each shape the form of the motions of its outer edges and its body force."""
+    """Return the form (k, 4 n + 6, 4 n + 6) of each shape, in the motions of its outer edges and its body force."""
     shapes = fans.shapes
-    return of_outlines(shapes, of_triangles(shapes), _slots(fans.n))
+    return condense_to_outlines(shapes, triangle_forms(shapes), _slots(fans.n))

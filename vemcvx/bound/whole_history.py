@@ -1,31 +1,31 @@
-"""Bounds of whole histories, of mesh and steps at once, where nothing but friction with a given bound acts.
+"""Bounds of whole histories, for mesh and steps together, if only friction with a given bound acts.
 
 Let v and tau be admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v -
-u). From Green's formula, and from what q of tau_t = -q and its bound g let u and v dissipate,
+u). By Green's formula, and the dissipation of u and v for the friction q, tau_t = -q, with the bound g,
 
     d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| - q s',
 
-s' being the rate of slip of v, both norms in C^-1. Between two instants of the run everything is taken for linear in
-time, and with Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m)
+with the slip rate s' of v, and both norms in C^-1. All fields are linear in time between two instants of the run. So
+Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 
-C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. For v one may take v + w of
-:mod:`.hypercircle`, richer inside of the body and on contact the same: r is smaller, and only in the last square it is
+C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. v may be replaced by v + w of
+:mod:`.hypercircle`, which is richer inside the body and the same on contact. Then r is smaller; only the last square is
 that of v_n, because X is orthogonal to C eps(w).
 
-**Where it begins.** If u(0) = v_0, then y_0 = |r_0| of v_0 itself. A run that begins "equilibrium" or "settled" begins
-at a step from zero, and so does the exact history: by theorem 1 of :mod:`vemcvx.bound`, |X|^2 + |u - v_0|^2 <= |r_0|^2
-+ 2 b_0, b_0 being what friction and slip lack in that step, and y_0^2 = |r_0|^2 + 2 b_0. A run from vx.projected(u_0)
-has an exact history from u_0, whose stress is a function that the run does not know: it is refused.
+**The start.** If u(0) = v_0, then y_0 = |r_0| for v_0 itself. A run with initial="equilibrium" or "settled" begins with
+a step from zero, and so does the exact history. By theorem 1 of :mod:`vemcvx.bound`, |X|^2 + |u - v_0|^2 <= |r_0|^2 +
+2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run from vx.projected(u_0) is
+refused: its exact history begins at u_0, whose stress is unknown to the run.
 
-**What it is worth.** y never forgets: it grows by as much in each cycle, the error does not. It grows by r, which comes
-and goes with the load, by friction that lacks of its law within steps, and by long steps.
+**Sharpness.** y never decreases: it grows equally in each cycle, but the error does not. It grows with the changes of r
+under the load, with the defect in the law of friction within steps, and with long steps.
 
-**Data in time.** Of data that are not linear between the instants of the run, the run on its own cells is made again in
-finer steps that follow them. What both differ by in the energy norm up to an instant, times SAFETY, is added to the
-bound there, an estimate. For certain answers are off by no more than the variation in time of what the lines miss, in
-the energy norm of an elastic body, which is of no use over cycles.
+**Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
+steps. The largest difference in the energy norm up to an instant, times SAFETY, is an estimate that is added to the
+bound. (A guaranteed term would be the variation in time of the unread load in the energy norm of an elastic body, which
+is useless over cycles.)
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_cour
 
 log = logging.getLogger("vemcvx")
 READINGS = 512
-"""Instants at which data are looked at, in all at least, and READINGS_A_STEP in a step."""
-READINGS_A_STEP = 8
+"""Smallest number of instants at which data are read, in the whole run; READINGS_PER_STEP in each step."""
+READINGS_PER_STEP = 8
 SAFETY = 1.5
-"""What is lost between instants is taken for so many times as large as it is found to be."""
+"""Safety factor of the estimated error between instants."""
 
 
 def check_history(posed: PosedScene, history: History) -> None:
-    """Raise SceneError where there is no bound over a whole history, or not all of it is stored."""
+    """Raise SceneError if there is no bound over the whole history, or not all of it is stored."""
     count = history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
     if posed.springs is not None:
         laws = [*laws, "ElasticFoundation"]
     if len(posed.obstacles) or laws:
         raise SceneError(
-            f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history is known only "
-            "where nothing but friction with a given bound acts, on contact that holds (BilateralContact); "
-            "error_bound(history, step=-1) gives the bound of a step, given the one before."
+            f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history exists only "
+            "for friction with a given bound on bilateral contact (BilateralContact); "
+            "error_bound(history, step=-1) gives the bound of a step, given the step before."
         )
     if len(history.stored) < count:
         raise SceneError(
@@ -73,17 +73,17 @@ def check_history(posed: PosedScene, history: History) -> None:
         )
     if history.begins == "projected":
         raise SceneError(
-            "error_bound: the run begins at vx.projected(u_0), and its exact history at u_0, whose distance from the "
-            "run is not known; error_bound(history, step=-1) gives the bound of a step, given the one before. Begin at "
-            "nodal values, where the exact history begins, too, or with initial='settled'."
+            "error_bound: the run begins at vx.projected(u_0), its exact history at u_0, and their distance is not "
+            "known; error_bound(history, step=-1) gives the bound of a step, given the step before. Begin at nodal "
+            "values, which are exact by definition, or with initial='settled'."
         )
 
 
 def sizes_along(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
-    """Terms (N + 1, 7) of the bounds at the instants of a run.
+    """Return the terms (N + 1, 7) of the bounds at the instants of a run.
 
-    These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates of what points and instants miss of
-    data. Besides, the squares (n_cells,) of |r| where y is largest, and instants at which data are not linear.
+    These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates for data between points and between
+    instants. Also return |r|^2 (n_cells,) for the largest y, and instants at which data are not linear.
     """
     first = instant(history, 0)
     rests = history.begins in ("equilibrium", "settled")
@@ -106,24 +106,24 @@ def sizes_along(circle: Hypercircle, history: History) -> tuple[Floats, Floats, 
 
 
 def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
-    """(N + 1,) the estimate of what is lost between the instants of a run, and instants where data are not linear."""
+    """Return the estimated error (N + 1,) between the instants of a run, and instants where data are not linear."""
     times = history.trajectory.times
     nothing = np.zeros(len(times))
     if len(times) < 2:
         return nothing, nothing[:0]
     with unwarned():
-        # A load that comes and goes within a step is left out by runs, and leaves friction behind.
+        # Pose all effects: a run omits a load that acts only within a step, although it changes friction.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))
     if not len(off):
         return nothing, off
-    told = bends if len(bends) else off
+    found = bends if len(bends) else off
     log.warning(
         f"error_bound: data bend, turn or jump inside steps, or are not linear there, at t = "
-        f"{', '.join(f'{t:.6g}' for t in told[:5])}{' ...' if len(told) > 5 else ''}; the run misses it, and the bound "
-        "has an estimate of that. Simulate at vemcvx.instants(scene, mesh, times), which has bends, or in steps that "
-        "follow the data."
+        f"{', '.join(f'{t:.6g}' for t in found[:5])}{' ...' if len(found) > 5 else ''}; the run ignores this, and the "
+        "bound contains an estimate of it. Simulate at vemcvx.instants(scene, mesh, times), which has bends, or in "
+        "finer steps."
     )
     system, supports, instants = whole.system, whole.supports, np.union1d(times, off)
     own = [
@@ -133,12 +133,12 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     at = np.searchsorted(instants, times).tolist()
     finer = march(system, instants, initial=own[0], check=False, store=at).state
     apart = np.array([energy_norm(system.K, d) for d in finer - own])
-    return SAFETY * np.maximum.accumulate(apart), told
+    return SAFETY * np.maximum.accumulate(apart), found
 
 
 def _off_lines(system: System, times: Floats) -> Floats:
-    """Return instants at which data miss the lines between those of a run: at random, not in step with waves."""
-    parts = subdivide(times, READINGS_A_STEP, READINGS)
+    """Return random instants at which data differ from linear interpolation between the instants of a run."""
+    parts = subdivide(times, READINGS_PER_STEP, READINGS)
     width, draw = np.diff(parts), np.random.default_rng(0)
     inside = parts[:-1] + draw.uniform(1.0, 2.0, len(width)) / 3.0 * width
     inside = inside[width > 2.0 * JUMP_WIDTH * (times[-1] - times[0])]

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, largest, part
 from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.base.outline import Outline, Outlined
-from vemcvx.bound.error_bound import ErrorBound, of_steps, pairs_of
+from vemcvx.bound.error_bound import ErrorBound, bound_steps, pairs_of
 from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
 from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
@@ -387,7 +387,7 @@ def _simulate_pass(
     history = History.of(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
     if circle is None:
         return posed, history, None
-    return posed, history, of_steps(circle, history, pairs_of(circle, history, steps.tolist()))
+    return posed, history, bound_steps(circle, history, pairs_of(circle, history, steps.tolist()))
 
 
 def _measure_pass(
@@ -414,7 +414,10 @@ def _make_result(
 ) -> Adapted:
     """Return the result of the last pass; its budget is in the energy norm for any target quantity."""
     budget, bound = judged
-    target, known = {"target": aim.target} if aim.of == "energy" else {}, {} if bound is None else bound.kept()
+    target, known = (
+        {"target": aim.target} if aim.of == "energy" else {},
+        {} if bound is None else bound.as_fields(),
+    )
     history = replace(history, errors={**budget.largest, **target}, growth=_growth(passes), **known)
     warn_of_lost_work(history.trajectory)
     warn_of_large_strains(posed, history)

@@ -41,12 +41,12 @@ class DataErrors:
     def squares(self, now: Instant, strain: Floats) -> Floats:
         """Return the squares (n_cells,) of the energy norms of the differences."""
         reader, edges, posed, t = self.reader, self.edges, self.posed, now.t
-        traction, on_pieces = reader.pieces.beside(
+        traction, on_pieces = reader.pieces.compare_means(
             reader.on_pieces(t), edge_loads(posed, edges, t) / edges.lengths[:, None]
         )
         body, in_cells = np.zeros((len(edges.areas), 2)), np.zeros((0, 2))
         if any(callable(load.value) for load in reader.body_loads):
-            body, in_cells = reader.cells.beside(
+            body, in_cells = reader.cells.compare_means(
                 reader.body_force(reader.inside, t), body_forces(posed, t) / edges.areas[:, None]
             )
             # A constant force in a cell moves the body, and part of it also deforms the cell.
@@ -59,7 +59,7 @@ class DataErrors:
         local = totals(edges.outer, on_edges, len(body)) + reader.energies(on_pieces, in_cells)
         inside = reader.inside.x, reader.inside.owner, reader.inside.weights
         local += stress_squares(posed, reader.parts, inside, t, strain)
-        return local + reader.of_the_body(force, edges.areas[:, None] * body)
+        return local + reader.body_energies(force, edges.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
         """Return the squares (b,) due to a bound of friction, and its forces (b, 2) on the whole body."""
@@ -74,7 +74,8 @@ class DataErrors:
         total = reader.sums(at, apart)
         scatter = np.maximum(reader.sums(at, apart**2) - total**2 / edges.lengths, 0.0)
         force = (total * along)[:, None] * edges.tangents
-        return reader.of_jumps(reader.compliances, edges.tangents) * scatter, force + edges.joints.reaction(force)
+        weight = reader.compliance_sums(reader.compliances, edges.tangents)
+        return weight * scatter, force + edges.joints.reaction(force)
 
     def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools, Floats]:
         """Return the friction, its bound, and True after slip, at the ends of edges (b, 2), and a sign (b,).
@@ -98,7 +99,7 @@ class DataErrors:
         at, directions = support.nodes[new] - fine.old, support.directions[new]
         line = np.einsum("qd,qd->q", directions, fine.between(now.u[self.edges.outer_edges], at))
         value, line = without_rounding(support.value(now.t)[new], line)
-        return self.reader.of_motion(at, (value - line)[:, None] * directions)
+        return self.reader.motion_energies(at, (value - line)[:, None] * directions)
 
 
 def stress_squares(

@@ -95,7 +95,9 @@ def naming(node: Function) -> Iterator[str]:
 
 
 def sections(node: Function | ast.ClassDef, said: str) -> Iterator[str]:
-    """Yield the sections of numpydoc that the docstring of an exported name lacks."""
+    """Yield the sections of numpydoc that the docstring of an exported name lacks; overloads have none."""
+    if any(ast.unparse(decorator) == "overload" for decorator in node.decorator_list):
+        return
     wanted = {"Examples"}
     if isinstance(node, Function):
         wanted |= {"Parameters"} if node.args.args or node.args.kwonlyargs else set()

@@ -327,7 +327,7 @@ def test_operators_take_matrices_as_they_come():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"K": [[2.0, 1.0], [0.0, 3.0]]}, r"K: found a row \d that is not column"),
+        ({"K": [[2.0, 1.0], [0.0, 3.0]]}, r"K: row \d differs from column"),
         ({"K": np.ones((2, 3))}, r"K: found a matrix of shape \(2, 3\)"),
         ({"K": np.ones(2)}, r"K: found an array of shape \(2,\)"),
         ({"K": "stiff"}, "K: found 'stiff'"),

@@ -246,7 +246,7 @@ def test_sparse_matrices_that_lead_out_of_themselves_are_refused(part, wrong, pl
     bad = sp.csr_matrix(2 * np.eye(4))
     getattr(bad, part)[place] = wrong
     for act in (lambda: vx.System(bad, lambda t: np.ones(4)), lambda: vx.Norms(bad, 1.0), lambda: vx.Limits(bad, 1.0)):
-        with pytest.raises(vx.SceneError, match="found a sparse matrix that leads out of itself"):
+        with pytest.raises(vx.SceneError, match="found a sparse matrix with invalid indices"):
             act()
 
 

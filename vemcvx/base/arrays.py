@@ -280,7 +280,7 @@ def as_sparse_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = Non
         try:
             check_compressed(raw)
         except (ValueError, TypeError, AttributeError) as error:
-            raise SceneError(f"{subject}: found a sparse matrix that leads out of itself: {error}.") from error
+            raise SceneError(f"{subject}: found a sparse matrix with invalid indices: {error}.") from error
         open_to_change = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
         matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=open_to_change)
     else:

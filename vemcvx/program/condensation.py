@@ -137,7 +137,7 @@ class Condensation:
             if not self.linear.eliminates:
                 raise NotAccepted(
                     f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
-                    "body), which it does not take; SuperLU() does."
+                    "body), which it does not accept; SuperLU() does."
                 )
             anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))

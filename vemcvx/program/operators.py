@@ -52,7 +52,7 @@ def check_symmetric(K: Any, subject: str) -> None:
     if (apart > SYMMETRY_TOLERANCE * largest).any():
         i = int(np.argmax(apart))
         raise SceneError(
-            f"{subject}: found a row {i} that is not column {i}; it must be symmetric. For the energy 1/2 y'Ky, give "
+            f"{subject}: row {i} differs from column {i}; the matrix must be symmetric. For the energy 1/2 y'Ky, give "
             "(K + K.T) / 2."
         )
 

@@ -403,10 +403,11 @@ class System(ArrayRecord):
             > SYMMETRY_TOLERANCE * np.abs(self.K.data).max() * np.abs(N).max()
         )
         if work.any():
-            raise SceneError(f"System: K feels {kernel.names[int(np.argmax(work))]}, which is no motion of its kernel.")
+            name = kernel.names[int(np.argmax(work))]
+            raise SceneError(f"System: the motion {name} is not in the kernel of K: it costs energy.")
         if rank_on(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
             raise SceneError(
-                f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term and no limit: "
+                f"System: a motion of K's kernel ({', '.join(kernel.names)}) moves no norm term and no limit: "
                 "nothing holds it. Add stiffness, norm terms or limits that do."
             )
 

@@ -305,7 +305,7 @@ class OSQP(ThroughCvxpy):
     solver: str = field(default="OSQP", init=False)
     polygon: int | None = None
 
-    instead: ClassVar[str] = "With polygon=16 it takes discs for polygons, and certifies what that misses."
+    instead: ClassVar[str] = "polygon=16 replaces discs by polygons; the certificate includes the error."
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -408,7 +408,7 @@ def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options:
             raise
         raise NotAccepted(
             f"solver {settings.name}: refused the options {dict(settings.options)}: {error}. "
-            "They must be its own, by the names that cvxpy passes on."
+            "They must be options of this solver, by the names that cvxpy passes on."
         ) from error
     if solution.status in SOLUTION_PRESENT:
         problem.unpack(solution)

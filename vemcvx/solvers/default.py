@@ -207,7 +207,7 @@ def prepare_run(solver: Solver, operators: Operators) -> LastResort | FixedPoint
     if operators.kernel is not None and not solver.semidefinite:
         raise NotAccepted(
             f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it "
-            "does not take; a solver that does says so by `semidefinite = True`. Newton and Clarabel do."
+            "does not accept. Newton and Clarabel do; a solver of your own declares it by `semidefinite = True`."
         )
     with name_failures(solver.name):
         found = FixedPointSolver.prepare(solver, operators)

@@ -44,8 +44,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     said = f" The solver said: {state.status}." if state.status else ""
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
-        f"asked was {accuracy:.1e}.{said}{worst} "
-        f"{_advice(solver, reached, accuracy, floor)}. In Python check=False goes on regardless.",
+        f"but {accuracy:.1e} was requested.{said}{worst} "
+        f"{_advice(solver, reached, accuracy, floor)}. In Python, check=False continues without this accuracy.",
         step=n,
         time=state.t,
         reached=reached,
@@ -61,7 +61,7 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
             "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"
         )
     if not reached < 0.5:
-        return f"Nothing was answered that could be relied on: {solver.advice}"
+        return f"The answer is not reliable: {solver.advice}"
     if floor > accuracy:
         return f"Round-off alone allows {floor:.1e}: ask for no more than that"
     return f"Ask for accuracy={2 * reached:.0e} or more, or {solver.advice}"

@@ -107,7 +107,7 @@ class Rail(Effect):
 @pytest.mark.long
 def test_supports_of_interfaces_that_hold_together_have_no_bound():
     history = vx.simulate(STACKS["frictionless"].with_(Rail()), stacked(2), [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match="end it beside the interface"):
+    with pytest.raises(vx.SceneError, match="end the support next to the interface"):
         vx.error_bound(history, step=-1)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import SAME, Floats, as_shaped_array, brief, finite, flag
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import coordinates
-from vemcvx.effects import data
+from vemcvx.effects import Pretension, data
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
@@ -116,6 +116,9 @@ def simulate(
     given = check_times(times)
     start = time.perf_counter()
     posed = pose_scene(scene, mesh, given.tolist())
+    for effect in scene.canonical:
+        if isinstance(effect, Pretension):
+            effect.check_instants(given)
     for words in posed.inactive:
         log.info("left out: %s", words)
     for words in without_contact(mesh.interfaces, (*posed.supports.given, *posed.terms.frictions, *posed.stops)):

@@ -106,3 +106,14 @@ def test_what_is_no_cut_and_no_instant_is_refused():
         vx.simulate(vx.Scene(STEEL, vx.Pretension(on="a.left", force=1.0)), BAR, [0.0, 1.0])
     with pytest.raises(vx.SceneError, match="Pretension on a|b: until"):
         vx.simulate(vx.Scene(STEEL, vx.Pretension(on="a|b", force=1.0, until=[1.0, 2.0])), BAR, [0.0, 1.0])
+
+
+def test_a_cut_has_no_contact_of_its_own_and_until_is_an_instant():
+    bolt = vx.Pretension(on="a|b", force=2.0, until=0.8)
+    ends = vx.Clamp(on="a.bottom"), vx.PrescribedDisplacement(lambda x, t: (0.0, 0.01 * t), on="b.top")
+    with pytest.raises(vx.SceneError, match="until = 0.8, which is no instant of the run: .* locked at 0.5"):
+        vx.simulate(vx.Scene(STEEL, *ends, bolt), BAR, [0.0, 0.5, 1.0], initial="settled")
+    with pytest.raises(
+        vx.SceneError, match="UnilateralContact on a|b: it acts on an interface that Pretension .* bonds"
+    ):
+        vx.simulate(vx.Scene(STEEL, *ends, bolt, vx.UnilateralContact(on="a|b")), BAR, [0.0, 0.8, 1.0])

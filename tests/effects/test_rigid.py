@@ -153,5 +153,5 @@ def test_what_a_rigid_part_cannot_be_is_refused():
         vx.simulate(vx.Scene(STEEL, vx.Rigid(on="top", motion=(0.0, None))), mesh, [0.0, 1.0])
     scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Rigid(on="top", force=(0.0, -1.0)))
     history = vx.simulate(scene, BLOCK, [0.0, 1.0], initial="settled")
-    with pytest.raises(vx.SceneError, match="no estimate beside Rigid on top, whose motion is unknown"):
+    with pytest.raises(vx.SceneError, match="no estimate with Rigid on top, whose motion is unknown"):
         vx.error_bound(history, step=-1)

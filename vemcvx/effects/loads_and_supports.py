@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, Ints, as_real_array, as_shaped_array, brief, one_point
+from vemcvx.base.arrays import SAME, Floats, Ints, as_real_array, as_shaped_array, brief, one_point
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
@@ -369,12 +369,13 @@ class Pretension(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        An interface across the bolt: of two parts of it that :func:`vemcvx.meshes.cut` made.
+        An interface across one bolt: of two parts of it that :func:`vemcvx.meshes.cut` made. Another bolt is another
+        effect: all sides of one effect are one bolt, and share the force.
     force : number, or callable f(x, t)
         The tension while it is tightened (per unit thickness), evaluated at t_n; x (1, dim) is the middle of the cut.
     until : float, optional
-        The last instant at which it is tightened; by default it never is locked. One of the instants of the run should
-        be this one: the bolt is locked as it is at the last one before or at `until`.
+        The last instant at which it is tightened; by default it never is locked. It is one of the instants of the run,
+        or outside it.
     """
 
     on: str | Sequence[str]
@@ -426,6 +427,14 @@ class Pretension(Effect):
         )
         load = Load(subject, middle, matrix, tension, between=True)
         return Contribution(loads=(load,), supports=(bond,), frictions=(lock,) if until < np.inf else ())
+
+    def check_instants(self, times: Floats) -> None:
+        """Raise SceneError if `until` is between two of the instants of a run, which locks the bolt too early."""
+        if times[0] < self.until < times[-1] and not np.isclose(times, self.until, rtol=SAME, atol=0.0).any():
+            raise SceneError(
+                f"{self._subject}: found until = {self.until:.6g}, which is no instant of the run: the bolt would "
+                f"be locked at {times[times < self.until][-1]:.6g}. Add it to times."
+            )
 
     def describe(self) -> str:
         locked = "" if self.until == np.inf else f" until t = {amount(self.until)}, then locked"

@@ -26,7 +26,7 @@ from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_c
 from vemcvx.scene.rigid import check_balance, floating_motions, pins_of, seen_from_bodies
 from vemcvx.scene.rows import straightened
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import Supports, by_precedence, resolve
+from vemcvx.scene.supports import Supports, by_precedence, check_bonds, resolve
 from vemcvx.vem import Space, energy_rows, rigid_modes
 
 
@@ -177,6 +177,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     straight = iter(straightened(holds, _chain(contact)))
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
+    check_bonds(holds, (*frictions, *stops))
     springs = _sum(p.stiffness for p in parts if p.material is None)
     pins = pins_of((*holds, *frictions, *stops), mesh.points) if springs is None else ()
     # Whatever refers to normals, so that nodal frames have them as axes.

@@ -150,6 +150,20 @@ def by_precedence(supports: Sequence[Support]) -> list[Support]:
     return sorted(supports, key=lambda s: s.contact)
 
 
+def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle]) -> None:
+    """Raise SceneError where contact or friction acts on an interface that a support with patterns bonds."""
+    for bond in (support for support in holds if support.patterns is not None and support.partners is not None):
+        ends = pairs_of([bond])
+        for other in (*holds, *others):
+            if other is bond or getattr(other, "bond", False):
+                continue
+            if np.logical_and(*map(np.isin, pairs_of([other]), ends)).any():
+                raise SceneError(
+                    f"{other.subject}: it acts on an interface that {bond.subject} bonds. Name the other interfaces "
+                    "alone, on which the parts may slip or open."
+                )
+
+
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
     """Choose the frame of every site and split it into held and free directions.
 

@@ -110,8 +110,9 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
     """Raise SceneError for a given initial state that a step at the same instant moves by `jump`, a relative norm."""
     operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""
-    inside = operators.D @ state.y - state.data.remaining_gap
-    inside[operators.compliance > 0] = 0.0
+    gap = state.data.remaining_gap
+    inside, size = operators.D @ state.y - gap, abs(operators.D) @ np.abs(state.y) + np.abs(gap)
+    inside[(operators.compliance > 0) | (inside <= SAME * size)] = 0.0
     if limits is not None and inside.max(initial=0.0) > 0:
         worst = int(np.argmax(inside))
         raise SceneError(

@@ -222,8 +222,12 @@ NAMED = (
     vx.CoulombFriction(0.2, on=["east floor", "left"]),
 )
 KINDS = {type(effect) for effect in NAMED}
-ALL = NAMED + tuple({type(s.effect): s.effect for s in SAMPLES.values() if type(s.effect) not in KINDS}.values())
-"""An effect of every kind that is exported."""
+ALONE = vx.Rigid, vx.PrescribedSlip
+"""Effects beside which no other one holds the same nodes."""
+ALL = NAMED + tuple(
+    {type(s.effect): s.effect for s in SAMPLES.values() if type(s.effect) not in (*KINDS, *ALONE)}.values()
+)
+"""An effect of every other kind that is exported."""
 
 
 def crowded():

@@ -96,7 +96,7 @@ SAMPLES = {
     ),
     "Rigid": EffectSample(
         vx.Rigid(on="left", force=pull, moment=weigh),
-        (STEEL, HELD),
+        (STEEL, vx.ElasticFoundation(normal=20.0, tangential=10.0, on="right")),
         data={"force": 3, "moment": 3},
         others={
             "on": "west",

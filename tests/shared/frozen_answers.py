@@ -18,7 +18,6 @@ ignores rigid motions: where a body floats, its place is not unique.
 
 from __future__ import annotations
 
-import logging
 import subprocess
 import time
 import warnings
@@ -30,6 +29,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 import vemcvx as vx
+from vemcvx.cli.terminal import logged_at_most
 
 GROWTH = 4.0
 """Factor by which a step may pass on the error of the step before, with one-sided contact or a law of friction."""
@@ -66,19 +66,15 @@ class FrozenAnswer:
 
 def answer(run):
     """Return the answer of run(), and its history, or None where it was refused."""
-    log, began = logging.getLogger("vemcvx"), time.process_time()
-    level = log.level
-    with warnings.catch_warnings():
+    began = time.process_time()
+    with warnings.catch_warnings(), logged_at_most(0):
         warnings.simplefilter("ignore", vx.SceneWarning)
-        log.setLevel(logging.ERROR)
         try:
             history = run()
         except vx.VemcvxError as error:
             return FrozenAnswer(type(error).__name__, str(error), time.process_time() - began), None
         except Exception as error:  # a crash is reported as such
             return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
-        finally:
-            log.setLevel(level)
     seconds, path = time.process_time() - began, history.trajectory
     # Where nothing has moved, both are zero.
     error = np.where(path.unit > 0, path.certified * np.where(path.unit > 0, path.unit, 1.0), 0.0)

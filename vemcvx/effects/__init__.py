@@ -41,6 +41,7 @@ from vemcvx.effects.loads_and_supports import (
 )
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
 from vemcvx.effects.materials import cells_of as cells_of
+from vemcvx.effects.materials import nodes_of as nodes_of
 
 __all__ = [
     "BilateralContact",

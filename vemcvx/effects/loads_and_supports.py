@@ -13,7 +13,7 @@ from vemcvx.base.arrays import SAME, Floats, Ints, as_real_array, as_shaped_arra
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
-from vemcvx.effects.materials import cells_of, region
+from vemcvx.effects.materials import nodes_of, region
 from vemcvx.vem import EdgeEnds, Part, SideRule, Space, cell_load, edge_load, rigid_modes
 
 
@@ -337,8 +337,7 @@ class Rigid(Effect):
         bodies = isinstance(names, Sequence) and all(isinstance(name, str) and name in mesh.cell_data for name in names)
         if not bodies or any(name in mesh.boundaries for name in names):
             return space.part(self.on, "Rigid").nodes
-        (cells, nodes), inside = space.incidences, cells_of(space, self.on, "Rigid")
-        return np.unique(nodes[inside[cells]])
+        return nodes_of(space, self.on, "Rigid")
 
     def _motion(self, count: int) -> Sequence[data.Datum | None]:
         if self.motion is None:

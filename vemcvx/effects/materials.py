@@ -117,6 +117,13 @@ def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bool
     return np.ones(space.mesh.n_cells, dtype=bool) if found is None else found
 
 
+def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints:
+    """Return the nodes of these cells, ascending."""
+    inside, (cells, nodes) = cells_of(space, on, subject), space.incidences
+    found: Ints = np.unique(nodes[inside[cells]])
+    return found
+
+
 # Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #

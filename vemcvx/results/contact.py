@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, Bools, Floats, Ints, sum_columns, totals
+from vemcvx.base.arrays import EPS, Bools, Floats, Ints, array_fields, sum_columns, totals
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.meshes.polygons import found_in
 from vemcvx.results.contact_tiles import ContactTiles, unmatched
@@ -159,8 +159,6 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     traction = -force / np.where(length > 0, length, 1.0)[:, None]
     pressure, closed = _pressure(posed, trajectory, forces) + cohesion / surface.lengths, _closed(posed, trajectory, u)
     smooth = _recovered(posed, traction, pressure, closed, at)
-    bonds = [surface.find(ContactRows.of([f], u.shape[2])) for f in terms.frictions if f.bond]
-    kept = np.setdiff1d(np.arange(m), np.concatenate([at[:0], *bonds]))
     whole = Contact(
         nodes=surface.nodes,
         partners=surface.partners,
@@ -180,8 +178,11 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         lengths=surface.lengths,
         friction_lengths=length,
     )
-    each = {"nodes", "partners", "points", "normals", "lengths", "friction_lengths"}
-    return replace(whole, **{k: x[kept] if k in each else x[:, kept] for k, x in vars(whole).items()})
+    bonds = [surface.find(ContactRows.of([f], u.shape[2])) for f in terms.frictions if f.bond]
+    if not bonds:
+        return whole
+    kept, each = np.setdiff1d(np.arange(m), np.concatenate(bonds)), array_fields(Contact)
+    return replace(whole, **{k: x[:, kept] if each[k].sizes[0] == "S" else x[kept] for k, x in vars(whole).items()})
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:

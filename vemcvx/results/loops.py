@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.base.arrays import Floats
-from vemcvx.effects import BodyForce, PrescribedDisplacement, Rigid, cells_of, where
+from vemcvx.effects import BodyForce, PrescribedDisplacement, Rigid, nodes_of, where
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results
 
@@ -67,8 +67,7 @@ def _motion(history: Results, on: str | Sequence[str]) -> Floats:
     """Return the mean displacement (S, dim) of a boundary, or of the nodes of a body."""
     space = history._space
     if isinstance(on, str) and on not in space.mesh.boundaries and on in space.mesh.cell_data:
-        inside, (cells, nodes) = cells_of(space, on, "hysteresis_loop"), space.incidences
-        mean: Floats = history.displacement[:, np.unique(nodes[inside[cells]])].mean(axis=1)
+        mean: Floats = history.displacement[:, nodes_of(space, on, "hysteresis_loop")].mean(axis=1)
         return mean
     part = space.part(on, "hysteresis_loop", contact=True)
     return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())

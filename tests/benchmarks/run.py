@@ -86,7 +86,7 @@ def cpu_info() -> list[str]:
 def into_page(rows: list[Row], picture: Path) -> None:
     """Replace what stands between the marks of the page of benchmarks by what was just measured."""
     root = Path(__file__).parents[2]
-    page = root / ".ci" / "site" / "benchmarks.md"
+    page = root / "docs" / "benchmarks.md"
     before, rest = page.read_text().split(BEGIN)
     after = rest.split(END)[1]
     table = Table(COLUMNS, [cells(row) for row in rows]).markdown()

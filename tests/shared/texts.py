@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SITE = ROOT / ".ci" / "site"
+SITE = ROOT / "docs"
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 PAGES = sorted(SITE.rglob("*.md"))
 """Those that are written; lessons, problems and the reference get pages when the site is built."""

@@ -133,7 +133,7 @@ HOW = {
     "vemcvx lesson 6 --notebook": As("cd results && vemcvx lesson 6 --notebook"),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
     # CONTRIBUTING
-    'pip install ".[docs]" && python .ci/site.py docs/site': As(env="docs"),
+    'pip install ".[docs]" && python docs/build.py site': As(env="docs"),
     'pip install -e ".[plot,test]"': As(),
     "python tests/whole/test_messages.py": As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),

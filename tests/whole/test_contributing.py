@@ -156,7 +156,7 @@ def test_a_family_of_meshes_in_one_file_and_a_line(made, monkeypatch):
 def contributed(tmp_path_factory):
     """A copy of the package and its tests to which the effect and the family were added as the page says."""
     root = tmp_path_factory.mktemp("contributed")
-    for name in ("vemcvx", "tests", "problems", ".ci"):
+    for name in ("vemcvx", "tests", "problems", "docs", ".ci"):
         shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
     for path in [*ROOT.glob("*.md"), ROOT / "pyproject.toml"]:
         shutil.copy(path, root)

@@ -21,8 +21,8 @@ from pages_seen import FAINT, browser_of, metrics
 from vemcvx.cli.supplied import lessons, problem_files
 
 ROOT = Path(__file__).parents[2]
-SCRIPT = ROOT / ".ci" / "site.py"
-PAGES = sorted((ROOT / ".ci" / "site").glob("**/*.md"))
+SCRIPT = ROOT / "docs" / "build.py"
+PAGES = sorted((ROOT / "docs").glob("**/*.md"))
 FURTHER = "sphinx", "myst_nb", "furo", "numpydoc", "sphinx_design", "sphinx_copybutton", "marimo", "pandas", "xarray"
 COMMAND = re.compile(r"^```console\n(.*?)^```", re.DOTALL | re.MULTILINE)
 FILE = re.compile(r"^```\{code-block\} \w+\n:caption: (\S+)\n(?::.*\n)*\n(.*?)^```", re.DOTALL | re.MULTILINE)

@@ -1,11 +1,11 @@
-"""Build the site: python .ci/site.py DIR [--work FOLDER].
+"""Build the site: python docs/build.py DIR [--work FOLDER].
 
 Sphinx with MyST-NB runs the lessons and the code of the pages, and reads the docstrings; furo is the theme. They were
 chosen over MkDocs because MyST-NB takes notebooks and code in pages alike, a reference that leads nowhere fails the
 build, and numpydoc is the style of the docstrings. All have BSD or MIT licences; MathJax, which is shipped inside, has
 Apache 2.0.
 
-Sources are in `.ci/site`, whose `conf.py` has the conventions; what they show stays where it lives: lessons, problem
+Sources are in `docs`, whose `conf.py` has the conventions; what they show stays where it lives: lessons, problem
 files and pictures in `problems`, docstrings in `vemcvx`, CHANGELOG.md. Warnings are errors, and pages are checked when
 they are built: every link and anchor, words for every picture, headings in order, and nothing that a browser would load
 from another host.
@@ -30,7 +30,7 @@ from unittest.mock import MagicMock
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path[:0] = [str(ROOT), str(HERE / "site")]
+sys.path[:0] = [str(ROOT), str(HERE)]
 os.environ["PYTHONPATH"] = str(ROOT)  # for the kernels that run cells
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
@@ -42,11 +42,11 @@ def say(doing: str) -> None:
 
 
 def staged(sources: Path) -> None:
-    """Put together Sphinx's folder of sources: pages of `.ci/site`, and those written from what lives elsewhere."""
+    """Put together Sphinx's folder of sources: pages of `docs`, and those written from what lives elsewhere."""
     from generator import gallery, lessons, live, reference
 
     say("collects pages and pictures")
-    shutil.copytree(HERE / "site", sources, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(HERE, sources, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", "build.py"))
     shutil.copytree(ROOT / "problems" / "pictures", sources / "pictures", dirs_exist_ok=True)
     (sources / "pictures" / "README.md").unlink()
     for text in TEXTS:

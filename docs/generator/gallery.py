@@ -14,7 +14,7 @@ from generator.formulas import tex
 from generator.live import SCENES
 from generator.reference import SHORT
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
 NO_PROBLEMS = "gallery", "problem_pictures", "live_page"
 """Files that others draw with; the live page has a page of its own."""

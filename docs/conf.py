@@ -1,4 +1,4 @@
-r"""Sphinx's settings for the site: `python .ci/site.py DIR` builds it.
+r"""Sphinx's settings for the site: `python docs/build.py DIR` builds it.
 
 Conventions for pages
 ---------------------

@@ -62,7 +62,7 @@ DEVIATIONS = (
     (
         "u_0^hk = P^h u_0, (2.11), (2.14), (3.26)",
         "u_0 = 0, which the example has",
-        "`simulate(..., initial=vx.projected(u_0))`, but for the two rows below",
+        "`simulate(..., initial=vx.projected(u_0, settle=False))`, but for the next row",
     ),
     (
         "a^h(P^h u_0, v) = a(u_0, v), (2.11)",
@@ -71,8 +71,18 @@ DEVIATIONS = (
     ),
     (
         "(2.6), l^h(0) = l(0), from which (2.13) follows; the l^h of Section 3 breaks it where f_1(0) is not 0",
-        "`projected` begins one step at times[0] further, where (2.13) holds, by order h from P^h u_0",
-        "none where (2.13) fails; where it holds the step stays at P^h u_0",
+        "`projected` begins at the end of one step at times[0] from P^h u_0; there (2.13) holds, O(h) from P^h u_0",
+        "`vx.projected(u_0, settle=False)` begins at P^h u_0, as (3.26) says",
+    ),
+    (
+        "the bound of friction g(x) does not depend on time",
+        "any g(x, t) >= 0, evaluated at the end of each step",
+        "a number, or a function that does not use t",
+    ),
+    (
+        "u = 0 on Gamma_D",
+        "`Clamp`, or `PrescribedDisplacement(value)` with any value(x, t)",
+        "`Clamp`",
     ),
     (
         "Fig. 1, four types of meshes: the text names squares (Table 1) and the generator of Talischi et al.",

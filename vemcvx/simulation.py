@@ -260,21 +260,25 @@ class Projected:
     """P^h u_0: see :func:`vemcvx.projected`, which makes it."""
 
     displacement: data.Datum
+    settle: bool = True
 
 
-def projected(displacement: data.Datum) -> Projected:
+def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
 
-    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly where u_0 is linear.
+    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly if u_0 is linear.
 
-    Where u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, P^h u_0 obeys it on the mesh up to O(h). State 0 is
-    the end of one step at times[0] from P^h u_0, which obeys it exactly; with Viscosity P^h u_0 itself. Where that step
-    is too long for the mesh, a warning says that u_0 violates (2.1).
+    If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). State 0
+    is the end of one step at times[0] from P^h u_0, and obeys (2.1) exactly. If this step is longer than the projection
+    explains, a warning says that u_0 violates (2.1) or that the mesh is too coarse.
 
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
-        u_0 at points x (m, dim), with the supports' values there; t is times[0].
+        u_0, a vector for each of the points x (m, dim), equal to the values of supports there; t is times[0].
+    settle : bool
+        False: state 0 is P^h u_0 itself, (3.26) to the letter, which Theorem 3.10 allows. Its certificate is then the
+        length of the step that was left out. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------
@@ -297,7 +301,7 @@ def projected(displacement: data.Datum) -> Projected:
             f"projected: found {brief(displacement)}; wanted a function f(x, t) of points (m, dim) that gives their "
             "displacements. Values at the nodes of one mesh go to initial= as they are."
         )
-    return Projected(displacement)
+    return Projected(displacement, flag(settle, "settle"))
 
 
 def begins(initial: object) -> str:
@@ -388,4 +392,4 @@ def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced
     force: Floats = stress_load(space) @ stress.ravel()
     if posed.springs is not None:
         force = force + posed.springs @ nodal.ravel()
-    return Balanced(posed.supports.gather(force - posed.A @ posed.supports.motion(t)), near)
+    return Balanced(posed.supports.gather(force - posed.A @ posed.supports.motion(t)), near, initial.settle)

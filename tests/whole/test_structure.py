@@ -60,18 +60,18 @@ HEAVY = {
 }
 
 
-LINES = {"program": 2_317, "solvers": 1_430, "stepping": 1_796, "linear": 940, "scene": 1_976, "effects": 2_100}
+LINES = {"program": 2_317, "solvers": 1_430, "stepping": 1_800, "linear": 940, "scene": 1_976, "effects": 2_100}
 LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_146}
 LINES |= {"bound": 3_273, "results": 2_829, "estimate": 2_286, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_719}
 LINES |= {"meshes": 7_410, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_739
+TOP = 1_743
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_612
+TESTS = 27_636
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 39_960
+ALL_TESTS = 39_984
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -22,8 +22,8 @@ A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= 
 only if one step at times[0] from u_0 returns u_0. The jump of this step measures a violation: the distance of u_0 from
 a state that obeys (2.1) is at most jump + (certified error of the step) in the energy norm. This is the certificate of
 step 0. The step maps are nonexpansive, so that it adds no more than this to the errors of later states. For
-P^h u_0, (3.26), the run begins after this step: a state that obeys (2.1) in the continuum violates it in V^h by O(h),
-because loads and friction are integrated by other rules than a(u_0, v).
+P^h u_0, (3.26), the run begins after this step, unless settle=False: a state that obeys (2.1) in the continuum violates
+it in V^h by O(h), because loads and friction are integrated by other rules than a(u_0, v).
 
 We do not use the midpoint rule, which also solves one convex program per step: its states at the instants violate
 (2.1), and if slips begin inside steps it is of order one, too (problems/midpoint_rule.py).
@@ -402,10 +402,11 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The initial state K y = force (n,), followed by one step; its part in K's kernel is taken from `near` (n,)."""
+    """The initial state K y = force (n,), then one step if `settle`; its part in K's kernel is that of `near` (n,)."""
 
     force: Floats
     near: Floats
+    settle: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -446,14 +447,16 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     if isinstance(initial, Balanced):
         if jump > WARNING_RATIO * energy_norm(K, y - initial.near) + WORTH_A_WORD * norm:
             log.warning(
-                f"initial: u_0 violates condition (2.1): one step at t = {now.t:.6g} moves P^h u_0 by {jump:.3g} in "
-                f"the energy norm, which is {norm:.3g}. The run begins where the body settles. Loads at the first "
-                "instant and the friction that holds there are to balance the stresses of u_0."
+                f"initial: u_0 violates condition (2.1), or the mesh is too coarse for it: one step at t = {now.t:.6g} "
+                f"moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}. The run begins "
+                f"{'where the body settles' if initial.settle else 'at P^h u_0'}. Check that loads and friction at the "
+                "first instant balance the stresses of u_0; if they do, refine the mesh."
             )
-        # A body that nothing holds in P^h u_0 relaxes to zero up to rounding: keep its norm as a reference.
-        return replace(settled, size=max(settled.size, given.ledger.norm))
+        if initial.settle:
+            # A body that nothing holds in P^h u_0 relaxes to zero up to rounding: keep its norm as a reference.
+            return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
-    if not jump <= START_TOLERANCE * scale + settled.certificate.error:
+    if not isinstance(initial, Balanced) and not jump <= START_TOLERANCE * scale + settled.certificate.error:
         loads = (StepData.evaluate(run.condensation, t).force.norm for t in instants.tolist())
         if jump <= ROUNDING * max(loads):
             return settled

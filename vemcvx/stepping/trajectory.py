@@ -410,8 +410,9 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
     ledger = Ledger(**{field.name: read[field.name] for field in fields(Ledger)})
     state, m, norms = make_given_state(run, now, read["state"], ledger), run.operators.count, run.system.norms
     lam, p, weights = (read[name] for name in ("multipliers", "pressures", "weights"))
-    # Without dashpots these forces are more accurate than the difference of load and K y.
-    held = run.operators.multiplier_force(lam[:m], p) if run.system.damping is None else state.unbalanced
+    # After a step without dashpots these forces are more accurate than the difference of load and K y.
+    balanced = run.system.damping is None and "initial" not in row
+    held = run.operators.multiplier_force(lam[:m], p) if balanced else state.unbalanced
     return replace(
         state,
         unbalanced=held,

@@ -23,7 +23,7 @@ from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.contact import through_obstacles, without_contact
-from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import (
     Balanced,
@@ -178,7 +178,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     given = check_times(times)
     if len(given) < 2:
         return given
-    with unwarned():
+    with suppress_scene_warnings():
         bends = sample_course(pose_scene(scene, mesh, between=given.tolist()).system, given).bends
     return np.union1d(given, inside_steps(given, bends))
 
@@ -187,7 +187,7 @@ def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
     """Log a warning of instants inside steps at which data bend, turn or jump: it takes a twentieth of a run."""
     if len(times) < 2:
         return
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(scene, mesh, between=times.tolist())
         missed = sample_course(posed.system, times).find_missed(times)
     if not len(missed):

@@ -10,7 +10,7 @@ import gallery
 import vemcvx as vx
 from vemcvx.results import loop_of
 from vemcvx.results.forces import BoundaryForces
-from vemcvx.scene.pose import pose_scene, unwarned
+from vemcvx.scene.pose import pose_scene, suppress_scene_warnings
 
 EPS = float(np.finfo(float).eps)
 STEEL = vx.Elasticity(1000.0, 0.3)
@@ -18,7 +18,7 @@ STEEL = vx.Elasticity(1000.0, 0.3)
 
 def imbalance(history, scene=None):
     """Per row: all forces and loads, added up, and the rounding of A u, which nobody sees below."""
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(scene or history.scene, history.mesh, history.trajectory.times.tolist())
     acting, u = history.acting, history.displacement.reshape(len(history.times), -1)
     rounding = 8 * EPS * (abs(posed.A) @ np.abs(u).T).sum(axis=0)
@@ -38,7 +38,7 @@ def assert_balanced(history, scene=None):
         acting.causes[:, 0],
         [i for i, words in enumerate(history.effects) if words.startswith("ElasticFoundation")],
     )
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
     pulls = [load for _, load in posed.caused_loads if load.between]  # in acting, and among the loads of A u - f
     nodal = np.zeros_like(history.forces)

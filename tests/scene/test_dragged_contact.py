@@ -177,5 +177,5 @@ def test_a_support_that_takes_a_contact_node_through_its_obstacle_says_how_deep(
         vx.UnilateralContact(on="bottom", gap=gap),
     )
     vx.simulate(scene, small("squares", 3), np.linspace(0, 1, 5))
-    said = "PrescribedDisplacement on left: it takes 1 contact node(s) through UnilateralContact on bottom, by up to "
+    said = "PrescribedDisplacement on left: it moves 1 contact node(s) through UnilateralContact on bottom, by up to "
     assert [words for words in caplog.messages if "through" in words] == [f"{said}{depth}"] * (depth > 0)

@@ -124,7 +124,7 @@ CASES = {
     "no boundary": (lambda: run(clamp=vx.Clamp([])), f"Clamp: on= names no boundary; {EXIST}"),
     "of a reaction": (lambda: run().reaction("botom"), f"reaction: there is no boundary named 'botom'; {EXIST}"),
     "no material": (lambda: run(material=None), "Scene: found 0 materials"),
-    "two materials": (lambda: run(other=PARTS["material"]), "materials: .* 9 with more than one, the first cell 0"),
+    "two materials": (lambda: run(other=PARTS["material"]), "materials: .* 9 have more than one .first: cell 0"),
     "a class": (lambda: scene(clamp=vx.Clamp), "Scene: found <class .*Clamp'>"),
     "effects in a list": (lambda: vx.Scene(list(PARTS.values())), r"Scene: found \[Elasticity"),
     "effects for a scene": (lambda: run(of=list(PARTS.values())), r"simulate: found \[Elasticity.*\] where the scene"),

@@ -50,7 +50,7 @@ from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Ob
 from vemcvx.linear import Factor
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons import positions
-from vemcvx.scene import PosedScene, contributions, unwarned
+from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
 from vemcvx.vem import Space, elastic_matrix
 
 SAFETY = 2.0
@@ -202,7 +202,7 @@ class Reader:
         """The contributions of all effects, including zero effects, on the fine mesh; of materials, on the mesh."""
         effects = self.posed.scene.canonical if self.effects is None else self.effects
         others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
-        with unwarned():
+        with suppress_scene_warnings():
             found = contributions(others, Space(self.fine.mesh))
         return [*(part for _, part in found), *self.posed.laws]
 

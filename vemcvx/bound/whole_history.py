@@ -42,7 +42,7 @@ from vemcvx.bound.skeleton import instant
 from vemcvx.history import History
 from vemcvx.program import System
 from vemcvx.program.operators import energy_norm
-from vemcvx.scene import PosedScene, pose_scene, unwarned
+from vemcvx.scene import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.stepping import march
 from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_course, subdivide
 
@@ -111,7 +111,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     nothing = np.zeros(len(times))
     if len(times) < 2:
         return nothing, nothing[:0]
-    with unwarned():
+    with suppress_scene_warnings():
         # Pose all effects: a run omits a load that acts only within a step, although it changes friction.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)

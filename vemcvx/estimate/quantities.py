@@ -36,7 +36,7 @@ from vemcvx.history import History, scene_of
 from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results import SPREAD, Corners, Quantity, displacement, record
-from vemcvx.scene import pose_scene, unwarned
+from vemcvx.scene import pose_scene, suppress_scene_warnings
 from vemcvx.simulation import free_unknowns
 from vemcvx.stepping import Memory, march
 from vemcvx.stepping.course import sample_course
@@ -97,7 +97,7 @@ class StepErrors:
 def errors_of_steps(history: History) -> StepErrors:
     """Compare a run with a run in half steps."""
     times = history.trajectory.times
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
         known = sample_course(posed.system, times)
     finer = _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
@@ -170,14 +170,14 @@ def _start(history: History) -> Floats:
         )
     times, initial = history.trajectory.times, history.trajectory.initial
     assert initial is not None
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(scene_of(history, "quantities"), history.mesh, times.tolist())
     return displacement(posed, initial, float(times[0])).reshape(history.mesh.points.shape)
 
 
 def _run_again(history: History, mesh: Mesh, times: Floats, begin: Floats | str | None) -> History:
     """Simulate the scene again, without warnings: the first run has issued them."""
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
         initial = free_unknowns(begin, posed, times)
         run = march(posed.system, times, initial=initial, store="last", check=False)

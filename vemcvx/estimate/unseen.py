@@ -23,7 +23,7 @@ from vemcvx.bound.fine_boundary import without_rounding
 from vemcvx.bound.reading import Reader, stresses_apart
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Support
-from vemcvx.scene import PosedScene, contributions, unwarned
+from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
 
 
 @dataclass(frozen=True)
@@ -120,5 +120,5 @@ def stress_squares(
 def all_contributions(posed: PosedScene) -> list[Contribution]:
     """Return the contributions of all effects, including zero effects; materials come without their stiffness."""
     others = [effect for effect in posed.scene.canonical if not isinstance(effect, MaterialLaw)]
-    with unwarned():
+    with suppress_scene_warnings():
         return [*(part for _, part in contributions(others, posed.space)), *posed.laws]

@@ -178,7 +178,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         lengths=surface.lengths,
         friction_lengths=length,
     )
-    bonds = [surface.find(ContactRows.of([f], u.shape[2])) for f in terms.frictions if f.bond]
+    bonds = [surface.find(ContactRows.from_parts([f], u.shape[2])) for f in terms.frictions if f.bond]
     if not bonds:
         return whole
     kept, each = np.setdiff1d(np.arange(m), np.concatenate(bonds)), array_fields(Contact)

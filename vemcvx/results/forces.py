@@ -148,7 +148,7 @@ def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSu
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
-        table = ContactRows.of([part], part.normals.shape[1])
+        table = ContactRows.from_parts([part], part.normals.shape[1])
         each = table.ends.tocoo()
         own = np.column_stack([table.nodes[each.row], table.partners[each.row], table.names[each.col, 1]])
         _, number = np.unique(np.concatenate([own, wanted]), axis=0, return_inverse=True)

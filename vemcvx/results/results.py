@@ -25,7 +25,7 @@ from vemcvx.results.contact import Contact, contact_history
 from vemcvx.results.corners import Corners, Sides, sides_of
 from vemcvx.results.forces import BoundaryForces, boundary_forces, force, moment, reaction, resultants
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, distinct_pairs
 from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
 from vemcvx.vem import (
@@ -582,7 +582,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     # Answers are a solver's: of the largest pressure 1e-6 counts as touch, and as much of friction's work counts.
     closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
-    gone &= ContactRows.of(asked, terms.normals.shape[1]).find(terms) >= 0
+    gone &= ContactRows.from_parts(asked, terms.normals.shape[1]).find(terms) >= 0
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > 1e-6 * total:
         warnings.warn(
@@ -631,7 +631,7 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
             "program: the history was read from files, which do not keep the functions of a scene, or joined; take a "
             "stage, simulate again, or take vemcvx.programs(scene, mesh, times)."
         )
-    with unwarned():
+    with suppress_scene_warnings():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
     found = programs_of_trajectory(posed.system, history.trajectory, numbers, condense)
     return with_origin(found, posed, history.effects, condense, solver=history.solver)

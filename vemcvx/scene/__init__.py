@@ -1,6 +1,6 @@
 """Scenes: what is to be simulated, free of any mesh, and how it is posed on one."""
 
-from vemcvx.scene.pose import PosedScene, pose_scene, unwarned
+from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, jump_rows, pair_numbers
 from vemcvx.scene.scene import InitialStresses, Scene, contributions, initial_stresses
 
@@ -14,5 +14,5 @@ __all__ = [
     "jump_rows",
     "pair_numbers",
     "pose_scene",
-    "unwarned",
+    "suppress_scene_warnings",
 ]

@@ -1,4 +1,4 @@
-"""A scene posed on a mesh: all that drives it, and the system in free unknowns."""
+"""A scene posed on a mesh: its supports, loads and contact, and the system in free unknowns."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
 from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_contact, warn_of_free_normals
-from vemcvx.scene.rigid import check_balance, floating_motions, pins_of, seen_from_bodies
-from vemcvx.scene.rows import straightened
+from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, floating_motions
+from vemcvx.scene.rows import straighten_normals
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import Supports, by_precedence, check_bonds, resolve
 from vemcvx.vem import Space, energy_rows, rigid_modes
 
 
-def load_of(
+def build_load(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
 ) -> Callable[[float], Floats]:
-    """Return the load of a System; loads on a part of the body touch its unknowns alone."""
+    """Return the load of a System, t -> (n,); a load on a part of the body is evaluated on its unknowns only."""
     others = [load for load in loads if not isinstance(load, Load)]
-    touched = [(load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
+    touched = [(load.values, *_nonzero_rows(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
     if not supports.still:
-        values, own, matrix = _moving(A, supports)
+        values, own, matrix = _force_by_rows(A, supports)
         touched.append((values, own, -matrix))
     rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
     places = [np.searchsorted(rows, own) for _, own, _ in touched]
@@ -59,32 +59,32 @@ def load_of(
     return load if others else part
 
 
-def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """Return P'A u_D by the nodal values that supports move, and the rows of P'A with entries there."""
+def _force_by_rows(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
+    """Return P'A u_D by its nonzero rows: the moved nodal values, t -> (q,), the rows' numbers, and their matrix."""
     moved = supports.moved
-    return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(A[:, moved]))
+    return lambda t: supports.motion(t)[moved], *_nonzero_rows(supports.gather(A[:, moved]))
 
 
-def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
-    """Return the indices of a matrix's rows that have entries, and these rows."""
+def _nonzero_rows(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
+    """Return the numbers of a matrix's nonzero rows, and these rows."""
     rows = np.flatnonzero(np.diff(sp.csr_matrix(matrix).indptr)).astype(np.int64)
     return rows, sp.csr_matrix(matrix)[rows]
 
 
-def motion_of(
+def build_motion(
     A: sp.csr_matrix,
     supports: Supports,
     tangential: sp.csr_matrix,
     normal: sp.csr_matrix,
-    seen: Callable[[Floats], Floats],
+    body_frame: Callable[[Floats], Floats],
 ) -> Motion:
-    """The Motion of moving supports for a System with the stiffness A, whose norm terms and limits have these rows."""
-    values, rows, matrix = _moving(A, supports)
+    """Return the Motion of moving supports for a System with stiffness A and these rows of norm terms and limits."""
+    values, rows, matrix = _force_by_rows(A, supports)
     return Motion(
         dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ values(t)),
         prescribed_slip=lambda t: tangential @ supports.motion(t),
         stored=lambda s, t: float(supports.motion(s) @ (A @ supports.motion(t))),
-        frame=lambda t, y: seen(supports.P @ y + supports.motion(t)),
+        frame=lambda t, y: body_frame(supports.P @ y + supports.motion(t)),
         pair=lambda v, w: float(v @ (A @ w)),
         remaining_gap=lambda t: normal @ supports.motion(t),
     )
@@ -117,21 +117,21 @@ class PosedScene:
     material: Material
     prestress: InitialStresses | None = None  # stresses at zero strain, also among the loads; None if there are none
     springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
-    inactive: tuple[str, ...] = ()  # sentences: effects that do nothing in this scene, and so were left out
-    curves: tuple[str, ...] = ()  # what has conditions on normals along curves, whose corners finer meshes keep
-    viscosity: sp.csr_matrix | None = None  # (n_u, n_u) of the form of rates over all nodal values
-    laws: tuple[Contribution, ...] = ()  # what materials contribute, but for their stiffness
-    stops: Sequence[Obstacle] = ()  # the obstacles, of which `obstacles` are made
+    inactive: tuple[str, ...] = ()  # a sentence for each effect that does nothing in this scene, and was dropped
+    curves: tuple[str, ...] = ()  # subjects of conditions on normals along curves
+    viscosity: sp.csr_matrix | None = None  # (n_u, n_u) viscous forces per velocity, over all nodal values
+    laws: tuple[Contribution, ...] = ()  # contributions of materials, without their stiffness
+    stops: Sequence[Obstacle] = ()  # the obstacles as contributed; their limits are `obstacles`
     causes: Mapping[str, Ints] = field(default_factory=dict)
-    """the numbers, among the effects in canonical order, of those that brought each of the "supports" given (-1 of
-    pins), of the "frictions" and of the "obstacles" """
-    caused_loads: tuple[tuple[int, Load], ...] = ()  # likewise, the loads
-    caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # likewise, the stiffness of springs to the ground
-    pins: tuple[Support, ...] = ()  # the support that takes no force, of a body that nothing holds
+    """"supports", "frictions" or "obstacles" -> for each of them the number of its effect in canonical order; -1 for
+    pins"""
+    caused_loads: tuple[tuple[int, Load], ...] = ()  # loads, each with the number of its effect
+    caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # stiffness of springs to the ground, likewise
+    pins: tuple[Support, ...] = ()  # a support without force, which pins a body that nothing holds
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
-        """A function that gives F with F'F = K, without fill; None where not cells alone make K."""
+        """A function that returns a sparse F with F'F = K; None if springs or dashpots contribute to the system."""
         if self.springs is not None or self.viscosity is not None:
             return None
         space, P, C = self.space, self.supports.P, self.material.elastic(self.space.dim)
@@ -139,14 +139,14 @@ class PosedScene:
         return lambda: sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
     def force(self, t: float) -> Floats:
-        """The nodal load f (n_u,) of everything but reactions."""
+        """Return the nodal load f (n_u,), without reactions."""
         f = np.zeros(self.A.shape[0])
         for load in self.loads:
             f += load.vector(t)
         return f
 
     def at_rest(self, u: Floats) -> Floats:
-        """Return nodal values u (n_u,) after the rigid motion that takes pins back to zero; without pins u itself."""
+        """Return u (n_u,) without the rigid motion that moves the pins; u itself if there are no pins."""
         for pins in self.pins:
             values = pins.nodes * self.space.dim + np.argmax(pins.directions, axis=1)
             modes = rigid_modes(self.supports.points - pins.points.mean(axis=0))
@@ -155,18 +155,18 @@ class PosedScene:
 
 
 @contextmanager
-def unwarned() -> Iterator[None]:
-    """Suppress warnings of scenes that are posed again within: the run has given them."""
+def suppress_scene_warnings() -> Iterator[None]:
+    """Suppress warnings about scenes inside the block: the run has already issued them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)
         yield
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
+    """Assemble a scene on a mesh; effects that are zero at all of `times` are dropped.
 
-    `between`, instead of these, are instants between which effects may act that are zero at all of them. SceneError
-    where the scene names what the mesh lacks, or leaves the body free to float.
+    Give `between` instead of `times` if effects may act between these instants: then none is dropped. Raise SceneError
+    if the mesh lacks a name that the scene uses, or if the body floats.
     """
     space = Space(mesh)
     parts, inactive = active_parts(scene.canonical, space, times)
@@ -175,40 +175,23 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     holds = by_precedence(_chain(p.supports for p in parts))
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
-    straight = iter(straightened(holds, _chain(contact)))
+    straight = iter(straighten_normals(holds, _chain(contact)))
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
     check_bonds(holds, (*frictions, *stops))
     springs = _sum(p.stiffness for p in parts if p.material is None)
-    pins = pins_of((*holds, *frictions, *stops), mesh.points) if springs is None else ()
-    # Whatever refers to normals, so that nodal frames have them as axes.
+    pins = find_pins((*holds, *frictions, *stops), mesh.points) if springs is None else ()
+    # Nodal frames have the normals of frictions and obstacles as axes.
     supports = resolve([*holds, *pins], (*frictions, *stops), mesh.points)
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
     viscosity = _sum(p.viscosity for p in parts)
-    norms, limited = terms.norms(supports), obstacles.limits(supports)
-    kernel = _unsupported(space, supports, norms, limited, springs)
-    warn_of_free_normals(terms.frictions, supports, obstacles, springs)
-    # Springs to the ground feel rigid motions, too.
-    seen = seen_from_bodies(space) if springs is None else lambda u: u
-    # A material's moduli say its stiffness, where it brings no other.
+    # The moduli of a material give its stiffness unless it contributes another.
     forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
     A = reduce(add, [*forms, *(p.stiffness for p in parts if p.stiffness is not None)])
-    system = System(
-        K=_restrict(A, supports),
-        load=load_of(loads, A, supports),
-        norms=norms,
-        motion=None if supports.still else motion_of(A, supports, terms.acting_rows, obstacles.rows, seen),
-        order=cache(partial(_order, A, supports, mesh.points)),
-        near_kernel=supports.gather(rigid_modes(mesh.points)),
-        kernel=kernel,
-        limits=limited,
-        damping=_damping(viscosity, supports, seen),
-        dragged=terms.carried(supports),
-    )
     posed = PosedScene(
         scene=scene,
         space=space,
-        system=system,
+        system=_build_system(space, supports, terms, obstacles, A, loads=loads, springs=springs, viscosity=viscosity),
         supports=supports,
         A=A,
         loads=loads,
@@ -228,15 +211,46 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         ),
         stops=stops,
         pins=pins,
-        **_caused(parts, supports),
+        **_find_causes(parts, supports),
     )
     if pins:
         check_balance(posed.force, mesh.points, known)
     return posed
 
 
-def _caused(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return which part of the scene, by its number, brought each support, friction, obstacle, load and spring."""
+def _build_system(
+    space: Space,
+    supports: Supports,
+    terms: Terms,
+    obstacles: Obstacles,
+    A: sp.csr_matrix,
+    *,
+    loads: tuple[Load | InitialStresses, ...],
+    springs: sp.csr_matrix | None,
+    viscosity: sp.csr_matrix | None,
+) -> System:
+    """Return the system in free unknowns; warn if only friction holds the body, or friction lacks contact."""
+    norms, limited = terms.norms(supports), obstacles.limits(supports)
+    kernel = _find_kernel(space, supports, norms, limited, springs)
+    warn_of_free_normals(terms.frictions, supports, obstacles, springs)
+    # Springs to the ground resist rigid motions, which therefore stay.
+    body_frame = build_body_frame(space) if springs is None else lambda u: u
+    return System(
+        K=_restrict(A, supports),
+        load=build_load(loads, A, supports),
+        norms=norms,
+        motion=None if supports.still else build_motion(A, supports, terms.acting_rows, obstacles.rows, body_frame),
+        order=cache(partial(_order, A, supports, supports.points)),
+        near_kernel=supports.gather(rigid_modes(supports.points)),
+        kernel=kernel,
+        limits=limited,
+        damping=_damping(viscosity, supports, body_frame),
+        dragged=terms.without_unknowns(supports),
+    )
+
+
+def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
+    """Return, by fields of PosedScene, the number of the effect behind each support, friction, obstacle and load."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
@@ -256,21 +270,21 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
     return reduce(add, given) if given else None
 
 
-def _unsupported(
+def _find_kernel(
     space: Space, supports: Supports, norms: Norms | None, limited: Limits | None, springs: sp.csr_matrix | None
 ) -> Kernel | None:
-    """Return the rigid motions that only friction or contact resists. A warning names them; of bodies, the log does."""
+    """Return the rigid motions that only friction or contact resists; warn of them, or log those of named bodies."""
     felt = ([] if norms is None else [norms.B]) + ([] if limited is None else [limited.D])
     kernel, of_bodies = floating_motions(space, supports, felt, springs)
     if kernel is not None:
-        said = (
+        words = (
             f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
-            "Stresses and contact forces are determined, the displacement itself perhaps up to that motion only."
+            "Stresses and contact forces are unique, but the displacement may be unique only up to this motion."
         )
         if of_bodies:
-            logging.getLogger("vemcvx").info("%s", said)
+            logging.getLogger("vemcvx").info("%s", words)
         else:
-            warnings.warn(said, SceneWarning, stacklevel=2)
+            warnings.warn(words, SceneWarning, stacklevel=2)
     return kernel
 
 
@@ -288,15 +302,15 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
 
 
-def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
+def _damping(A: sp.csr_matrix | None, supports: Supports, frame: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
     none = sp.csr_matrix((0, A.shape[0]))
-    return Damping(_restrict(A, supports), None if supports.still else motion_of(A, supports, none, none, seen))
+    return Damping(_restrict(A, supports), None if supports.still else build_motion(A, supports, none, none, frame))
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
-    """Nested dissection of the sites, all unknowns of a site together."""
+    """Order the free unknowns by nested dissection of the sites, all unknowns of a site together."""
     dim, n = points.shape[1], len(points)
     entries = np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr
     graph = sp.csr_matrix(entries, shape=(A.shape[0], n))[::dim]

@@ -1,9 +1,9 @@
-"""Bodies that float: motions without strain that no support resists, found and said in words.
+"""Floating bodies: find motions without strain that no support resists, and describe them in words.
 
-A body that nothing holds at all has an answer where its loads balance: R'f(t) = 0 for its rigid motions R (n_u, k). The
-answer is unique but for a rigid motion. k nodal values, such that R is regular there, are held at zero (*pins*). That
-chooses one answer, and takes no force: R'(A u - f) = 0, so that the forces r of pins obey R'r = 0, r = 0. Results are
-the answer without its mean rigid motion (:mod:`vemcvx.results.results`).
+A body that nothing holds has an answer if its loads balance: R'f(t) = 0 for its rigid motions R (n_u, k). The answer is
+unique up to a rigid motion. To choose one, k nodal values on which R is regular are held at zero (*pins*). Pins take no
+force: R'(A u - f) = 0, so that their forces r obey R'r = 0, hence r = 0. Results are the answer without its mean rigid
+motion (:mod:`vemcvx.results.results`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """The body of each piece, of pairs of piece and node, by the interfaces it touches; None if unclear."""
+    """Return the body of each piece, known from interfaces at its nodes; None if unclear. `node` i is in `piece` i."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -40,16 +40,16 @@ def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
 
 
 @dataclass(frozen=True)
-class Part:
-    """A part of what is in a scene: pieces that supports, contact or springs join, and how it is called."""
+class ConnectedPart:
+    """A connected part of the scene: pieces that supports, hinges or springs join."""
 
-    which: str
+    which: str  #: the part in words
     bodies: tuple[str | None, ...]  #: the names of its pieces
-    hinge: str  #: a node at which pieces are joined, in words; empty without
-    axes: Floats  #: (pieces, k, k) the motions of each along the axes and about them, of its orthonormal ones
+    hinge: str  #: a node at which pieces are joined, in words; empty if there is none
+    axes: Floats  #: (pieces, k, k) takes coefficients of orthonormal motions to motions along and about the axes
 
     def motion(self, mode: Floats, directed: bool = False) -> str:
-        """Return a motion in words, and whose it is; which way it goes if it is `directed`."""
+        """Describe a motion and its body in words, with its sense if it is `directed`."""
         mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
         each = mode.reshape(len(self.bodies), -1)
         large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
@@ -59,12 +59,12 @@ class Part:
         if None in names or len(set(names)) < len(names):
             return f"a motion of pieces that are joined, of {self.which}"
         own = zip(large, names, strict=True)
-        return " with ".join(f"{_rigid(self.axes[one] @ each[one], directed)} of {name}" for one, name in own)
+        return " with ".join(f"{_describe_rigid(self.axes[one] @ each[one], directed)} of {name}" for one, name in own)
 
 
-def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
-    """Return a combination of motions in words, part by part, and which way it goes."""
-    parts: dict[str, tuple[Part, Floats]] = {}
+def describe_combination(motions: Sequence[tuple[ConnectedPart, Floats]], c: Floats) -> str:
+    """Describe the combination of motions with coefficients `c`, part by part, with its sense."""
+    parts: dict[str, tuple[ConnectedPart, Floats]] = {}
     for share, (part, motion) in zip(c, motions, strict=True):
         before = parts[part.which][1] if part.which in parts else 0.0
         parts[part.which] = part, before + share * motion
@@ -73,45 +73,45 @@ def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
     return " and ".join(part.motion(motion, directed=True) for part, motion in large)
 
 
-def _rigid(mode: Floats, directed: bool) -> str:
-    """Return a rigid motion in words: a translation, a rotation, or both."""
+def _describe_rigid(mode: Floats, directed: bool) -> str:
+    """Describe a rigid motion: a translation, a rotation, or both."""
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate, turns = np.linalg.norm(turn), "a rotation"
     if rate > DIRECTION_TOLERANCE and len(turn) > 1:
-        turns = f"a rotation about ({_listed(turn / rate)})"
+        turns = f"a rotation about ({_format_vector(turn / rate)})"
     elif directed:
         turns = "an anticlockwise rotation" if turn[0] > 0 else "a clockwise rotation"
     if rate > 0.9:
         return turns
-    return f"the translation ({_listed(move)})" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
+    return f"the translation ({_format_vector(move)})" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
 
 
-def _listed(components: Floats) -> str:
+def _format_vector(components: Floats) -> str:
     return ", ".join(f"{component:.2g}" for component in components)
 
 
-# A piece of the body is made of cells joined along edges, in space along faces; without strain it moves as a rigid
-# body. Pieces that share single nodes only are hinged there. With c the rigid motion of every piece and R_q c_q its
-# nodal values, the distance to the nearest admissible field, the same at every node for all pieces there and obeying
-# the supports, is
+# A piece of the body is a set of cells joined along edges (in space, along faces); without strain it moves as a rigid
+# body. Pieces that share single nodes only are hinged there. Let c_q be the rigid motion of piece q, and R_q c_q its
+# nodal values. An admissible field has one value per node for all pieces there, and obeys the supports. The squared
+# distance to the nearest admissible field is
 #
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 #
-# and the body floats if and only if this vanishes for some c. Of one piece it is the part of c that meets a support.
-# Springs to the ground of matrix F hold what they feel: of the fields v with vanishing distance, v'Fv = 0 float.
+# and the body floats if and only if this vanishes for some c != 0. For a single piece, it is the square of the part of
+# c that supports resist. With springs to the ground of matrix F, the fields v of zero distance with v'Fv = 0 float.
 
 
-# A motion is free when less than this part of it (squared) meets a support; one clamped node of a million leaves 1e-6.
-FREE = 1e-12
+# A motion is free if supports resist less than this part of it (squared); one clamped node of a million resists 1e-6.
+FREE_FRACTION = 1e-12
 
 
 def floating_motions(
     space: Space, supports: Supports, felt: Sequence[sp.csr_matrix], springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """Return the motions without strain that no support resists but friction does; None if there are none.
+    """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
-    Besides, whether all are of bodies that interfaces touch: to be held by contact is the normal case there. `felt`
-    are matrices (rows, n) of norm terms and limits. SceneError names a motion that meets none of these.
+    Return also whether all are motions of named bodies, which interfaces touch: contact usually holds these. `felt`
+    are the matrices (rows, n) of norm terms and limits. Raise SceneError if none of these resists a motion.
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
@@ -119,9 +119,9 @@ def floating_motions(
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
     kept = sp.csr_matrix(free.T @ free)
-    parts, label = _connected(piece, node, supports.linked, springs)
+    parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)
-    fields_of, motions = [], list[tuple[Part, Floats]]()
+    fields_of, motions = [], list[tuple[ConnectedPart, Floats]]()
     # Sides of length h at a distance of D from the origin have directions known to EPS D / h.
     rounding = (64 * EPS) * max(1.0, np.abs(space.mesh.points).max() / space.mesh.h)
     largest = max((np.abs(rows.data).max(initial=0.0) for rows in felt), default=0.0)
@@ -129,7 +129,7 @@ def floating_motions(
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(np.eye(len(columns)) - kept[columns][:, columns].toarray())
-        loose = vector[:, value < FREE * k]
+        loose = vector[:, value < FREE_FRACTION * k]
         fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R[:, columns]
         if springs is not None and loose.shape[1] > 0:
             loose = loose @ _without_energy(springs, supports.P @ (fields @ loose))
@@ -138,23 +138,18 @@ def floating_motions(
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = (i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number)
         hinge = next((f"node {i} at {space.mesh.points[i]}" for i in hinges), "")
-        part = Part(which, tuple(bodies[one] for one in own), hinge, axes[own])
+        part = ConnectedPart(which, tuple(bodies[one] for one in own), hinge, axes[own])
         loose = _along_axes(loose)
-        # Below rounding there is nothing: a remainder of 1e-15 across a translation would press against contact.
+        # Remove rounding: a remainder of 1e-15 across a translation would press against contact.
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
         _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
-        # An orthonormal basis of what contact does not feel: where it feels nothing at all, sizes are all rounding.
-        least = max(FREE**0.5 * size.max(initial=0.0), rounding * largest)
+        # An orthonormal basis of the motions that contact does not resist; if it resists none, all sizes are rounding.
+        least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding * largest)
         unfelt = loose @ rotated[int((size > least).sum()) :].T
-        if (free_motions := unfelt.shape[1]) > 0:
-            motions_meet = "1 rigid motion meets" if free_motions == 1 else f"{free_motions} rigid motions meet"
-            raise SceneError(
-                f"supports: {which} floats: {motions_meet} neither a support nor friction, the first "
-                f"{part.motion(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
-                "where they stop it; friction holds what slides along its boundary only, and loads hold nothing."
-            )
+        if unfelt.shape[1] > 0:
+            _refuse_floating(part, unfelt)
         size = np.abs(field).max(axis=0)
         fields_of.append(field / size)
         motions += [(part, column) for column in (loose / size).T]
@@ -163,13 +158,24 @@ def floating_motions(
     names = tuple(part.motion(mode) for part, mode in motions)
     named = all(None not in part.bodies for part, _ in motions)
     modes = np.hstack(fields_of)
-    return Kernel(modes, names, partial(combined, motions), supports.P @ modes), named
+    return Kernel(modes, names, partial(describe_combination, motions), supports.P @ modes), named
 
 
-def pins_of(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body with these supports, frictions and obstacles; none if one of them is on the ground.
+def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
+    """Raise SceneError for a part of the body whose motions, the columns of `unfelt`, nothing resists."""
+    count = unfelt.shape[1]
+    meet = "1 rigid motion meets" if count == 1 else f"{count} rigid motions meet"
+    raise SceneError(
+        f"supports: {part.which} floats: {meet} neither a support nor friction, the first "
+        f"{part.motion(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
+        "where they stop it; friction resists only sliding along its boundary, and loads hold nothing."
+    )
 
-    They are on nodes (of points (n_nodes, dim)) that no part touches.
+
+def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
+    """Return the pins of a body with these supports, frictions and obstacles; none if one of them acts on the ground.
+
+    Pins are on nodes, with the coordinates `points` (n_nodes, dim), at which no part acts.
     """
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
@@ -182,9 +188,9 @@ def pins_of(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[
 
 
 def check_balance(force: Callable[[float], Floats], points: Floats, times: Sequence[float]) -> None:
-    """Raise SceneError for loads, t -> (n_u,), of a body that nothing holds which are out of balance at an instant.
+    """Raise SceneError if the loads, t -> (n_u,), of a body that nothing holds do not balance at one of `times`.
 
-    Balanced is what is so to `SAME` of the sum of all sizes: to rounding.
+    Resultants within `SAME` times the sum of absolute values count as zero.
     """
     centre = points.mean(axis=0)
     modes = rigid_modes(points - centre)
@@ -197,36 +203,36 @@ def check_balance(force: Callable[[float], Floats], points: Floats, times: Seque
             raise SceneError(
                 f"supports: nothing holds the body, and its loads do not balance: at t = {t:.6g} their resultant is "
                 f"{pull}, and their moment about {coordinates(centre)} is {turn}. Add Clamp, PrescribedDisplacement or "
-                "BilateralContact where they hold it, or the loads that are missing."
+                "BilateralContact where it is held, or the missing loads."
             )
 
 
-def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that takes from a field u (n_u,) its rigid part, body by body.
+def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
+    """Return a function that subtracts from a field u (n_u,) its rigid motion, body by body.
 
-    What is left has the same strains, and is small where they are, however far the bodies have moved.
+    The result has the same strains, and is small where strains are small, however far the bodies have moved.
     """
 
     @cache
     def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
         (piece, node), every = space.pieces, np.arange(space.mesh.n_nodes)
         body = every.copy()
-        body[node] = _connected(piece, node, every, None)[1][piece]
+        body[node] = _connect(piece, node, every, None)[1][piece]
         by_body = np.argsort(body, kind="stable")
         R, _ = _motions(body[by_body], by_body, space.mesh.points)
         return R, sp.csr_matrix(R.T)
 
-    def seen(u: Floats) -> Floats:
+    def body_frame(u: Floats) -> Floats:
         R, transposed = motions()
         return u - R @ (transposed @ u)
 
-    return seen
+    return body_frame
 
 
 def _along_axes(loose: Floats) -> Floats:
-    """Return orthonormal columns of the same span, as near to single translations along axes, of single pieces, as can.
+    """Return orthonormal columns of the same span, as near as possible to motions of one piece along one axis.
 
-    Eigenvectors to one eigenvalue are mixed by rounding.
+    Rounding mixes the eigenvectors of one eigenvalue.
     """
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
@@ -234,17 +240,17 @@ def _along_axes(loose: Floats) -> Floats:
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
-    """Combinations of the columns, as orthonormal columns, to which springs give no energy."""
+    """Return orthonormal coefficients of the combinations of the fields that have no energy in the springs."""
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
-    free = rotated[:, energy <= FREE * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
+    free = rotated[:, energy <= FREE_FRACTION * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
     return np.linalg.qr(free / size[:, None])[0]
 
 
-def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
-    """The number of connected parts of the pieces, given as pairs of piece and node, and the part of each piece.
+def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
+    """Return the number of connected parts, and the part of each piece; `node` i is in `piece` i.
 
-    They are connected at sites (n_nodes,) that they share, or that springs join.
+    Pieces are connected at sites (n_nodes,) that they share, or that springs join.
     """
     pieces = piece.max() + 1
     links = np.column_stack([piece, pieces + sites[node]])
@@ -256,10 +262,10 @@ def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | No
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
-    """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece and node.
+    """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node` i is in `piece` i.
 
-    Taken about its middle and in units of its size: rotations then weigh like translations. Besides the matrices
-    (pieces, k, k) that take their coefficients to those of translations along the axes and of rotations about them.
+    Motions are about a piece's centre, in units of its size: rotations then weigh like translations. Return also the
+    matrices (pieces, k, k) from their coefficients to those of translations along the axes and rotations about them.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -273,10 +279,10 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
-    # One factor for all rotations of a piece keeps the direction of their sum, and what they weigh.
+    # One factor for all rotations of a piece keeps the direction of their sum, and their weight.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
-    # Rotations about different axes are not orthogonal unless these are axes of inertia; 1e-9 is above rounding.
+    # Rotations about axes other than the principal axes of inertia are not orthogonal; 1e-9 is above rounding.
     if np.abs(products - np.eye(k)).max() > 1e-9:
         orthonormal = np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)
         modes, axes = modes @ orthonormal[piece], axes @ orthonormal

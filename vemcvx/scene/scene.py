@@ -1,4 +1,4 @@
-"""A scene: what is to be simulated, free of any mesh; its body composed from the materials of its effects."""
+"""A scene: the effects to simulate, free of any mesh, and the composition of its materials into one body."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
-    """Return one material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
+    """Return one material for the whole body; raise SceneError if a cell has none or several, or planes are mixed."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
         raise SceneError(f"Scene: found 0 materials; {words}.")
@@ -37,7 +37,7 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
     dim = mesh.points.shape[1]
     moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
     across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
-    # Each material, and its stabilisation, is zero where another is.
+    # Each material and its stabilisation vanish in the cells of other materials.
     own: list[Stabilisation] = [m.stabilised(dim) for m in materials]
     weights = [one.tau for one in own if isinstance(one, VertexWeights)]
     filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
@@ -56,24 +56,24 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
     """Raise SceneError unless every cell has exactly one material."""
     count = np.sum([np.ones(mesh.n_cells) if m.cells is None else m.cells for m in materials], axis=0)
     found = [
-        f"{wrong.sum()} with {words}, the first cell {(first := int(np.argmax(wrong)))} around {mesh.centroids[first]}"
+        f"{wrong.sum()} have {words} (first: cell {(first := int(np.argmax(wrong)))} around {mesh.centroids[first]})"
         for wrong, words in ((count == 0, "no material"), (count > 1, "more than one"))
         if wrong.any()
     ]
     if found:
         subjects = ", ".join(m.subject for m in materials)
         raise SceneError(
-            f"materials: every cell takes exactly one; of {mesh.n_cells} cells there are {' and '.join(found)}. Found "
-            f"{subjects}; name the cells of each by on=, a cell datum that is nonzero there."
+            f"materials: every cell needs exactly one; of {mesh.n_cells} cells {' and '.join(found)}. Found "
+            f"{subjects}; give each material its cells by on=, the name of a cell datum that is nonzero there."
         )
 
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """The stresses sigma_0 of a body without strain, sigma = C eps(u) + sigma_0, and the load that they are.
+    """The stresses sigma_0 of the unstrained body, sigma = C eps(u) + sigma_0; the load -sum_K |K| sigma_0 : eps(Pi v).
 
-    sigma_0 is the sum of initial stresses less b times that of eigenstrains, with b the stress that a material says
-    that a blocked unit eigenstrain costs; it acts as the load -sum_K |K| sigma_0 : eps(Pi v).
+    sigma_0 is the sum of initial stresses minus b times the sum of eigenstrains. The material gives b, the stress
+    that blocks a unit eigenstrain.
     """
 
     material: Material
@@ -82,7 +82,7 @@ class InitialStresses:
     matrix: sp.csr_matrix  # (n_u, components n_cells) virtual work of stresses constant on cells
 
     def stress(self, t: float) -> Floats:
-        """sigma_0 (n_cells, components) at the instant `t`."""
+        """Return sigma_0 (n_cells, components) at the instant `t`."""
         total = np.zeros_like(self.material.thermal_stress_moduli)
         for stress in self.stresses:
             total += stress.value(t)
@@ -91,7 +91,7 @@ class InitialStresses:
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
-        """The stress zz of eigenstrains across the plane, (n_cells,); None where the material does not say."""
+        """Return the stress zz (n_cells,) of eigenstrains in plane strain; None if the material does not give it."""
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))
@@ -100,17 +100,17 @@ class InitialStresses:
         return total
 
     def vector(self, t: float) -> Floats:
-        """Nodal force (n_u,) at the instant `t`; zero where the stresses around a node balance but for rounding."""
+        """Return the nodal force (n_u,) at the instant `t`; zero where stresses around a node balance to rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # A node sums some ten products; what rounding leaves of a uniform stress would violate the condition on initial
+        # A node sums about ten products. The rounding error of a uniform stress would violate the condition on initial
         # states of a held body.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
 
 def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
-    """Return the initial stresses of all contributions; None without any."""
+    """Return the initial stresses of all contributions; None if there are none."""
     strains, stresses = (
         tuple(x for part in parts for x in getattr(part, name)) for name in ("eigenstrains", "initial_stresses")
     )
@@ -118,11 +118,11 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 
 
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
-    """Return the effects, each with what it contributes.
+    """Return each effect with its contribution.
 
-    Curves of contact that end on a plane of symmetry, a side of the body whose nodes supports hold across it at all
-    times, go on behind it as their mirror image. So effects of contact are asked once more when it is known what
-    supports hold: nodes there get the normals that they have in the whole body.
+    A plane of symmetry is a side of the body whose nodes supports hold in its plane at all times. A contact curve that
+    ends there continues behind it as its mirror image. Effects of contact are therefore evaluated again once these
+    planes are known: nodes there get the normals of the whole body.
     """
     parts = [(effect, effect.contribute(space)) for effect in effects]
     mirrors = _mirrors([part for _, part in parts], space)
@@ -133,24 +133,24 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
 
 
 def _contact(part: Contribution) -> Ints:
-    """Return the nodes where an effect contributes contact, partners among them, which are -1 without."""
+    """Return the nodes where an effect contributes contact, then their partners, or -1."""
     bilateral = [support for support in part.supports if support.contact]
     return np.concatenate(pairs_of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral]))
 
 
 def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
-    """Return the planes of symmetry at nodes of contact; None without, or where supports hold all altogether."""
+    """Return the planes of symmetry at contact nodes; None if supports hold each of these fully or not at all."""
     still = [s for part in parts for s in part.supports if s.value is None and s.patterns is None and not s.contact]
     touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
     if not still or not len(touching):
         return None
     held = _spans(np.concatenate([s.nodes for s in still]), np.concatenate([s.directions for s in still]))
-    altogether = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
-    if not np.isin(held.nodes[~altogether], touching).any():
+    fully_held = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
+    if not np.isin(held.nodes[~fully_held], touching).any():
         return None
-    # A node that is held altogether is on planes of all directions.
-    nodes = [np.repeat(held.nodes[altogether], space.dim)]
-    normals = [np.tile(np.eye(space.dim), (int(altogether.sum()), 1))]
+    # A fully held node lies on planes of all directions.
+    nodes = [np.repeat(held.nodes[fully_held], space.dim)]
+    normals = [np.tile(np.eye(space.dim), (int(fully_held.sum()), 1))]
     for of_side, normal in _sides_held_across(space, held):
         nodes.append(of_side.ravel())
         normals.append(np.repeat(normal, of_side.shape[1], axis=0))
@@ -160,7 +160,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
 
 
 def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
-    """Yield the nodes (m, n) and normals (m, dim) of sides whose nodes cannot leave their planes, n by n."""
+    """Yield nodes (m, n) and normals (m, dim) of sides that supports hold in their plane, for each count n of nodes."""
     part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
     place[held.nodes] = np.arange(len(held.nodes))
     for rule in part.rules(1):
@@ -172,11 +172,11 @@ def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints,
 
 
 def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
-    """The projection of each node's vectors on its directions."""
+    """Return the orthogonal projection onto the span of the directions of each node."""
     each, place = np.unique(nodes, return_inverse=True)
     squares = np.zeros((len(each), directions.shape[1], directions.shape[1]))
     np.add.at(squares, place, np.einsum("ki,kj->kij", directions, directions))
-    # Of two directions at the angle a the squares are 1 -+ cos a along their bisectors: by a^2 / 2 they are two.
+    # Two directions at an angle a give the eigenvalues 1 -+ cos a; the smaller one is about a^2 / 2.
     sizes, axes = np.linalg.eigh(squares)
     axes = axes * (sizes > 0.5 * DIRECTION_TOLERANCE**2)[:, None, :]
     return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
@@ -189,44 +189,44 @@ Datum = Callable[[float], Floats | Bools]
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Return contributions without parts that have no influence at all of `times`, and a sentence for each dropped.
+    """Drop parts that have no influence at all of `times`; return the contributions, and a sentence for each drop.
 
-    These are loads that are zero at every instant, friction whose bound is, ground that does not move along the
-    boundary, springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and
-    the same answer to the last bit. Supports and outputs of contact stay.
+    Such parts are loads that are zero at every instant, friction with a bound of zero, ground that does not move along
+    the boundary, and springs and dashpots of zero strength. The scene without them has the same unknowns, terms and
+    cones, and the same answer to the last bit. Supports and outputs of contact stay.
     """
-    said: list[str] = []
-    return [_without_inactive(effect, part, times, said) for effect, part in contributions(effects, space)], said
+    notes: list[str] = []
+    return [_without_inactive(effect, part, times, notes) for effect, part in contributions(effects, space)], notes
 
 
-def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
-    """Return a contribution without parts that vanish at all of `times`, and add a sentence for each part dropped."""
+def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], notes: list[str]) -> Contribution:
+    """Return a contribution without the parts that vanish at all of `times`; append a sentence for each to `notes`."""
 
     def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
         zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
-        said.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
+        notes.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
         return tuple(datum for datum, gone in zip(data, zero, strict=True) if not gone)
 
-    def faded(datum: Any) -> Any:
+    def shorten(datum: Any) -> Any:
         return replace(datum, value=drop_tails(datum.value, times))
 
     matrices = () if part.material is not None else ("stiffness", "viscosity")
     weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]
     none: dict[str, Any] = dict.fromkeys(weak)
-    said.extend(f"{type(effect).__name__}: its {name} is zero" for name in weak)
+    notes.extend(f"{type(effect).__name__}: its {name} is zero" for name in weak)
     return replace(
         part,
         **none,
         loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
-        supports=tuple(x if x.value is None else faded(x) for x in part.supports),
-        frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
-        eigenstrains=tuple(map(faded, alive(part.eigenstrains, lambda x: x.value, "strain"))),
-        initial_stresses=tuple(map(faded, alive(part.initial_stresses, lambda x: x.value, "stress"))),
+        supports=tuple(x if x.value is None else shorten(x) for x in part.supports),
+        frictions=tuple(_drop_still_ground(f, times, notes) for f in alive(part.frictions, _bound, "bound")),
+        eigenstrains=tuple(map(shorten, alive(part.eigenstrains, lambda x: x.value, "strain"))),
+        initial_stresses=tuple(map(shorten, alive(part.initial_stresses, lambda x: x.value, "stress"))),
     )
 
 
-def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
-    """Return the friction, its ground left out if it is where it was along the boundary at all of `times`."""
+def _drop_still_ground(friction: Friction, times: Sequence[float], notes: list[str]) -> Friction:
+    """Return the friction, without its ground if that never moves along the boundary at any of `times`."""
     ground = friction.ground
     if ground is None or len(times) == 0:
         return friction
@@ -240,12 +240,12 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
 
     if not _zero(rubs, times):
         return friction
-    said.append(f"{ground.subject} does not move along the boundary")
+    notes.append(f"{ground.subject} does not move along the boundary")
     return replace(friction, ground=None)
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return what is zero where there is no friction, whatever presses."""
+    """Return a function of time that is zero where there is no friction under any pressure."""
     law, ellipse, m = friction.law, friction.ellipse, len(friction.nodes)
     if ellipse is not None:
         return lambda t: np.maximum(*ellipse.bounds(t))
@@ -253,7 +253,7 @@ def _bound(friction: Friction) -> Datum:
         return friction.weights
     if law.slips:
         return lambda t: np.ones(1)  # Weights after slip are not known beforehand.
-    # Under so large a force of contact a law that depends on pressure has weights, in any units.
+    # At so large a contact force, a law that depends on pressure gives positive weights in any units.
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 
@@ -261,23 +261,23 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
     try:
         return not any(np.any(value(float(t))) for t in times)
     except VemcvxError:
-        return False  # The step that needs the datum says what is wrong with it.
+        return False  # The step that needs the datum raises the error.
 
 
 class Scene:
-    """A set of effects, free of any mesh: materials, and whatever supports, loads, contact and friction it calls for.
+    """A set of effects, free of any mesh: materials, supports, loads, contact and friction.
 
-    The order of the effects changes nothing; a scene runs on every mesh that has the boundaries it names.
+    The order of the effects changes nothing; a scene runs on every mesh that has the boundaries named in it.
 
     Parameters
     ----------
     *effects : Effect
-        A scene that runs has a material; several name their cells by `on`, so that every cell has exactly one.
+        A scene needs a material to run. Several materials name their cells by `on`; every cell has exactly one.
 
     Raises
     ------
     SceneError
-        Something is not an effect.
+        An argument is not an effect.
 
     Examples
     --------
@@ -289,7 +289,7 @@ class Scene:
         for effect in effects:
             if not isinstance(effect, Effect):
                 raise SceneError(
-                    f"Scene: found {brief(effect)}, which is not an effect; a scene is made of effects, one by one, "
+                    f"Scene: found {brief(effect)}, which is not an effect; give effects as separate arguments, "
                     'such as Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
                 )
         self._effects = effects
@@ -301,19 +301,20 @@ class Scene:
 
     @property
     def canonical(self) -> tuple[Effect, ...]:
-        """The effects in the order in which they are summed, the same for every permutation."""
+        """The effects in the order of summation, which does not depend on the order given."""
         return tuple(sorted(self._effects, key=_rank))
 
     def with_(self, *effects: Effect) -> Scene:
-        """Return the scene with these effects besides its own."""
+        """Return a scene with these effects in addition."""
         return Scene(*self._effects, *effects)
 
     def without(self, *kinds: type[Effect] | Effect) -> Scene:
-        """Return the scene without all effects of these classes, or without these very effects.
+        """Return a scene without some of the effects.
 
         Parameters
         ----------
         *kinds : subclass of Effect, or Effect
+            Classes, all effects of which are removed, or single effects of the scene.
 
         Raises
         ------
@@ -337,8 +338,8 @@ class Scene:
         return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self._effects) + ")"
 
     def _repr_html_(self) -> str:
-        said = [effect.describe().partition(": ") for effect in self._effects]
-        return Outline("Scene", [(name, words) for name, _, words in said]).html()
+        outline = [effect.describe().partition(": ") for effect in self._effects]
+        return Outline("Scene", [(name, words) for name, _, words in outline]).html()
 
 
 def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
@@ -347,13 +348,13 @@ def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
 
 def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
     settings = list(vars(effect).values())
-    # Functions by where they are written, so that two runs of one script sum alike; their addresses decide last.
+    # Functions are ordered by their place in the source, so that two runs of a script sum alike; addresses break ties.
     return type(effect).__name__, [_content(v) for v in settings], [id(v) for v in settings if callable(v)]
 
 
 def _content(setting: object) -> bytes:
     if isinstance(setting, np.ndarray):
-        return setting.tobytes()  # Printed, arrays are cut short and rounded to eight digits.
+        return setting.tobytes()  # repr() abbreviates arrays and rounds them to eight digits.
     if isinstance(setting, (tuple, list)) and any(map(callable, setting)):
         return b", ".join(map(_content, setting))
     if callable(setting):

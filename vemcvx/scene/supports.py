@@ -1,20 +1,20 @@
 """Supports: the free unknowns that they leave, and the motion of the held ones.
 
-Supports prescribe A u = g(t), a row a node (or a pair of nodes) and direction. Eliminated,
+Supports prescribe A u = g(t), one row per node (or pair of nodes) and direction. Elimination gives
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0:
 
-y are the free unknowns, u_D = H g is the held displacement, and H'R the force that each row takes of reactions R.
+y are the free unknowns, u_D = H g is the held displacement, and H'R is the force on each row under the reactions R.
 
-Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: the motions of rigid parts. Then u =
-P y + H g + (H M) c, and the columns of H M, made orthonormal, join P as its last ones; P'H = 0 does not hold of these.
-Loads act on c by M'H'f, rows of contact read it, and its balance is M'mu = 0 of the forces mu of the rows.
+Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: the motions of rigid parts. Then
+u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these, P'H = 0 need
+not hold. Loads act on c by M'H'f, contact rows read c, and M'mu = 0 is the balance of the rows' forces mu.
 
-Nodes that rows join, directly or by way of others, make a *site*; elsewhere every node is a site of its own. A, P
-and H are found site by site: Gram-Schmidt makes an orthonormal frame of what is prescribed first, then of the
-normals of bilateral contact, then of those that friction and obstacles refer to, and axes fill it up. Rows that
-depend on earlier ones are no rows of A. The first two kinds are held, the rest are columns of P: each friction term
-so touches its own unknowns alone, and sticking is represented exactly, by y_i = 0.
+Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a site of its own. P and H
+are found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
+bilateral contact, then from normals of friction and obstacles; axes complete it. Rows that depend on earlier rows add
+nothing. Directions of the first two kinds are held, the others are columns of P. Each friction term thus has unknowns
+of its own, and sticking is represented exactly, by y_i = 0.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ class Supports:
     owner: Ints  # (n,) the site of each free unknown
     sites: Ints  # (n_nodes,) the site of every node, numbered by their first nodes
     points: Floats
-    given: Sequence[Support]  # those that make the rows of A, one after the other
+    given: Sequence[Support]  # the supports whose rows make up A, in this order
     A: sp.csr_matrix  # (s, n_u) what is prescribed
-    H: sp.csr_matrix  # (n_u, s) displacements that hold one row at 1, others at 0; zero for rows that depend on others
+    H: sp.csr_matrix  # (n_u, s) displacements with one row at 1 and the others at 0; zero for dependent rows
     depends: Bools  # (s,) which rows depend on earlier ones
-    reach: Floats  # (s,) the length of a row's part across earlier ones
-    amplitudes: int = 0  # how many of the free unknowns, the last, are amplitudes of supports; they belong to no site
-    _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)  # the motion last asked for
+    reach: Floats  # (s,) the length of each row's component orthogonal to earlier rows
+    amplitudes: int = 0  # number of the free unknowns, the last ones, that are amplitudes; they belong to no site
+    _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)  # the motion computed last
 
     @cached_property
     def still(self) -> bool:
@@ -65,33 +65,33 @@ class Supports:
     @cached_property
     def moved(self) -> Ints:
         """The nodal values at nodes that supports move, ascending."""
-        dim, moving = self.points.shape[1], self.of_rows([support.value is not None for support in self.given])
+        dim, moving = self.points.shape[1], self.repeat_by_row([support.value is not None for support in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
 
     @cached_property
     def linked(self) -> Ints:
-        """(n_nodes,) the site of every node, one number for all sites that move with one amplitude."""
+        """The site (n_nodes,) of every node, with one number for all sites that move with one amplitude."""
         count, last = len(self.points), self.P.shape[1] - self.amplitudes
         entries = self.P[:, last:].tocoo()
         links = np.column_stack([self.sites[entries.row // self.points.shape[1]], count + entries.col])
         linked: Ints = smallest_linked(links, count + self.amplitudes)[self.sites]
         return linked
 
-    def of_rows(self, flags: Sequence[bool]) -> Bools:
-        """(s,) the flag of the support of each row."""
+    def repeat_by_row(self, flags: Sequence[bool]) -> Bools:
+        """Return for each row the flag (s,) of its support."""
         return np.repeat(np.array(flags, dtype=bool), [len(support.nodes) for support in self.given])
 
     def places(self, nodes: Ints) -> Callable[[int], str]:
-        """Return the place of the i-th of these nodes, in words."""
+        """Return a function that describes the i-th of these nodes in words."""
         return lambda i: f"node {nodes[i]} at {tuple(float(x) for x in np.round(self.points[nodes[i]], 12))}"
 
     def gather(self, f: Forces) -> Forces:
-        """P'f, forces on the free unknowns: a vector (n_u,), or a sparse matrix (n_u, q)."""
+        """Return P'f, the forces on the free unknowns, for a vector (n_u,) or a sparse matrix (n_u, q)."""
         return self.P.T @ f if self.columns is None else f[self.columns]
 
     def on_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
-        """Return rows as rows over the free unknowns, without the rounding of t . n = 0 and t . t = 1."""
+        """Return rows over u as rows over the free unknowns; entries 0 and 1 are made exact."""
         B: sp.csr_matrix = rows @ self.P
         B.data[np.abs(B.data) < SAME] = 0.0
         unit = np.abs(np.abs(B.data) - 1.0) < SAME
@@ -100,7 +100,7 @@ class Supports:
         return B
 
     def free_directions(self, corners: Ints, side: Ints) -> Floats:
-        """Return the projectors (b, dim, dim) on what is free at the corners of each side, nodes (c,) of sides (c,)."""
+        """Return projectors (b, dim, dim) onto the free directions of b sides; corner i is a node of `side[i]`."""
         dim = self.points.shape[1]
         nodes, place = np.unique(corners, return_inverse=True)
         rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel(), : self.P.shape[1] - self.amplitudes]
@@ -111,11 +111,11 @@ class Supports:
         freedom = np.zeros((int(side.max(initial=-1)) + 1, dim, dim))
         np.add.at(freedom, side, own[place])
         values, vectors = np.linalg.eigh(freedom)
-        # A direction in which all corners of a side move by less than this part of their freedom is held.
+        # A direction is held if the freedom of all corners in it adds up to less than 1e-9.
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
     def motion(self, t: float) -> Floats:
-        """The held displacement u_D (n_u,) at an instant, read-only; SceneError for contradicting prescriptions."""
+        """Return the held displacement u_D (n_u,) at an instant; raise SceneError if prescriptions contradict."""
         motion = self._last.get(t)
         if motion is None:
             each = [np.zeros(len(s.nodes)) if s.value is None else np.asarray(s.value(t)) for s in self.given]
@@ -128,13 +128,13 @@ class Supports:
         return motion
 
     def _check(self, motion: Floats, each: Sequence[Floats], t: float) -> None:
-        """Raise SceneError if a row that depends on others reads another value than its own."""
+        """Raise SceneError if a dependent row prescribes another value than earlier rows impose."""
         present, size, first = self.A @ motion, np.abs(motion).max(initial=0.0), 0
         for support, wanted in zip(self.given, each, strict=True):
             rows = slice(first, first := first + len(wanted))
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
-            # A row that is not quite along earlier ones reads what moves across them, too.
+            # A nearly dependent row also reads displacements orthogonal to earlier rows.
             wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
@@ -146,7 +146,7 @@ class Supports:
 
 
 def by_precedence(supports: Sequence[Support]) -> list[Support]:
-    """Supports in canonical order, those of contact last: it yields to prescribed displacements."""
+    """Sort supports so that contact comes last: prescribed displacements take precedence."""
     return sorted(supports, key=lambda s: s.contact)
 
 
@@ -159,15 +159,15 @@ def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle])
                 continue
             if np.logical_and(*map(np.isin, pairs_of([other]), ends)).any():
                 raise SceneError(
-                    f"{other.subject}: it acts on an interface that {bond.subject} bonds. Name the other interfaces "
-                    "alone, on which the parts may slip or open."
+                    f"{other.subject}: it acts on an interface that {bond.subject} bonds. Name only the other "
+                    "interfaces, on which the parts may slip or open."
                 )
 
 
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
     """Choose the frame of every site and split it into held and free directions.
 
-    Supports and normals are in canonical order; the normals become axes, and the tangents of jumps.
+    Supports and normals are in canonical order. Normals become axes; so do tangents where rows read a jump.
     """
     dim, given = points.shape[1], by_precedence(supports)
     pairs, across = pairs_of(given), pairs_of(normals)
@@ -175,17 +175,49 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     directions = np.concatenate([points[:0], *(support.directions for support in given)])
     axes = np.concatenate([points[:0], *(part.normals for part in normals)])
     A = jump_rows(*pairs, directions[:, None], points)
-    # Of jumps the tangents follow the normal.
+    # At a site of several nodes, rows of tangents follow the row of the normal.
     N = jump_rows(*across, np.concatenate([axes[:, None], tangents_of(axes)], axis=1), points)
     follow = (np.arange(N.shape[0]) % dim == 0) | np.repeat(np.bincount(site)[site[across[0]]] > 1, dim)
     at_site = np.append(site[pairs[0]], np.repeat(site[across[0]], dim)[follow])
+    P, H, owner, depends, reach = _split_sites(
+        site, sp.vstack([A, N[np.flatnonzero(follow)]]), at_site, A.shape[0], dim
+    )
+    spanned = _span_amplitudes(given, A, H, reach, points)
+    if spanned.shape[1] and P.shape[1] == 0:
+        subjects = ", ".join(s.subject for s in given if s.patterns is not None)
+        raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that deforms.")
+    P = sp.csr_matrix(sp.hstack([P, spanned])) if spanned.shape[1] else P
+    by_columns = sp.csc_matrix(P)
+    selects = by_columns.nnz == len(owner) and (by_columns.data == 1.0).all()
+    return Supports(
+        P=P,
+        columns=by_columns.indices.astype(np.int64) if selects else None,
+        owner=np.append(owner, np.full(spanned.shape[1], site.max() + 1)),
+        sites=site,
+        points=points,
+        given=given,
+        A=A,
+        H=H,
+        depends=depends,
+        reach=reach,
+        amplitudes=spanned.shape[1],
+    )
 
-    # The nodal values of sites, one site after the other; and rows over those of their own site.
+
+def _split_sites(
+    site: Ints, rows_of_u: sp.csr_matrix, at_site: Ints, count: int, dim: int
+) -> tuple[sp.csr_matrix, sp.csr_matrix, Ints, Bools, Floats]:
+    """Return P without amplitudes, H, the site of each column of P, and `depends` and `reach` of the first rows.
+
+    Row i is at the site `at_site[i]`; the first `count` rows are prescribed, the others are normals and tangents.
+    """
+    # Nodal values are numbered within their site, and each row reads those of its own site.
+    n_nodes = len(site)
     members = np.argsort(site, kind="stable")
     first = np.searchsorted(site[members], np.arange(site.max() + 2))
-    local = np.empty((len(points), dim), dtype=np.int64)
-    local[members] = (np.arange(len(points)) - first[site[members]])[:, None] * dim + np.arange(dim)
-    entries, count = sp.vstack([A, N[np.flatnonzero(follow)]]).tocoo(), A.shape[0]
+    local = np.empty((n_nodes, dim), dtype=np.int64)
+    local[members] = (np.arange(n_nodes) - first[site[members]])[:, None] * dim + np.arange(dim)
+    entries = rows_of_u.tocoo()
     read = np.zeros((len(at_site), dim * int(np.bincount(site).max())))
     read[entries.row, local.ravel()[entries.col]] = entries.data
 
@@ -194,16 +226,16 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     free: list[tuple[Ints, Ints, Floats]] = [(untouched, np.arange(len(untouched)), np.ones(len(untouched)))]
     lifted: list[tuple[Ints, Ints, Any]] = [(untouched[:0], untouched[:0], np.zeros(0))]
     owner, columns = [site[untouched // dim]], len(untouched)
-    for nodes, rows, prescribed in _alike(members, first, at_site, count):
+    for nodes, rows, prescribed in _group_sites(members, first, at_site, count):
         values = (nodes[:, :, None] * dim + np.arange(dim)).reshape(len(nodes), -1)
         own = read[rows][:, :, : values.shape[1]]
         frame, axis_of, length = _frames(own)
         depends[rows[:, :prescribed]], reach[rows[:, :prescribed]] = axis_of[:, :prescribed] < 0, length[:, :prescribed]
         place, row = np.nonzero(axis_of[:, :prescribed] >= 0)
-        # Axes that are not held are across all rows, and so to the inverse.
-        turned, axis = frame.copy(), axis_of[place, row]
-        turned[place, axis] = own[place, row]
-        inverse = np.linalg.inv(turned)[place, :, axis]
+        # Free axes are orthogonal to all rows, and therefore to the columns of the inverse.
+        matrix, axis = frame.copy(), axis_of[place, row]
+        matrix[place, axis] = own[place, row]
+        inverse = np.linalg.inv(matrix)[place, :, axis]
         one, k = np.nonzero(inverse)
         lifted.append((values[place[one], k], rows[place, row][one], inverse[one, k]))
         place, axis = np.nonzero(np.arange(values.shape[1]) >= np.bincount(place, minlength=len(nodes))[:, None])
@@ -215,37 +247,18 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     by_site, column = np.argsort(owners, kind="stable"), np.empty(columns, dtype=np.int64)
     column[by_site] = np.arange(columns)
     value, k, data = map(np.concatenate, zip(*free, strict=True))
-    P = sp.csr_matrix((data, (value, column[k])), shape=(points.size, columns))
+    P = sp.csr_matrix((data, (value, column[k])), shape=(dim * n_nodes, columns))
     value, k, data = map(np.concatenate, zip(*lifted, strict=True))
-    H = sp.csr_matrix((data, (value, k)), shape=(points.size, count))
-    moved = _moved_by_amplitudes(given, A, H, reach, points)
-    if moved.shape[1] and columns == 0:
-        subjects = ", ".join(s.subject for s in given if s.patterns is not None)
-        raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that deforms.")
-    P = sp.csr_matrix(sp.hstack([P, moved])) if moved.shape[1] else P
-    by_columns = sp.csc_matrix(P)
-    selects = by_columns.nnz == columns and (by_columns.data == 1.0).all()
-    return Supports(
-        P=P,
-        columns=by_columns.indices.astype(np.int64) if selects else None,
-        owner=np.append(owners[by_site], np.full(moved.shape[1], site.max() + 1)),
-        sites=site,
-        points=points,
-        given=given,
-        A=A,
-        H=H,
-        depends=depends,
-        reach=reach,
-        amplitudes=moved.shape[1],
-    )
+    H = sp.csr_matrix((data, (value, k)), shape=(dim * n_nodes, count))
+    return P, H, owners[by_site], depends, reach
 
 
-def _moved_by_amplitudes(
+def _span_amplitudes(
     given: Sequence[Support], A: sp.csr_matrix, H: sp.csr_matrix, reach: Floats, points: Floats
 ) -> sp.csr_matrix:
-    """Return orthonormal columns (n_u, k) that span H M, the motions of all nodes by amplitudes of supports.
+    """Return orthonormal columns (n_u, k) that span H M, the nodal motions under the amplitudes of supports.
 
-    SceneError where a row that depends on others does not move with them.
+    Raise SceneError if a dependent row contradicts these motions.
     """
     each = [np.zeros((len(s.nodes), 0)) if s.patterns is None else s.patterns for s in given]
     M = block_diag(np.zeros((0, 0)), *each)
@@ -260,10 +273,10 @@ def _moved_by_amplitudes(
         loose = ", ".join(s.subject for s in given if s.patterns is not None)
         raise SceneError(
             f"{own.subject}: node {node} at {points[node]} is held by {' and '.join(dict.fromkeys(at_node))}, which "
-            f"contradicts the free motions of {loose}. Prescribe there what other supports hold (motion= of Rigid), or "
-            "end them, and contact that holds, beside it."
+            f"contradicts the free motions of {loose}. Prescribe there the motion of the rigid part (motion= of "
+            "Rigid), or keep other supports and bilateral contact off its nodes."
         )
-    # Cholesky's factor of the products, twice, keeps the motions of different parts apart to the bit, as no QR does.
+    # Cholesky QR, done twice, keeps the motions of different parts exactly separate, unlike Householder QR.
     for _ in range(2):
         motions /= np.linalg.norm(motions, axis=0)
         motions = motions @ np.linalg.inv(np.linalg.cholesky(motions.T @ motions)).T
@@ -271,7 +284,7 @@ def _moved_by_amplitudes(
 
 
 def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
-    """The site of every node (n_nodes,), numbered by their first nodes."""
+    """Return the site of every node (n_nodes,), numbered in the order of their first nodes."""
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
@@ -281,10 +294,10 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
     return np.argsort(np.argsort(first))[site]
 
 
-def _alike(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Yield nodes (S, .) and rows (S, .) of sites that have equally many, and how many of these are prescribed.
+def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
+    """Group sites with equal numbers of nodes, rows and prescribed rows; yield nodes (S, .), rows (S, .), and the last.
 
-    Of rows, each `at_site`, the first `count` are prescribed.
+    Row i belongs to the site `at_site[i]`; the first `count` rows are prescribed.
     """
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
@@ -297,10 +310,10 @@ def _alike(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tu
 
 
 def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
-    """Return orthonormal frames (S, D, D) whose first axes are the rows (S, k, D) in turn, by Gram-Schmidt.
+    """Build orthonormal frames (S, D, D) from rows (S, k, D) by Gram-Schmidt.
 
-    Besides, (S, k), the axis that each row gave, -1 for rows that depend on earlier ones, and the length of its part
-    across these. The axes least represented in a frame complete it, so that axis-aligned frames stay exact.
+    Return also, both (S, k), the axis that each row gave (-1 if the row depends on earlier rows) and the length of its
+    component orthogonal to these. Coordinate axes complete a frame, so that axis-aligned frames stay exact.
     """
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)

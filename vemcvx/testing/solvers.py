@@ -27,7 +27,7 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import energy_norm
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import pose_scene, unwarned
+from vemcvx.scene.pose import pose_scene, suppress_scene_warnings
 from vemcvx.solvers import Newton, Solver
 from vemcvx.stepping import Trajectory, march
 
@@ -57,7 +57,7 @@ class Instance:
     @cached_property
     def system(self) -> System:
         """The system; its instants are TIMES."""
-        with unwarned():  # Only friction holds some of the bodies.
+        with suppress_scene_warnings():  # Only friction holds some of the bodies.
             return self.make()
 
     @cached_property

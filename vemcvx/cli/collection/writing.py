@@ -35,7 +35,7 @@ from vemcvx.cli.terminal import logged_at_most, progress_bar, say
 from vemcvx.exchange import FORMATS, description, encode_program, in_json, sequence_to_npz
 from vemcvx.program import SolvedProgram, StepProgram
 from vemcvx.results import programs_of_steps
-from vemcvx.scene import unwarned
+from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
 VERSION = 5
@@ -327,7 +327,7 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[Solved
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
-        with unwarned():  # What holds the bodies is what grades are about.
+        with suppress_scene_warnings():  # What holds the bodies is what grades are about.
             posed = problem.posed(first.settings, problem.mesh(first.n), first.of, exactly)
             history = replace(posed, times=posed.times[: last + 1]).simulated(check=False, progress=False)
         for one in wanted:

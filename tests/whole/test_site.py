@@ -262,7 +262,9 @@ def commands(page):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.stem)
 def test_commands_of_a_page_run(page, tmp_path):
-    """One after the other, in a folder with the files of the page."""
+    """One after the other, in a folder with the files of the page, and those beside it that it offers."""
+    for name in re.findall(r"\{download\}`([^`]+)`", page.read_text(encoding="utf-8")):
+        shutil.copy(page.parent / name, tmp_path)
     for name, text in FILE.findall(page.read_text(encoding="utf-8")):
         (tmp_path / name).write_text(text, encoding="utf-8")
     shutil.copytree(ROOT / "problems", tmp_path / "problems", ignore=shutil.ignore_patterns("pictures", "__pycache__"))

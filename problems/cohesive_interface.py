@@ -48,7 +48,7 @@ class Glue(vx.Effect):
             return initial * np.maximum(1.0 - (past + slip) / self.way, 0.0)
 
         law = Law(weights, softening=initial / self.way)
-        along = replace(Friction.of(rows, "Glue"), law=law)
+        along = replace(Friction.from_rows(rows, "Glue"), law=law)
         across = replace(along, directions=rows.normals)
         return Contribution(frictions=(along, across))
 

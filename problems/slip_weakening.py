@@ -54,7 +54,7 @@ class SlipWeakening(vx.Effect):
             return rows.lengths * np.maximum(self.peak - k * (past + slip), self.residual)
 
         law = Law(weights, softening=k * rows.lengths)
-        friction = replace(Friction.of(rows, "SlipWeakening"), law=law)
+        friction = replace(Friction.from_rows(rows, "SlipWeakening"), law=law)
         return Contribution(frictions=(friction,))
 
     def describe(self):

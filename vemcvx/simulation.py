@@ -236,7 +236,7 @@ def programs(
         condense=condense,
         linear=linear,
     )
-    effects = [effect.described(posed.space.in_plane) for effect in scene.canonical]
+    effects = [effect.describe_body(posed.space.in_plane) for effect in scene.canonical]
     return with_origin(found, posed, effects, condense)
 
 

@@ -73,7 +73,7 @@ CASES = (
     Case("a format that loses polygons", lost_cells, REFUSAL, ".msh files do not keep polygons"),
     bad("NaN in the bound", "found NaN", bound=np.nan),
     bad("NaN in a modulus", "found NaN", young=np.where(np.arange(16) == 3, np.nan, 1.0)),
-    bad("moduli of another mesh", "one a cell", young=np.ones(9)),
+    bad("moduli of another mesh", "one per cell", young=np.ones(9)),
     Case("NaN in the load, later", lambda: on(MESH, lambda t: np.nan if t > 0.5 else 0.0), REFUSAL, "found NaN"),
     bad("a boundary that is not there", "no boundary named 'rihgt'", clamp="rihgt"),
     Case("repeated instants", lambda: on(MESH, times=[0, 0.5, 0.5, 1]), REFUSAL, "must increase strictly"),

@@ -39,7 +39,7 @@ class Rubs(Effect):
     """Friction without a bound, which does not say on which edges it acts."""
 
     def contribute(self, space):
-        friction = Friction.of(space.part("top", "Rubs", contact=True).node_normals, "Rubs")
+        friction = Friction.from_rows(space.part("top", "Rubs", contact=True).node_normals, "Rubs")
         return Contribution(frictions=(replace(friction, weights=lambda t: 0.0 * friction.lengths, ends=None),))
 
     def describe(self):

@@ -111,8 +111,8 @@ class Slips(vx.Effect):
             return rows.lengths * np.maximum(self.law.peak - self.law.fall * (past + slip), self.law.residual)
 
         told = vx.effects.Law(weights, softening=max(self.law.fall, 0.0) * rows.lengths)
-        friction = replace(vx.effects.Friction.of(rows, "Slips"), law=told)
-        return vx.effects.Contribution(frictions=(friction,), surfaces=(vx.effects.ContactSurface.of(rows),))
+        friction = replace(vx.effects.Friction.from_rows(rows, "Slips"), law=told)
+        return vx.effects.Contribution(frictions=(friction,), surfaces=(vx.effects.ContactSurface.from_rows(rows),))
 
     def describe(self):
         return "Slips: on bottom"

@@ -86,7 +86,7 @@ class SlipWeakening(vx.Effect):
             return rows.lengths * np.maximum(self.peak - self.softening * (past + slip), self.peak / 3)
 
         law = Law(weights, softening=self.softening * rows.lengths)
-        return Contribution(frictions=(replace(Friction.of(rows, "SlipWeakening"), law=law),))
+        return Contribution(frictions=(replace(Friction.from_rows(rows, "SlipWeakening"), law=law),))
 
     def describe(self):
         return f"SlipWeakening: bound from {self.peak:.3g}, falling by {self.softening:.3g} per slip, on {self.on}"

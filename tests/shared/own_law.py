@@ -27,10 +27,10 @@ class Law(vx.Effect):
             return self.bound(t, forces / lengths if self.pressed else forces, before, slip) * lengths
 
         softening = None if self.softening is None else self.softening * lengths
-        friction = replace(Friction.of(rows, "Law"), law=vx.Law(weights, softening, self.pressed, self.slope))
+        friction = replace(Friction.from_rows(rows, "Law"), law=vx.Law(weights, softening, self.pressed, self.slope))
         if self.directions is not None:
             friction = replace(friction, directions=self.directions(friction.normals))
-        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.from_rows(rows),))
 
     def describe(self):
         return f"Law: on {self.on}"

@@ -73,7 +73,7 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
     once = f"{type(seen.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
     again = f"; then dense {m} x {m} each step" if m < n else " a step"
     rows = {
-        "simulated": "\n".join(effect.described(posed.space.in_plane) for effect in scene.canonical),
+        "simulated": "\n".join(effect.describe_body(posed.space.in_plane) for effect in scene.canonical),
         "left out": "\n".join(posed.inactive),
         "not simulated": ", ".join(_absent(scene)),
         "mesh": f"{name}: {mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}",

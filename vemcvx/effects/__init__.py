@@ -1,7 +1,8 @@
-"""Effects: the physics a scene can name.
+"""Effects: the pieces of physics in a scene.
 
-All act in the plane and in space, where slip is a vector and laws of friction read the length of its path. Refused in
-space: `plane=` of materials and the direction "tangent". Refused in the plane: `direction=` and `across=` of friction.
+All effects act in the plane and in space. In space slip is a vector, and laws of friction depend on the length of its
+path. Bodies in space refuse `plane=` of materials and the direction "tangent". Plane bodies refuse `direction=` and
+`across=` of friction.
 """
 
 from vemcvx.base.weight_law import Law

@@ -1,4 +1,4 @@
-"""Contact, bilateral, rigid or compliant; and friction, by Tresca's law and by Coulomb's, alike or by direction."""
+"""Contact (bilateral, rigid or compliant) and friction (Tresca's and Coulomb's law, isotropic or by direction)."""
 
 from __future__ import annotations
 
@@ -33,14 +33,20 @@ from vemcvx.vem import BoundaryRows, Space, tangents_of
 class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`, the first line of (3.6).
 
-    At a corner u . n = 0 for both normals, which fixes the node; sides that turn by less than 42.5 degrees are a curve,
-    along which nodes slide. Clamps and prescribed displacements take precedence at nodes that they share with contact.
+    At a corner u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
+    degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence at nodes that
+    they share with contact.
 
     Parameters
     ----------
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
-        and n the outward normal of the first.
+        Names of boundaries, or of interfaces between bodies. At an interface u is the displacement of the first body
+        relative to the second, and n the outward normal of the first.
+
+    Examples
+    --------
+    >>> print(vx.BilateralContact(on=["bottom", "top"]).describe())
+    BilateralContact: u.n = 0 on bottom, top
     """
 
     on: str | Sequence[str]
@@ -49,7 +55,7 @@ class BilateralContact(Effect):
         rows = space.part(self.on, "BilateralContact", contact=True).node_normals
         held = "BilateralContact", rows.nodes, rows.normals, space.mesh.points[rows.nodes]
         support = Support(*held, contact=True, partners=rows.partners)
-        surface, curves = ContactSurface.of(rows, self._subject), (self._subject,) if rows.curved else ()
+        surface, curves = ContactSurface.from_rows(rows, self._subject), (self._subject,) if rows.curved else ()
         return Contribution(supports=(support,), surfaces=(surface,), curves=curves)
 
     def describe(self) -> str:
@@ -60,29 +66,28 @@ class BilateralContact(Effect):
 class PrescribedSlip(Effect):
     """Given slip of a fault that stays closed: the jump of u is `value` along an interface and 0 across it.
 
-    The jump is that of the body named first against the second; on a boundary it is that of the body against the
+    The jump is the displacement of the first body relative to the second; on a boundary, of the body relative to the
     ground. Slip is 0 at the tip of a crack, which is one node. `history.reaction(on)` is the force along the fault that
-    the slip takes, `history.force(on)` that across it. TrescaFriction on the same interface acts against the slip;
-    CoulombFriction, which reads the pressure of one-sided contact, is refused there.
+    causes the slip, and `history.force(on)` the force across it. TrescaFriction on the same interface acts against the
+    slip. CoulombFriction needs the pressure of one-sided contact, so it is refused there.
 
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        The slip along the tangent, n turned by +90 degrees, in units of length, evaluated at t_n. It does not depend on
-        which body is named first: whoever stands on one side sees the other move to the right where it is positive
-        (right-lateral). In space a vector, (3,) or f(x, t) -> (m, 3), of which what is along the surface counts.
+        The slip along the tangent (n rotated by +90 degrees), length, evaluated at t_n. Positive slip is right-lateral:
+        seen from either side, the other side moves to the right. So it does not depend on which body is first. In space
+        a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
-        Names of interfaces or boundaries, as of BilateralContact. Slips of parts that share a node must agree there.
+        Names of interfaces or boundaries, as for BilateralContact. At shared nodes the slips of parts must agree.
 
     Raises
     ------
     SceneError
-        From `contribute` or a run: `value` has a wrong shape or is not finite, or contradicts other supports, as around
-        a corner of the fault.
+        By `contribute` or a run: `value` has a wrong shape, is not finite, or contradicts other supports (for example
+        around a corner of the fault).
 
     Examples
     --------
-    >>> import vemcvx as vx
     >>> blocks = {name: vx.meshes.squares(2, box=((0, 1), (y, y + 1))) for name, y in (("low", 0), ("up", 1))}
     >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="low.bottom"), vx.PrescribedSlip(0.1, on="low|up"))
     >>> history = vx.simulate(scene, vx.meshes.bodies(blocks), [0.0, 1.0], initial="settled")
@@ -116,7 +121,7 @@ class PrescribedSlip(Effect):
             slip if moves else None,
             partners=partners.repeat(per),
         )
-        surface, curves = ContactSurface.of(rows, subject), (subject,) if rows.curved else ()
+        surface, curves = ContactSurface.from_rows(rows, subject), (subject,) if rows.curved else ()
         return Contribution(supports=(across, along), surfaces=(surface,), curves=curves)
 
     def describe(self) -> str:
@@ -127,19 +132,24 @@ class PrescribedSlip(Effect):
 class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
-    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with n the outward normal of the undeformed
-    boundary and p the pressure. Kikuchi and Oden, *Contact Problems in Elasticity* (1988), chapter 2. Clamps and
+    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the outward normal n of the undeformed
+    boundary and the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). Clamps and
     prescribed displacements take precedence at nodes that they share with contact. Where obstacles with the same normal
     meet at a node, the smaller gap counts. `history.work` includes the work of an obstacle whose gap changes.
 
     Parameters
     ----------
     on : str or sequence of str
-        Names of boundaries or interfaces, as of BilateralContact.
+        Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n in the undeformed state, in units of length; it may change in time. Negative
-        where they overlap (interference, press fits): the body is then pressed back by so much, either from the start
-        with ``initial="settled"``, or by a gap that falls from zero.
+        Distance to the obstacle along n in the undeformed state, length; it may change in time. A negative gap is an
+        overlap (interference, press fit) by which the body is pressed back: from the start with ``initial="settled"``,
+        or over time if the gap falls from zero.
+
+    Examples
+    --------
+    >>> print(vx.UnilateralContact(on="bottom", gap=0.01).describe())
+    UnilateralContact: u.n <= 0.01, pressure >= 0 on bottom
     """
 
     on: str | Sequence[str]
@@ -154,17 +164,17 @@ class UnilateralContact(Effect):
 
 
 def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
-    """An obstacle at these rows of nodes and normals."""
+    """Return the contribution of an obstacle at rows of nodes and normals."""
     points = space.mesh.points[rows.nodes]
 
-    def apart(t: float) -> Floats:
+    def distance(t: float) -> Floats:
         return data.scalar(gap, points, t, f"{subject}: gap") / rows.cosines
 
-    stops = Obstacle.of(rows, subject, gap=apart, compliance=compliance)
+    stops = Obstacle.from_rows(rows, subject, gap=distance, compliance=compliance)
     return Contribution(obstacles=(stops,), curves=(subject,) if rows.curved else ())
 
 
-COMPLIANT = "it must be > 0. UnilateralContact is the rigid obstacle; leave the effect out for none"
+STIFFNESS_RULE = "it must be > 0. For a rigid obstacle use UnilateralContact; for no obstacle leave the effect out"
 
 
 @dataclass(frozen=True)
@@ -173,27 +183,32 @@ class NormalCompliance(Effect):
 
     The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
     of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. Clamps and prescribed displacements take
-    precedence at nodes whose normal displacement they hold.
+    precedence at nodes whose normal displacement they prescribe.
 
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, force per length^2 (and unit thickness), > 0; fixed in time (f is evaluated at
+        Pressure per penetration, > 0, force per length^2 (and unit thickness); constant in time (f is evaluated at
         t = 0).
     on : str or sequence of str
-        Names of boundaries or interfaces, as of BilateralContact.
+        Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle, as of UnilateralContact.
+        Distance to the obstacle, as for UnilateralContact.
+
+    Examples
+    --------
+    >>> print(vx.NormalCompliance(stiffness=1e3, on="bottom").describe())
+    NormalCompliance: pressure = 1000.0 times the depth beyond 0.0 on bottom
     """
 
-    stiffness: data.Datum = field(metadata=data.holds(sign="> 0", rule=COMPLIANT))
+    stiffness: data.Datum = field(metadata=data.holds(sign="> 0", rule=STIFFNESS_RULE))
     on: str | Sequence[str]
     gap: data.Datum = 0.0
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # On a curve edges that move out by d move the node by d over the cosine, and push with as much less along n.
+        # On a curve, edges that move out by d move the node by d / cos; the pressure along n is smaller by cos, too.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -201,60 +216,65 @@ class NormalCompliance(Effect):
         return f"NormalCompliance: pressure = {amount(self.stiffness)} times {beyond}"
 
 
-IN_SPACE = {"in space": "friction in the plane has one direction"}
-DIRECTION = data.holds("vector", "!= 0", "give a direction", **IN_SPACE)
-BOUND = "a friction bound is a force per length and must be >= 0"
-# Friction that needs touch has w = g where p > 0 and 0 where p = 0, a jump with which a step need not have a solution:
-# a place may close without friction and open with it. The steep ramp w(p) = min(STEEP p, g int phi_i) is g wherever the
-# pressure exceeds g / STEEP, and continuous, so that every step has a solution (Brouwer). It is Coulomb's law with the
-# coefficient STEEP and the cap g; pressures below a millionth of the bound count as grazing.
-STEEP = 1e6
+SPACE_ONLY = {"in space": "friction in the plane has one direction"}
+DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
+BOUND_RULE = "a friction bound is a force per length and must be >= 0"
+# Friction in closed contact only has the weight g where p > 0, and 0 where p = 0. With this jump a step need not have a
+# solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) equals the
+# bound wherever the pressure exceeds g / STEEPNESS. It is continuous, so every step has a solution (Brouwer). This is
+# Coulomb's law with the coefficient STEEPNESS and the cap g. Pressures below a millionth of the bound count as grazing.
+STEEPNESS = 1e6
 
 
 @dataclass(frozen=True)
 class TrescaFriction(Effect):
-    """Friction with a given bound: |sigma_tau| <= g. Below the bound it sticks, at the bound it acts against the slip.
+    """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and slip against it at the bound.
 
     The bound does not depend on pressure. With UnilateralContact or NormalCompliance, friction therefore also acts
-    where contact is open, and a warning says so if that happens; `while_closed=True` restricts friction to closed
+    where contact is open, and a warning is issued if that happens. ``while_closed=True`` restricts friction to closed
     contact.
 
-    Where two parts of the boundary meet at a node, each has friction with the bound of its own edges; bounds of parts
-    that overlap add up. Nodes that a prescribed displacement moves along the obstacle have friction g against the slip,
-    which that support bears; in a step in which it stands still, friction is taken to be 0 there.
+    Where two parts of the boundary meet at a node, each part has the bound of its own edges; bounds of overlapping
+    parts add up. If a prescribed displacement moves nodes along the obstacle, friction g acts against their slip, and
+    the support bears it. In a step without such a motion, friction at these nodes is taken as 0.
 
     Parameters
     ----------
     bound : number, or callable f(x, t) -> (m,)
         g >= 0, force per length (and unit thickness), in space per area, evaluated at t_n.
     on : str or sequence of str
-        Names of boundaries or interfaces, as of BilateralContact.
+        Names of boundaries or interfaces, as for BilateralContact.
     quadrature : {"nodes", "integral"}
-        The nodal weights, w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
+        The nodal weights: w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
-        then follows pressure, and is certified as with CoulombFriction. A step in which a place opens under friction,
-        and closes without, has no answer, and is refused. False: g everywhere. None (default): g everywhere, with a
-        warning if it acts where contact is open.
+        then depends on pressure, and is certified as with CoulombFriction. A step is refused if a node opens with
+        friction but closes without, because the step has no solution. False: g everywhere. None (default): g
+        everywhere, with a warning if friction acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
-        How far the obstacle has moved, if it slides under the body (a belt, a roll, a shaking table), in units of
-        length: friction acts against the slip of the body relative to it. What counts is how it changes in time along
-        the boundary; an obstacle that moves along the normal is a `gap` that changes.
+        The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
+        Friction acts against the slip of the body relative to the obstacle. Only changes in time along the boundary
+        count. For an obstacle that moves along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface),
-        `across` against slip across it. The ellipse with these axes bounds forces, and slip is normal to it
+        Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface), and
+        `across` against slip across it. The ellipse with these axes bounds forces, and slip is normal to the ellipse
         (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
+
+    Examples
+    --------
+    >>> print(vx.TrescaFriction(bound=4.0, on="bottom").describe())
+    TrescaFriction: |friction| <= 4.0 on bottom
     """
 
-    bound: data.Datum = field(metadata=data.holds(sign=">= 0", rule=BOUND))
+    bound: data.Datum = field(metadata=data.holds(sign=">= 0", rule=BOUND_RULE))
     on: str | Sequence[str]
     quadrature: str = "nodes"
     while_closed: bool | None = None
     ground: data.Datum | None = None
-    direction: data.Constant | None = field(default=None, metadata=DIRECTION)
-    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", rule=BOUND, **IN_SPACE))
+    direction: data.Constant | None = field(default=None, metadata=DIRECTION_FIELD)
+    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", rule=BOUND_RULE, **SPACE_ONLY))
 
     def contribute(self, space: Space) -> Contribution:
         subject = self._subject
@@ -264,23 +284,23 @@ class TrescaFriction(Effect):
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
         points = space.mesh.points[rows.nodes]
 
-        def integrated(t: float, name: str = "bound") -> Floats:
+        def integrate(t: float, name: str = "bound") -> Floats:
             nodes = self.quadrature == "nodes"
             found = self._read(name, data.At(points if nodes else rows.points, t))
             return rows.lengths * found if nodes else rows.matrix @ found
 
-        acts: dict[str, Any] = {"law": _pressed(lambda t: STEEP, integrated)}
+        acts: dict[str, Any] = {"law": _limit_by_pressure(lambda t: STEEPNESS, integrate)}
         if not closed:
             steady, in_the_air = not varies(self.bound), self.while_closed is None
-            acts = {"weights": lambda t: integrated(t), "steady": steady, "in_the_air": in_the_air}
-        return _rubbing(self, space, rows, "bound", lambda name, t: integrated(t, name) / rows.lengths, **acts)
+            acts = {"weights": lambda t: integrate(t), "steady": steady, "in_the_air": in_the_air}
+        return _contribute(self, space, rows, "bound", lambda name, t: integrate(t, name) / rows.lengths, **acts)
 
     def describe(self) -> str:
-        return _described(self, amount(self.bound), " where it is closed" if self.while_closed else "")
+        return _describe(self, amount(self.bound), " where it is closed" if self.while_closed else "")
 
 
-def _pressed(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
-    """Return the law min(mu p, cap) of weights under normal forces p (m,) of contact."""
+def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
+    """Return the law min(mu p, cap) of weights for normal contact forces p (m,)."""
 
     def weights(t: float, p: Floats, *slips: Floats) -> Floats:
         return np.minimum(coefficient(t) * np.maximum(p, 0.0), cap(t))
@@ -292,7 +312,7 @@ def _pressed(coefficient: Callable[[float], Floats | float], cap: Callable[[floa
     return Law(weights, pressed=True, slope=slope, slips=False)
 
 
-def _rubbing(
+def _contribute(
     effect: TrescaFriction | CoulombFriction,
     space: Space,
     rows: BoundaryRows,
@@ -300,16 +320,17 @@ def _rubbing(
     read: Callable[[str, float], Floats],
     **acts: Any,
 ) -> Contribution:
-    """Return friction that `acts` so on rows, over the ground and by the direction of an effect.
+    """Return the contribution of friction on rows, with the ground and the direction of the effect.
 
-    Its bound along the direction has a name; `read` gives the field of a name at an instant, (m,).
+    `name` is the field of the bound along the direction. `read` maps the name of a field and a time to values (m,).
+    `acts` are the weights or the law of the friction.
     """
     points, subject, ground, ellipse = space.mesh.points[rows.nodes], effect._subject, None, None
     if effect.ground is not None:
         if (rows.partners >= 0).any():
             raise SceneError(
-                f"{subject}: found ground= on an interface, where the body rubs on another one; prescribe how that "
-                "moves instead."
+                f"{subject}: found ground= on an interface, where the body rubs on another body; prescribe the motion "
+                "of that body instead."
             )
         ground = Ground(f"{subject}: ground", points, effect.ground)
     if (effect.direction is None) != (effect.across is None):
@@ -322,10 +343,10 @@ def _rubbing(
             bounds=lambda t: (read(name, t), read("across", t)),
             names=(name, "across"),
         )
-    return Contribution(frictions=(Friction.of(rows, subject, ground=ground, ellipse=ellipse, **acts),))
+    return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, ellipse=ellipse, **acts),))
 
 
-def _described(effect: TrescaFriction | CoulombFriction, bound: str, rest: str) -> str:
+def _describe(effect: TrescaFriction | CoulombFriction, bound: str, rest: str) -> str:
     along, across, ground = amount(effect.direction, "x"), amount(effect.across), amount(effect.ground)
     by_direction = "" if effect.direction is None else f" along {along}, {across} across it,"
     moved = "" if effect.ground is None else f", ground moved by {ground}"
@@ -336,53 +357,59 @@ def _described(effect: TrescaFriction | CoulombFriction, bound: str, rest: str) 
 class CoulombFriction(Effect):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    Friction below the bound sticks; at the bound it acts against the slip. The effect needs UnilateralContact or
-    NormalCompliance on the same boundary. A step with it minimises no energy: its solution solves the convex Tresca
+    Nodes stick below the bound; at the bound friction acts against the slip. The effect needs UnilateralContact or
+    NormalCompliance on the same boundary. The solution of a step minimises no energy: it solves the convex Tresca
     problem with the weights coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous
     1991). The certificate is for the given friction: it bounds the error of the Tresca problem with the pressures of
     the answer. A solution exists, and is unique for small coefficients.
 
-    Where two parts of the boundary meet at a node, each has friction by the share of the nodal force on its own edges.
-    Nodes that a prescribed displacement moves along the obstacle rub as with TrescaFriction, unless it prescribes the
-    normal component, too: then no pressure is known.
+    Where two parts of the boundary meet at a node, each part has friction by the fraction of the nodal force on its own
+    edges. Where a prescribed displacement moves nodes along the obstacle, friction acts as with TrescaFriction. There
+    the normal component must not be prescribed, because no pressure would be known.
 
     Parameters
     ----------
     coefficient : number or callable f(x, t) -> (m,)
-        Coefficient of friction, >= 0, without unit.
+        Coefficient of friction, >= 0, dimensionless.
     on : str or sequence of str
-        Names of boundaries or interfaces, as of BilateralContact.
+        Names of boundaries or interfaces, as for BilateralContact.
     cap : number or callable f(x, t) -> (m,), optional
-        Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), after Orowan.
+        Largest friction, force per length: |friction| <= min(coefficient * pressure, cap) (Orowan).
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
-        How far the obstacle has moved, if it slides under the body: as of TrescaFriction.
+        The displacement of an obstacle that slides under the body, as for TrescaFriction.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space, as of TrescaFriction: `coefficient` is that against slip along this vector.
+        Friction by direction, in space, as for TrescaFriction; `coefficient` acts against slip along this vector.
     across : number, or callable f(x, t) -> (m,), optional
-        The coefficient across `direction`, >= 0; its ratio to `coefficient` must not change in time. A `cap` is one
-        along the direction; across it is as many times smaller or larger.
+        The coefficient across `direction`, >= 0; its ratio to `coefficient` must not change in time. `cap` limits
+        friction along the direction; the limit across it has the same ratio.
+
+    Examples
+    --------
+    >>> print(vx.CoulombFriction(coefficient=0.3, on="bottom").describe())
+    CoulombFriction: |friction| <= 0.3 times the pressure on bottom
     """
 
     coefficient: data.Datum = field(metadata=data.holds(sign=">= 0"))
     on: str | Sequence[str]
     cap: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0"))
     ground: data.Datum | None = None
-    direction: data.Constant | None = field(default=None, metadata=DIRECTION)
-    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", **IN_SPACE))
+    direction: data.Constant | None = field(default=None, metadata=DIRECTION_FIELD)
+    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", **SPACE_ONLY))
 
     def contribute(self, space: Space) -> Contribution:
         self._check_dimension(space)
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
 
-        @lru_cache(maxsize=3)  # Of a step it is asked some ten times.
+        @lru_cache(maxsize=3)  # A step evaluates it about ten times.
         def read(name: str, t: float) -> Floats:
             return self._read(name, data.At(space.mesh.points[rows.nodes], t))
 
         def cap(t: float) -> Floats:
             return np.full(len(rows.nodes), np.inf) if self.cap is None else rows.lengths * read("cap", t)
 
-        return _rubbing(self, space, rows, "coefficient", read, law=_pressed(partial(read, "coefficient"), cap))
+        law = _limit_by_pressure(partial(read, "coefficient"), cap)
+        return _contribute(self, space, rows, "coefficient", read, law=law)
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)}"
-        return _described(self, f"{amount(self.coefficient)} times the pressure", cap)
+        return _describe(self, f"{amount(self.coefficient)} times the pressure", cap)

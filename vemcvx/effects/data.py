@@ -27,75 +27,74 @@ from vemcvx.vem import component_names
 
 
 class Tabulated:
-    """Values at instants, for every datum f(x, t): loads, bounds, gaps, temperatures, prescribed displacements.
+    """A table of values over time, linear in between, for any datum f(x, t): loads, bounds, gaps, temperatures, ...
 
     Parameters
     ----------
     times : (k,) array
         At least two instants, increasing.
     values : (k,) or (k, components) array
-        A number, or a vector, at each of them; units are those of the datum.
+        A number or a vector at each instant, in the units of the datum.
 
     Raises
     ------
     SceneError
-        Times do not increase, values are not as many or not finite; when it is called at an instant that the table
-        does not cover.
+        `times` do not increase, or `values` are not finite or not as many as `times`. A call raises it at an instant
+        outside the table.
 
     Examples
     --------
-    >>> import vemcvx as vx
     >>> pull = vx.Traction(vx.Tabulated([0.0, 1.0, 3.0], [[0.0, 0.0], [5.0, 0.0], [-5.0, 0.0]]), on="left")
     """
 
     def __init__(self, times: ArrayLike, values: ArrayLike):
         self.times = read_only(as_real_array(times, "Tabulated: times", "increasing instants").copy())
-        self.values = read_only(as_real_array(values, "Tabulated: values", "one value, or one row, an instant").copy())
+        self.values = read_only(as_real_array(values, "Tabulated: values", "one value, or one row, per instant").copy())
         shape = self.times.shape
         if len(shape) != 1 or shape[0] < 2 or not np.isfinite(self.times).all() or (np.diff(self.times) <= 0).any():
             raise SceneError(f"Tabulated: found times = {brief(times)}; wanted at least two instants, increasing.")
         if self.values.ndim not in (1, 2) or len(self.values) != shape[0] or not np.isfinite(self.values).all():
             raise SceneError(
                 f"Tabulated: found values = {brief(values)}, {shape_in_words(self.values)}; wanted {shape[0]} finite "
-                "values, or rows of them, one an instant."
+                "values, or rows of them, one per instant."
             )
 
     def __call__(self, x: Floats, t: float) -> Any:
-        """The value at the instant `t`, for all points."""
+        """Return the value at time t, the same for all points."""
         first, last = self.times[0], self.times[-1]
         if not first <= t <= last:
-            covers = f"which its table from {first:.6g} to {last:.6g} does not cover; add rows"
-            raise SceneError(f"Tabulated: asked for t = {t:.6g}, {covers}.")
+            covers = f"the table covers times from {first:.6g} to {last:.6g}. Add rows to it"
+            raise SceneError(f"Tabulated: found t = {t:.6g}; {covers}.")
         if self.values.ndim == 1:
             return float(np.interp(t, self.times, self.values))
         return np.array([np.interp(t, self.times, column) for column in self.values.T])
 
     @property
     def __name__(self) -> str:
-        """The name of the function in descriptions of a scene."""
+        """The name of the table in descriptions of a scene."""
         return repr(self)
 
     def __repr__(self) -> str:
         return f"Tabulated({len(self.times)} instants from {self.times[0]:.6g} to {self.times[-1]:.6g})"
 
 
-# Data that a scene carries. Every value that reaches a matrix passes through here once: a wrong shape, a NaN or a wrong
-# signature is one sentence, and no numpy traceback.
+# Every value of a scene that reaches a matrix is checked here once. A wrong shape, a NaN or a wrong signature raises a
+# SceneError with one sentence, not an exception of numpy.
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
-"""A number, f(x), or of materials a value for each cell or the name of a cell datum (words are ArrayLike)."""
+"""A number, or f(x); for materials also one value per cell, or the name of a cell datum (str is ArrayLike)."""
 
 
 @dataclass(frozen=True)
 class Holds:
-    """What a field of an effect holds: a number or a vector a place, the sign of numbers, and the rule in words."""
+    """The shape and sign that the values of a field of an effect must have, and this rule in words."""
 
-    shape: str = "number"
-    sign: str = ""  # "> 0", ">= 0", or none; of vectors "!= 0"
+    shape: str = "number"  # "number" or "vector", for each place
+    sign: str = ""  # "> 0", ">= 0", or "" for any; for vectors "!= 0"
     rule: str = "it must be {sign}"
 
     def values(self, value: Any, at: At | InCells, subject: str, name: str, label: str | None = None) -> Floats:
-        """Return the values of a field of this `name` at places; SceneError for a wrong shape or sign."""
+        """Return the values of the field `name` at places; raise SceneError for a wrong shape or sign."""
         found = at.read(value, f"{subject}: {name}", self.shape)
         if isinstance(at, InCells) and at.inside is not None:
             found = np.where(at.inside, found, 1.0 if self.sign else 0.0)
@@ -106,12 +105,12 @@ class Holds:
 
 
 def holds(shape: str = "number", sign: str = "", rule: str = "it must be {sign}", **more: Any) -> dict[str, Any]:
-    """Return the metadata of a field of an effect that holds data: `field(metadata=data.holds(sign="> 0"))`."""
+    """Return the metadata of a field of an effect with data: `field(metadata=data.holds(sign="> 0"))`."""
     return {"holds": Holds(shape, sign, rule), **more}
 
 
 def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:
-    """Raise SceneError at the place of the least value that is not lawful; of vectors at the first."""
+    """Raise SceneError at the smallest of the values that are not lawful, or at the first of such vectors."""
     if not lawful.all():
         bad = np.flatnonzero(~lawful)
         row = int(bad[0] if values.ndim > 1 else bad[np.argmin(values[bad])])
@@ -121,20 +120,20 @@ def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: s
 
 @dataclass(frozen=True, eq=False)
 class At:
-    """Points x (m, dim), and the instant t at which data are read; None for what does not change in time."""
+    """Points x (m, dim) and the time t at which data are evaluated; t is None for data that are constant in time."""
 
     x: Floats
     t: float | None = None
 
     def read(self, value: Any, subject: str, shape: str = "number") -> Floats:
-        """Return a number, a vector or a symmetric tensor for each point."""
+        """Return a number, a vector or a symmetric tensor for each point, as `shape` says."""
         m, dim = self.x.shape
         names = component_names(dim)
         count, words = (dim, "") if shape == "vector" else (len(names), f" ({', '.join(names)})")
         row = () if shape == "number" else (count,)
-        wanted = f"{count} components{words}, or an array {(m, *row)}, one row a point"
-        wanted = wanted if row else f"a number, or ({m},) values, one a point"
-        return _shaped(_call(value, (self.x, self.t), subject), (m, *row), subject, wanted, self.place)
+        wanted = f"{count} components{words}, or an array {(m, *row)}, one row per point"
+        wanted = wanted if row else f"a number, or ({m},) values, one per point"
+        return _check_values(_call(value, (self.x, self.t), subject), (m, *row), subject, wanted, self.place)
 
     def place(self, row: int) -> str:
         """Return the place of a row in words."""
@@ -142,58 +141,58 @@ class At:
 
 
 def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Return the values (m,) of a scalar datum at points `x` (m, dim) and the instant `t`, None if it is constant."""
+    """Return the values (m,) of a scalar datum at points x (m, dim) and time t; None if it is constant in time."""
     return At(x, t).read(value, subject)
 
 
 def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Return the values (m, dim) of a vector datum, likewise."""
+    """Return the values (m, dim) of a vector datum at points x (m, dim) and time t."""
     return At(x, t).read(value, subject, "vector")
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
-    """Return the values (m, components) of a symmetric tensor, likewise."""
+    """Return the values (m, components) of a symmetric tensor at points x (m, dim) and time t."""
     return At(x, t).read(value, subject, "tensor")
 
 
 def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
-    """Return the values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
+    """Return the values (m,) of a number or a function f(x) at points x (m, dim)."""
     return At(x).read(value, subject)
 
 
 def number_a_row(raw: object, m: int, subject: str) -> Floats:
-    """Return a number for each of the m rows of a part."""
-    return np.full(m, as_shaped_array(raw, subject, f"one number, or ({m},), one a row", (), (m,)))
+    """Return one number for each of m rows of a part of the boundary."""
+    return np.full(m, as_shaped_array(raw, subject, f"one number, or ({m},), one per row", (), (m,)))
 
 
 def finite_a_row(raw: object, m: int, subject: str) -> Floats:
-    """Return a finite number for each of the m rows of a part."""
+    """Return one finite number for each of m rows of a part of the boundary."""
     return finite(number_a_row(raw, m, subject), subject)
 
 
 def weight_a_row(raw: object, m: int, subject: str) -> Floats:
-    """Return the weight of friction of each of the m rows of a part: a number, or infinite where it always sticks."""
+    """Return the weights of friction (m,) of m rows of a part; infinite where the row always sticks."""
     found = number_a_row(raw, m, subject)
     finite(np.where(found == np.inf, 0.0, found), subject)
     return found
 
 
 def varies(*values: object) -> bool:
-    """Return True if one of the data is a function, of place or of time."""
+    """Return True if one of the data is a function of place or time."""
     return any(callable(value) for value in values)
 
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points x (k, dim) of cells (k,) at which material constants are read; by default the centroids of all cells."""
+    """Points x (k, dim) of cells (k,) at which material constants are evaluated; by default all centroids."""
 
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # of the places, those that count; elsewhere constants with a sign are 1, others 0
+    inside: Bools | None = None  # the places that count; elsewhere constants with a rule of sign are 1, others 0
 
     def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
-        """Values (k,) of a material constant: a number, a value a cell, f(x), or the name of a cell datum."""
+        """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""
         mesh, raw, count = self.mesh, value, self.mesh.n_cells
         if isinstance(value, str):
             if value not in mesh.cell_data:
@@ -204,7 +203,7 @@ class InCells:
         elif callable(value):
             x = mesh.centroids if self.x is None else self.x
             count, raw = len(x), _call(value, (x, None), subject)
-        found = _shaped(raw, (count,), subject, f"a number, or ({count},) values, one a cell", self.place)
+        found = _check_values(raw, (count,), subject, f"a number, or ({count},) values, one per cell", self.place)
         return found if callable(value) or self.cells is None else found[self.cells]
 
     def place(self, row: int) -> str:
@@ -217,13 +216,13 @@ def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
         return value
     x, t = at
     failed = f"{subject}: its function failed when called as f(x{', t' * (t is not None)}) with x of shape {x.shape}"
-    wanted = "take all points at once and return one value a point"
+    wanted = "take all points at once and return one value per point"
     return call_function(value, (x,) if t is None else (x, t), failed, wanted)
 
 
-def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
+def _check_values(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
     array = as_real_array(raw, subject, wanted)
-    # Only whole values broadcast: a vector over m points, a scalar over m points.
+    # One value, a scalar or a vector, is broadcast to all points. Nothing else is broadcast.
     if array.shape not in (shape, shape[1:]):
         raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
     whole = array if array.shape == shape else np.array(np.broadcast_to(array, shape))

@@ -1,17 +1,18 @@
-"""The base of effects, and what one contributes to the assembled problem: arrays, and data to be evaluated at t_n.
+"""The base class of effects, and the contributions of effects to the assembled problem.
 
-Displacements are vectors u of n_nodes * dim nodal values, component a of node i at position i * dim + a. The kinds of
-contributions are closed; effects are open (each returns any of these kinds).
+Displacements are vectors u of n_nodes * dim nodal values; component a of node i has the position i * dim + a. A
+contribution consists of arrays, and of data f(x, t) that are evaluated at t_n. The kinds of contributions are a closed
+set; effects are an open set, and each of them returns any of these kinds.
 
-Friction by direction on a surface in space is bounded by an ellipse of forces: with the bound g along a unit vector e
-of the surface and h across it, along c = n x e, friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. What it dissipates in
-the slip s is the largest work of such forces, by Cauchy and Schwarz on (q_e / g, q_c / h),
+Friction by direction on a surface in space bounds friction by an ellipse. Let g be the bound along a unit vector e of
+the surface and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. Its dissipation in the
+slip s is the largest work of such forces. By Cauchy and Schwarz on (q_e / g, q_c / h) this is
 
     max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
 
 attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse (Michalowski and Mroz, Arch. Mech. 30, 1978).
-It is the term of a disc with the weight g that reads slip by the vectors e and r c in place of two orthonormal
-tangents: the same second-order cone, certificate and active sets. r must not change in time.
+So the norm term has the weight g, as for isotropic friction, but reads slip by the vectors e and r c in place of two
+orthonormal tangents. Cone, certificate and active sets are unchanged. r must not change in time.
 """
 
 from __future__ import annotations
@@ -35,81 +36,133 @@ from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
 
 @dataclass(frozen=True)
 class Load:
-    """A force that enters linearly: its nodal vector at t is matrix @ value(points, t)."""
+    """A force that depends linearly on a datum: the nodal force at t is matrix @ value(points, t).
+
+    Attributes
+    ----------
+    subject : str
+        The name of the effect in messages.
+    points : (q, dim) array
+        Quadrature points of the datum.
+    matrix : (n_u, q * dim) sparse matrix
+        Quadrature weights times test functions; (n_u, q) for a scalar datum.
+    value : constant, or callable f(x, t)
+        The datum.
+    cells : (q,) array, optional
+        The cell of each point, for loads inside the body.
+    edges : (q, 2) array, optional
+        The edge of each point, for loads on the boundary.
+    times : tuple of float
+        The instants of the run, if they are known.
+    between : bool
+        True for forces of two bodies on each other.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> (load,) = vx.Traction([2.0, 0.0], on="right").contribute(space).loads
+    >>> print(load.vector(t=0.0).reshape(-1, 2).sum(axis=0).round(9))
+    [2. 0.]
+    """
 
     subject: str
-    points: Floats  #: (q, dim) points where the datum is evaluated.
-    matrix: sp.csr_matrix  #: (n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar.
+    points: Floats
+    matrix: sp.csr_matrix
     value: data.Datum
-    cells: Ints | None = None  #: (q,) of a load in the body: the cell of each point
-    edges: Ints | None = None  #: (q, 2) of a load on the boundary: the edge of each point
-    times: tuple[float, ...] = ()  # of the run, where they are known
-    between: bool = False  # True of the force of two bodies on each other, at their interface
+    cells: Ints | None = None
+    edges: Ints | None = None
+    times: tuple[float, ...] = ()
+    between: bool = False
 
     def at(self, x: Floats, t: float) -> Floats:
-        """Return the datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
+        """Return the datum, (k,) or (k, dim), at points x (k, dim) and time t."""
         shape = "number" if self.matrix.shape[1] == len(self.points) else "vector"
         return data.At(x, t).read(self.value, self.subject, shape)
 
     def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
-        """Return the datum of a load in the body at points of cells (k,): zero in cells that have none of it."""
-        there = np.isin(owner, () if self.cells is None else self.cells)
-        return self.at(x, t) * there if self.matrix.shape[1] == len(self.points) else self.at(x, t) * there[:, None]
+        """Return the datum, (k,) or (k, dim), at points x of the cells `owner` (k,); zero in cells without the load."""
+        loaded = np.isin(owner, () if self.cells is None else self.cells)
+        return self.at(x, t) * loaded if self.matrix.shape[1] == len(self.points) else self.at(x, t) * loaded[:, None]
 
     def vector(self, t: float) -> Floats:
-        """Nodal force (n_u,) at the instant `t`."""
+        """Return the nodal force (n_u,) at time t."""
         return self.matrix @ self.values(t)
 
     @cached_property
     def values(self) -> Callable[[float], Floats]:
-        """t -> the datum at all points, by which `matrix` is to be multiplied."""
+        """The function t -> values of the datum at all points, the factor of `matrix`."""
         return drop_tails(lambda t: self.at(self.points, t).ravel(), self.times)
 
     @cached_property
     def borne(self) -> Floats:
-        """(q, dim) the total that each point gives by a datum of one along each axis, or by a scalar one."""
+        """The total force (q, dim) of each point if the datum is 1 along each axis, or the scalar 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
         total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
-        # Basis functions sum to one: the rows of one component to its total, on which no other acts.
+        # Basis functions sum to one. So the rows of one component add up to the total force along its axis.
         return total if self.matrix.shape[1] == len(self.points) else total.reshape(-1, dim, dim).sum(axis=1)
 
     @property
     def measures(self) -> Floats:
-        """The part of length, area or volume (q,) that each point stands for."""
+        """The quadrature weights (q,) of the points: length, area or volume."""
         scalar = self.matrix.shape[1] == len(self.points)
         return np.linalg.norm(self.borne, axis=1) if scalar else self.borne[:, 0]
 
     def forces(self, t: float) -> Floats:
-        """Return the force (q, dim) that each point stands for at the instant `t`."""
+        """Return the forces (q, dim) of the points at time t."""
         return self.borne * self.values(t).reshape(len(self.points), -1)
 
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed components directions . u(node) = value(t) + patterns @ c; contact (value 0) yields to the rest."""
+    """Prescribed components of displacements: directions . u(node) = value(t) + patterns @ c, with unknowns c.
+
+    Attributes
+    ----------
+    subject : str
+        The name of the effect in messages.
+    nodes : (m,) array
+        Node numbers; a node may have several rows, one per direction.
+    directions : (m, dim) array
+        Unit vectors.
+    points : (m, dim) array
+        Positions of the nodes.
+    value : callable t -> (m,), optional
+        Prescribed components, length; None means zero at all times.
+    contact : bool
+        True for bilateral contact, u . n = 0, which yields to other supports in the same direction at shared nodes.
+    partners : (m,) array, optional
+        Nodes of other bodies, or -1; components of u(node) - u(partner) are prescribed.
+    patterns : (m, k) array, optional
+        Independent columns, which multiply k unknown amplitudes c.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> (support,) = vx.Clamp(on="left").contribute(space).supports
+    >>> print(support.nodes, support.directions[0])
+    [0 0 2 2] [1. 0.]
+    """
 
     subject: str
-    nodes: Ints  #: (m,) node numbers; a node may appear once a direction.
-    directions: Floats  #: (m, dim) unit vectors.
-    points: Floats  #: (m, dim) where the nodes are.
-    value: Callable[[float], Floats] | None = None  #: t -> (m,) prescribed components; None means zero at all times.
-    contact: bool = False  #: Contact, u.n = 0, which at shared nodes yields to supports in the same direction.
+    nodes: Ints
+    directions: Floats
+    points: Floats
+    value: Callable[[float], Floats] | None = None
+    contact: bool = False
     partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1: the components of u(node) - u(partner) are prescribed"""
     patterns: Floats | None = None
-    """(m, k) independent columns: the components that a unit of each of k unknown amplitudes c adds"""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The displacement of what a body rubs on, (q, dim) at points: what of it is along the boundary counts."""
+    """The displacement of the counter-surface at points (q, dim); only its part along the boundary counts."""
 
     subject: str
-    points: Floats  # (q, dim)
+    points: Floats
     value: data.Datum
 
     def __post_init__(self) -> None:
-        """Raise SceneError for a constant."""
+        """Raise SceneError if `value` is constant."""
         if not callable(self.value):
             self.vector(0.0)
             raise SceneError(
@@ -118,7 +171,7 @@ class Ground:
             )
 
     def vector(self, t: float) -> Floats:
-        """Return the displacements (q, dim) at the instant `t`."""
+        """Return the displacements (q, dim) at time t."""
         return data.vector(self.value, self.points, t, self.subject)
 
 
@@ -128,24 +181,24 @@ class Ellipse:
 
     subject: str
     points: Floats  # (m, 3)
-    direction: Floats  # (m, 3) vectors of any length, of which what is along the surface counts
-    bounds: Callable[[float], tuple[Floats, Floats]]  # t -> (m,) bounds along the direction and across it, in any unit
-    names: tuple[str, str]  # what they are called in messages
+    direction: Floats  # (m, 3) vectors of any length; only their parts along the surface count
+    bounds: Callable[[float], tuple[Floats, Floats]]  # t -> bounds (m,) along the direction and across it, in any unit
+    names: tuple[str, str]  # names of the two bounds in messages
 
     def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
         """Return the vectors e and r c (m, 2, 3) of each row.
 
-        SceneError where the direction is along the normal; where r is infinite, or changes between any two of `times`.
+        Raise SceneError if a direction is along the normal, if r is infinite, or if r differs at two of `times`.
         """
         first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
         length, found = np.linalg.norm(first, axis=1), f"{self.subject}: found direction"
-        flat = length > 1e-6 * np.linalg.norm(self.direction, axis=1)
-        data.require(flat, self.direction, data.At(self.points), found, "give a vector that is not along the normal")
+        lawful = length > 1e-6 * np.linalg.norm(self.direction, axis=1)
+        data.require(lawful, self.direction, data.At(self.points), found, "give a vector that is not along the normal")
         first = first / length[:, None]
         return np.stack([first, self._ratio(times)[:, None] * np.cross(normals, first)], axis=1) + 0.0
 
     def _ratio(self, times: Sequence[float]) -> Floats:
-        """Return r (m,), read at the first instant at which there is friction; 1 where there never is."""
+        """Return r (m,), evaluated at the first instant with friction; 1 where there is never friction."""
         ratio = np.full(len(self.points), np.nan)
         for t in times if len(times) else (0.0,):
             along, across = self.bounds(float(t))
@@ -165,20 +218,41 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Rows of contact, one a node and distinct normal: a surface on which it is reported, friction, or an obstacle."""
+    """A surface of contact, one row per node and distinct normal. Friction and obstacles are such surfaces, too.
+
+    Attributes
+    ----------
+    subject : str
+        The name of the effect in messages.
+    nodes : (m,) array
+        Node numbers.
+    normals : (m, dim) array
+        Outward unit normals.
+    lengths : (m,) array
+        Integrals of the nodal basis functions over the edges (in space faces) with that normal.
+    ends : EdgeEnds, optional
+        The edges of each row. Without them, `lengths` belong to edges that no other part has.
+    partners : (m,) array, optional
+        Nodes of other bodies, or -1; rows read u(node) - u(partner).
+
+    Examples
+    --------
+    >>> rows = vx.vem.Space(vx.meshes.squares(1)).part("bottom", "example", contact=True).node_normals
+    >>> surface = vx.effects.ContactSurface.from_rows(rows)
+    >>> print(surface.nodes, surface.lengths)
+    [0 1] [0.5 0.5]
+    """
 
     subject: str
     nodes: Ints
     normals: Floats
-    lengths: Floats  #: (m,) integrals of the nodal basis functions over the edges with that normal.
+    lengths: Floats
     ends: EdgeEnds | None = field(default=None, kw_only=True)
-    """the edges of each row; without, `lengths` are of an edge that no other part has"""
     partners: Ints | None = field(default=None, kw_only=True)
-    """(m,) nodes of other bodies, or -1: rows read u(node) - u(partner)"""
 
     @classmethod
-    def of(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
-        """Return what acts on the rows of a part of the boundary, with `more` of its fields."""
+    def from_rows(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
+        """Return the surface, friction or obstacle on the rows of a part of the boundary; `more` are further fields."""
         own = subject, rows.nodes, rows.normals, rows.lengths
         return cls(*own, ends=rows.ends, partners=rows.partners, **more)
 
@@ -189,27 +263,51 @@ def _no_weight(t: float) -> Floats:
 
 @dataclass(frozen=True)
 class Friction(ContactSurface):
-    """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
+    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u minus the displacement of the ground.
+
+    Attributes
+    ----------
+    weights : callable t -> (m,)
+        Integrals of the friction bound times the nodal basis functions, force; infinite where the node always sticks.
+    steady : bool
+        True if the weights are the same at all times.
+    in_the_air : bool
+        True if a warning is issued where one-sided contact is open and friction acts.
+    ground : Ground, optional
+        The displacement of the obstacle, if it moves.
+    law : Law, optional
+        Additional weights, which depend on contact forces and slip.
+    directions : (m, dim) array, optional
+        Unit vectors e_i: terms are w_i |e_i . (v - v_prev)| instead.
+    bond : bool
+        True for a term that locks the amplitude of a support; it is no place of contact.
+    ellipse : Ellipse, optional
+        For friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> (friction,) = vx.TrescaFriction(4.0, on="bottom").contribute(space).frictions
+    >>> print(friction.weights(0.0))
+    [2. 2.]
+    """
 
     weights: Callable[[float], Floats] = _no_weight
-    """t -> (m,) integrals of the friction bound against the nodal basis functions (force units); infinite: it sticks"""
-    steady: bool = False  #: True if these are the same at all times
-    in_the_air: bool = False  #: True if a warning is to say where it rubs while one-sided contact is open
-    ground: Ground | None = None  #: the obstacle under it, if that moves
-    law: Law | None = None  #: what forces of contact and slip add to the weights
+    steady: bool = False
+    in_the_air: bool = False
+    ground: Ground | None = None
+    law: Law | None = None
     directions: Floats | None = None
-    """(m, dim) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents"""
-    bond: bool = False  #: True of what holds the amplitude of a support, and is no place of contact
+    bond: bool = False
     ellipse: Ellipse | None = None
-    """of friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|"""
 
     def __post_init__(self) -> None:
-        """Raise SceneError unless `directions` are one unit vector a row."""
+        """Raise SceneError unless `directions` has one unit vector per row."""
         given, shape = self.directions, self.normals.shape
         if given is not None and (np.shape(given) != shape or np.abs(np.linalg.norm(given, axis=1) - 1).max() > SAME):
             raise SceneError(
                 f"{self.subject}: found directions of shape {np.shape(given)} for normals of shape {shape}; rows along "
-                "directions have one unit vector a row."
+                "directions have one unit vector per row."
             )
 
     @property
@@ -219,16 +317,16 @@ class Friction(ContactSurface):
 
     @property
     def across(self) -> Floats:
-        """The unit vectors (m, dim) that tell terms of a node from each other.
+        """The unit vectors (m, dim) that distinguish the terms of one node.
 
-        Normals, or `directions` turned by -90 degrees; in space the directions themselves.
+        These are the normals, or `directions` rotated by -90 degrees; in space the directions themselves.
         """
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     def read(self, times: Sequence[float]) -> Floats:
-        """Return vectors (m, dim - 1, dim) along which terms read slip; the second vanishes of directions in space."""
+        """Return the vectors (m, dim - 1, dim) by which terms read slip; for `directions` in space the second is 0."""
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
@@ -236,12 +334,12 @@ class Friction(ContactSurface):
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """Return the weights (m,) under normal forces p (m,), after slips (m,) before the step and in it."""
+        """Return the weights (m,) for normal forces p (m,), slips (m,) before the step, and slips (m,) of the step."""
         law = self.law
         w = data.weight_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if law is None:
             return w
-        added = self._asked("law of friction", law.weights, t, (p, past, slip))
+        added = self._evaluate("law of friction", law.weights, t, (p, past, slip))
         lawful = (added >= 0) & (added < np.inf)
         if not lawful.all():
             i = int(np.argmin(lawful))
@@ -252,25 +350,25 @@ class Friction(ContactSurface):
         return w + added
 
     def slope_under(self, t: float, p: Floats, past: Floats) -> Floats:
-        """The derivative (m,) of the weights by the normal forces; zero if it is not known."""
+        """Return the derivatives (m,) of the weights by the normal forces; zero if the law has no slope."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
-        return self._asked("slope", self.law.slope, t, (p, past))
+        return self._evaluate("slope", self.law.slope, t, (p, past))
 
-    def _asked(self, name: str, function: Callable[..., object], t: float, under: Sequence[Floats]) -> Floats:
-        """Return the values (m,) of a function of the law, which is told what the law says that it reads only."""
-        law, none, (p, *slips) = self.law, np.zeros(0), under
+    def _evaluate(self, name: str, function: Callable[..., object], t: float, arguments: Sequence[Floats]) -> Floats:
+        """Return the values (m,) of a function of the law; arguments that the law does not declare are empty."""
+        law, none, (p, *slips) = self.law, np.zeros(0), arguments
         assert law is not None
-        told = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
-        given = f"f(t, p, past{', slip' * (len(slips) > 1)}) with t = {t:.6g}"
+        given = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
+        call = f"f(t, p, past{', slip' * (len(slips) > 1)}) with t = {t:.6g}"
         wanted = "take the values of all rows at once and return one number for each"
         rule = "; p is empty without pressed=True, slips are without slips=True"
-        raw = call_function(function, told, f"{self.subject}: its {name} failed when called as {given}", wanted + rule)
+        raw = call_function(function, given, f"{self.subject}: its {name} failed when called as {call}", wanted + rule)
         return data.number_a_row(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
 
     @property
     def softening(self) -> Floats:
-        """The largest rate (m,) at which weights fall with slip; zero without a law."""
+        """The largest decrease (m,) of weights per slip; zero without a law."""
         law = self.law
         if law is None:
             return np.zeros(len(self.nodes))
@@ -285,92 +383,192 @@ class Friction(ContactSurface):
 
 @dataclass(frozen=True)
 class Obstacle(ContactSurface):
-    """Limits n . u(node_i) <= gap_i(t), one row a node and distinct normal; squared penalties if compliant."""
+    """Limits n . u(node_i) <= gap_i(t), one per row; squared penalties where the obstacle is compliant.
 
-    gap: Callable[[float], Floats]  #: t -> (m,) distance to the obstacle along the outward normal.
-    compliance: Floats  #: (m,) depth per nodal force; 0 where the obstacle is rigid.
+    Attributes
+    ----------
+    gap : callable t -> (m,)
+        Distance to the obstacle along the outward normal, length.
+    compliance : (m,) array
+        Depth per nodal force; 0 where the obstacle is rigid.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> (obstacle,) = vx.UnilateralContact(on="bottom", gap=0.1).contribute(space).obstacles
+    >>> print(obstacle.gap(0.0), obstacle.compliance)
+    [0.1 0.1] [0. 0.]
+    """
+
+    gap: Callable[[float], Floats]
+    compliance: Floats
 
 
 @dataclass(frozen=True)
 class Material:
-    """Hooke's law on the cells of a material; zero on all others."""
+    """Hooke's law on the cells of a material; zero on all other cells.
+
+    Attributes
+    ----------
+    subject : str
+        The name of the effect in messages.
+    moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
+        Lame's lam (already reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row
+        (:mod:`vemcvx.vem.tensors`). Force per area.
+    thermal_stress_moduli : (n_cells, components) array
+        Minus the stress under a blocked unit strain in all directions of space.
+    plane : {"strain", "stress"}
+        One for the whole body; "strain" in space.
+    cells : (n_cells,) array of bool, optional
+        The cells of the material; None means all.
+    out_of_plane : (n_cells, 4) array, optional
+        The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus zz for a blocked unit eigenstrain. Zero in
+        plane stress; None in space, and if the law does not define it.
+    stabilisation : Stabilisation, optional
+        S_K; None means "shear" (:func:`vemcvx.vem.softest_shear`).
+    at : callable (x, cells) -> (moduli, thermal stress moduli), optional
+        The upper triangle of the elastic matrix and the thermal stress moduli at points x (k, dim) of cells (k,). None
+        if they are constant in every cell.
+
+    Examples
+    --------
+    >>> material = vx.Elasticity(2.5, 0.25).contribute(vx.vem.Space(vx.meshes.squares(1))).material
+    >>> print(material.moduli.T)
+    [[1. 1.]]
+    """
 
     subject: str
     moduli: Floats
-    """(2, n_cells) Lame's lam, already reduced in plane stress, and mu; or (6, n_cells), in space (21, n_cells), the
-    upper triangle of the elastic matrix row by row: see :mod:`vemcvx.vem.tensors`"""
     thermal_stress_moduli: Floats
-    """(n_cells, components) stress that holds back a unit strain in all directions of space, with a minus sign"""
-    plane: str  #: plane "strain", as in space, or "stress"; one for the whole body
-    cells: Bools | None = None  #: (n_cells,) which cells; None means all
+    plane: str
+    cells: Bools | None = None
     out_of_plane: Floats | None = None
-    """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
-    eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
-    stabilisation: Stabilisation | None = None  #: S_K; None means "shear", :func:`vemcvx.vem.softest_shear`
+    stabilisation: Stabilisation | None = None
     at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
-    """points (k, dim) of cells (k,) -> the upper triangle of the elastic matrix and the thermal stress moduli there;
-    None if they are constant in every cell"""
 
     def elastic(self, dim: int) -> Floats:
-        """(n_cells, 3, 3), in space (n_cells, 6, 6), stresses from strains."""
+        """Return the elastic matrices (n_cells, 3, 3), in space (n_cells, 6, 6)."""
         return vem.elastic_matrix(self.moduli, dim)
 
-    def stabilised(self, dim: int) -> Stabilisation:
-        """S_K, of the softest shear where the material does not say."""
+    def choose_stabilisation(self, dim: int) -> Stabilisation:
+        """Return S_K; if the material has none, the stabilisation "shear" with the softest shear modulus."""
         return self.stabilisation or vem.VertexWeights(vem.softest_shear(self.elastic(dim)))
 
     def stiffness(self, space: Space) -> vem.SumOverCells:
-        """The matrix of a^h of these cells: their resistance to strains."""
-        return vem.stiffness_of(space, self.moduli, self.stabilised(space.dim))
+        """Return the matrix of a^h on these cells."""
+        return vem.stiffness_of(space, self.moduli, self.choose_stabilisation(space.dim))
 
-    def missed(self, space: Space, u: Floats) -> Floats:
-        """S_K(u - Pi u, u - Pi u) of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
-        return vem.missed_energies(space, self.stabilised(space.dim), self.elastic(space.dim), u)
+    def stabilisation_energies(self, space: Space, u: Floats) -> Floats:
+        """Return S_K(u - Pi u, u - Pi u) of every cell, (n_cells,), for nodal displacements u (n_nodes, dim)."""
+        return vem.missed_energies(space, self.choose_stabilisation(space.dim), self.elastic(space.dim), u)
 
 
 @dataclass(frozen=True)
 class Eigenstrain:
-    """An isotropic strain that is free of stress; the material of a cell says what blocking it costs."""
+    """An isotropic strain that causes no stress if it is free; the material of the cell determines the blocked stress.
+
+    Attributes
+    ----------
+    subject : str
+        The name of the effect in messages.
+    value : callable t -> (n_cells,)
+        The strain of each cell.
+    at : callable (x, cells, t) -> (k,), optional
+        The strain at points x (k, dim) of cells (k,); None if it is constant in every cell.
+
+    Examples
+    --------
+    >>> heat = vx.ThermalStrain(1e-5, lambda x, t: np.full(len(x), 10.0 * t))
+    >>> (strain,) = heat.contribute(vx.vem.Space(vx.meshes.squares(1))).eigenstrains
+    >>> print(strain.value(2.0))
+    [0.0002]
+    """
 
     subject: str
-    value: Callable[[float], Floats]  #: t -> (n_cells,)
+    value: Callable[[float], Floats]
     at: Callable[[Floats, Ints, float], Floats] | None = None
-    """points (k, dim) of cells (k,) and t -> (k,), as of a material"""
 
 
 @dataclass(frozen=True)
 class InitialStress:
-    """A stress that is there without strain."""
+    """A stress at zero strain.
+
+    Attributes
+    ----------
+    subject : str
+        The name of the effect in messages.
+    value : callable t -> (n_cells, components)
+        The stress of each cell: xx, yy, xy, in space xx, yy, zz, xy, yz, xz; force per area, tension positive.
+    at : callable (x, cells, t) -> (k, components), optional
+        The stress at points x (k, dim) of cells (k,); None if it is constant in every cell.
+
+    Examples
+    --------
+    >>> space = vx.vem.Space(vx.meshes.squares(1))
+    >>> (initial,) = vx.Prestress([3.0, 0.0, 0.0]).contribute(space).initial_stresses
+    >>> print(initial.value(0.0))
+    [[3. 0. 0.]]
+    """
 
     subject: str
-    value: Callable[[float], Floats]  #: t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz
+    value: Callable[[float], Floats]
     at: Callable[[Floats, Ints, float], Floats] | None = None
-    """points (k, dim) of cells (k,) and t -> (k, components), as of a material"""
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """The sum of what an effect adds; every field may be absent."""
+    """The contribution of one effect to the problem; every field may be absent.
+
+    Attributes
+    ----------
+    stiffness : (n_u, n_u) sparse matrix, optional
+        Stiffness of springs to the ground, which count as supports; or of a material that its moduli do not describe.
+    material : Material, optional
+    loads : tuple of Load
+    supports : tuple of Support
+    frictions : tuple of Friction
+    obstacles : tuple of Obstacle
+    surfaces : tuple of ContactSurface
+        Surfaces on which contact is reported, besides those of frictions and obstacles.
+    eigenstrains : tuple of Eigenstrain
+    initial_stresses : tuple of InitialStress
+    viscosity : (n_u, n_u) sparse matrix, optional
+        The matrix of b^h, for stress proportional to the strain rate.
+    curves : tuple of str
+        Names of effects with conditions on the normals of a curved boundary.
+
+    Examples
+    --------
+    >>> contribution = vx.BilateralContact(on="bottom").contribute(vx.vem.Space(vx.meshes.squares(1)))
+    >>> len(contribution.supports), len(contribution.surfaces), contribution.loads
+    (1, 1, ())
+    """
 
     stiffness: sp.csr_matrix | None = None
-    """of springs to the ground: motions that these feel are held; or of a material, where its moduli do not say all"""
     material: Material | None = None
     loads: tuple[Load, ...] = ()
     supports: tuple[Support, ...] = ()
     frictions: tuple[Friction, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
-    surfaces: tuple[ContactSurface, ...] = ()  #: where contact is reported besides frictions and obstacles
+    surfaces: tuple[ContactSurface, ...] = ()
     eigenstrains: tuple[Eigenstrain, ...] = ()
     initial_stresses: tuple[InitialStress, ...] = ()
-    viscosity: sp.csr_matrix | None = None  #: matrix of b^h, stress in proportion to the rate of strain
-    curves: tuple[str, ...] = ()  #: subjects whose conditions on normals hold along curves
+    viscosity: sp.csr_matrix | None = None
+    curves: tuple[str, ...] = ()
 
 
 class Effect(ABC):
-    """One piece of physics of a scene, free of any mesh.
+    """One piece of physics of a scene, independent of the mesh.
 
-    Effects are frozen: names of boundaries, constants and callables, of which arrays are copied. They know nothing of
-    each other, of solvers or of time stepping, and the order in which a scene names them changes nothing.
+    An effect is a frozen dataclass of names of boundaries, constants and functions; arrays are copied. Effects do not
+    depend on each other, on solvers or on time stepping, and their order in a scene changes nothing.
+
+    Examples
+    --------
+    >>> isinstance(vx.Clamp(on="left"), vx.effects.Effect)
+    True
+    >>> print(vx.Clamp(on="left").describe())
+    Clamp: u = 0 on left
     """
 
     def __post_init__(self) -> None:
@@ -383,26 +581,27 @@ class Effect(ABC):
 
     @abstractmethod
     def contribute(self, space: Space) -> Contribution:
-        """The contribution of this effect on the mesh of `space`.
+        """Return the contribution of this effect on the mesh of `space`.
 
-        Equal calls give equal arrays; data f(x, t) are carried along and evaluated at t_n. Effects of contact are asked
-        again with planes of symmetry that supports make (`space.mirrors`), which turn normals at the ends of curves.
+        Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at t_n. For effects of contact
+        the method is called again with the planes of symmetry that supports define (`space.mirrors`), which change
+        normals at the ends of curves.
 
         Raises
         ------
         SceneError
-            A boundary's name is unknown, or a datum that does not depend on time has a wrong shape, sign or value.
+            The name of a boundary is unknown, or a datum that is constant in time has a wrong shape, sign or value.
         """
 
     @property
     def _subject(self) -> str:
-        """The name of the effect in messages, with that of its boundary."""
+        """The name of the effect in messages, with the name of its boundary."""
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
     def _read(self, name: str, at: data.At | data.InCells, value: object = None, label: str | None = None) -> Floats:
-        """Return the values of a field at places, of the shape and the sign that it declares by `data.holds`.
+        """Return the values of a field at places; raise SceneError unless shape and sign are as `data.holds` declares.
 
-        A part of its value may stand for it, and another label for its name in messages.
+        `value` replaces the value of the field, and `label` its name in messages.
         """
         (declared,) = (one.metadata["holds"] for one in fields(self) if one.name == name)  # type: ignore[arg-type]
         given = getattr(self, name) if value is None else value
@@ -410,7 +609,7 @@ class Effect(ABC):
         return found
 
     def _check_dimension(self, space: Space) -> None:
-        """Raise SceneError for fields that bodies of this dimension do not have, as their metadata say."""
+        """Raise SceneError if a field is given that its metadata exclude for bodies of this dimension."""
         for one in fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
             if value is not None and "in the plane" in one.metadata:
@@ -421,20 +620,20 @@ class Effect(ABC):
 
     @abstractmethod
     def describe(self) -> str:
-        """One line of words for `vemcvx show`."""
+        """Return one line of words for `vemcvx show`."""
 
-    def described(self, in_plane: bool) -> str:
-        """Return the line for a body in the plane or in space."""
+    def describe_body(self, in_plane: bool) -> str:
+        """Return the line of `describe` for a body in the plane or in space, with defaults that depend on that."""
         return self.describe()
 
 
 def where(on: str | Sequence[str]) -> str:
-    """The boundary names of `on` in words; what is no name is refused later, by name, on the mesh."""
+    """Return the boundary names of `on` in words; unknown names are refused later, on the mesh."""
     return ", ".join(map(str, on)) if isinstance(on, Sequence) and not isinstance(on, str) else str(on)
 
 
 def amount(value: object, arguments: str = "x, t") -> str:
-    """A datum in words, in one line: its number, or how it varies."""
+    """Return a datum in words, in one line: its number, or the name of its function."""
     if callable(value):
         return f"{getattr(value, '__name__', 'function')}({arguments})"
     if isinstance(value, np.ndarray) and value.size > 3:

@@ -24,9 +24,14 @@ class Traction(Effect):
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per length (area), evaluated at t_n.
+        Cartesian components, force per length (in space per area), evaluated at t_n.
     on : str or sequence of str
         Boundary names.
+
+    Examples
+    --------
+    >>> constant = vx.Traction([1.0, 0.0], on="right")
+    >>> ramp = vx.Traction(lambda x, t: np.column_stack([x[:, 1] * t, 0.0 * x[:, 1]]), on="right")
     """
 
     force: data.Datum
@@ -54,8 +59,12 @@ class Pressure(Effect):
         p, force per length (and unit thickness), in space per area, evaluated at t_n; compression positive, suction
         negative.
     on : str or sequence of str
-        Boundary names; at a corner the pressure acts on each side along its own normal. At an interface, such as a
-        crack or a joint with a fluid in it, it pushes both bodies apart, whether they touch or not.
+        Boundary names. At a corner the pressure acts on each side along the normal of that side. At an interface (a
+        crack or a joint filled with fluid) the pressure pushes both bodies apart, whether they touch or not.
+
+    Examples
+    --------
+    >>> water = vx.Pressure(lambda x, t: 9.81 * (1.0 - x[:, 1]), on="left")
     """
 
     value: data.Datum
@@ -78,16 +87,20 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). The sum of constant
-    forces is exact; their torque is so on cells whose centroid is the mean of their vertices, else within O(h).
+    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). For constant f_1 the
+    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices, and O(h) otherwise.
 
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per area, evaluated at t_n.
+        Cartesian components, force per area (in space per volume), evaluated at t_n.
     on : str or sequence of str, optional
-        The cells that bear it, by the names of cell data that are nonzero there, such as those of bodies; by default
-        all. A force that is zero by place instead also loads the slivers of cells that it cuts.
+        Names of cell data, such as names of bodies: the force acts where one of them is nonzero. By default it acts on
+        all cells. A function f that is zero outside a region is less exact on cells that the region cuts.
+
+    Examples
+    --------
+    >>> gravity = vx.BodyForce([0.0, -7850 * 9.81])
     """
 
     force: data.Datum
@@ -110,16 +123,21 @@ class BodyForce(Effect):
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
-    No refinement improves this model: under a point force displacement and energy grow without bound (in the plane like
-    log(1/h), Flamant's solution). The answer is that of the force spread over about one cell; away from it, it
-    converges.
+    Refinement does not improve this model: under a point force, displacement and energy grow without bound (in the
+    plane like log(1/h), Flamant's solution). A run spreads the force over about one cell. Away from the point the
+    solution converges.
 
     Parameters
     ----------
     force : (dim,) constant, (m, dim) array, or callable f(x, t) -> (m, dim)
         Cartesian components of the force on every point of `at`, evaluated at t_n. Forces on the same point add up.
     at : (dim,) or (m, dim)
-        The points; each must be a node of the mesh, to 1e-9 of the body's size.
+        The points; each must be a node of the mesh, to 1e-9 of the size of the body.
+
+    Examples
+    --------
+    >>> print(vx.PointLoad([0.0, -1.0], at=[1.0, 1.0]).describe())
+    PointLoad: [0.0, -1.0] at [1.0, 1.0]
     """
 
     force: data.Datum
@@ -144,7 +162,7 @@ class PointLoad(Effect):
         nodes = np.array([np.argmin(np.abs(points - place).max(axis=1)) for place in at])
         apart = np.abs(points[nodes] - at).max(axis=1)
         worst = int(np.argmax(apart))
-        # A point that a user computes may miss its node by rounding, never by a noticeable part of the body's size.
+        # A point that a user computes may differ from its node by rounding, but not by more than 1e-9 of the size.
         if apart[worst] > 1e-9 * np.ptp(points, axis=0).max():
             raise SceneError(
                 f"PointLoad: there is no node at {at[worst]}; the nearest is node {nodes[worst]} at "
@@ -161,6 +179,11 @@ class Clamp(Effect):
     ----------
     on : str or sequence of str
         Boundary names.
+
+    Examples
+    --------
+    >>> print(vx.Clamp(on=["left", "right"]).describe())
+    Clamp: u = 0 on left, right
     """
 
     on: str | Sequence[str]
@@ -174,7 +197,7 @@ class Clamp(Effect):
 
 
 def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
-    """Return the rows that hold nodes altogether: each node once an axis, and these axes."""
+    """Return the rows that prescribe all components of nodes: each node once per axis, and these axes."""
     return np.repeat(nodes, dim), np.tile(np.eye(dim), (len(nodes), 1))
 
 
@@ -182,15 +205,20 @@ def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
-    The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
-    not in `history.contact`, and it does not yield to other supports. A prescribed displacement that contradicts it at
-    a shared node is an error. Contact on a curve that ends on a line of symmetry has the normals and pressures of the
-    whole body there.
+    The condition is the same as for BilateralContact, but this is a support and not contact: its force is in
+    `reaction`, it is not in `history.contact`, and it does not yield to other supports. A prescribed displacement that
+    contradicts it at a shared node is an error. Where a curve of contact ends on a line of symmetry, contact has the
+    normals and pressures of the whole body.
 
     Parameters
     ----------
     on : str or sequence of str
         Boundary names.
+
+    Examples
+    --------
+    >>> print(vx.Symmetry(on="left").describe())
+    Symmetry: u.n = 0, free along left
     """
 
     on: str | Sequence[str]
@@ -208,19 +236,24 @@ class Symmetry(Effect):
 class PrescribedDisplacement(Effect):
     """Given displacements of a part of the boundary: all components, or one.
 
-    `history.reaction` is the force that they take.
+    `history.reaction` is the force that causes them.
 
     Parameters
     ----------
     value : constant or callable
-        With ``direction=None`` the whole vector, (dim,) or f(x, t) -> (m, dim), in units of length; otherwise
-        the one component u . direction, a number or f(x, t) -> (m,).
+        With ``direction=None`` the whole vector, (dim,) or f(x, t) -> (m, dim), length; otherwise the component
+        u . direction, a number or f(x, t) -> (m,).
     on : str or sequence of str
         Boundary names.
     direction : None, (dim,) vector, "normal" or "tangent"
-        "normal" is outward; "tangent" is, in the plane, the normal turned by +90 degrees, so that the body lies on its
-        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed; sides that turn by
-        less than 42.5 degrees are a curve: its nodes move so that all sides go outward by the value.
+        "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only), so the body lies on the
+        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed. Sides whose normals
+        differ by less than 42.5 degrees form a curve; its nodes move so that all its sides move outward by the value.
+
+    Examples
+    --------
+    >>> print(vx.PrescribedDisplacement(-0.1, on="top", direction="normal").describe())
+    PrescribedDisplacement: u = -0.1 along normal on top
     """
 
     value: data.Datum
@@ -237,7 +270,7 @@ class PrescribedDisplacement(Effect):
                 return data.vector(self.value, points[:: space.dim], t, self._subject).ravel()
             return data.scalar(self.value, points, t, self._subject) / cosines
 
-        # A constant of zero holds its nodes as a clamp or rollers do.
+        # A constant of zero fixes the nodes like a clamp or rollers.
         moves = data.varies(self.value) or value(0.0).any()
         support = Support(self._subject, nodes, directions, points, value if moves else None)
         curved = isinstance(self.direction, str) and part.node_normals.curved
@@ -248,7 +281,7 @@ class PrescribedDisplacement(Effect):
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
-        """Return nodes, directions, and by which the values of sides are to be divided."""
+        """Return nodes, directions, and the cosines by which values are divided on curves."""
         rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
         if self.direction is None:
             return *_all_components(part.nodes, dim), one
@@ -261,34 +294,38 @@ class PrescribedDisplacement(Effect):
         direction = as_real_array(self.direction, found, wanted)
         if direction.shape != (dim,) or not np.isfinite(direction).all() or not direction.any():
             raise SceneError(f"{self._subject}: found direction {brief(self.direction)}; wanted {wanted}.")
-        # Its largest component first: the square of 1e200 would overflow.
+        # Divide by the largest component first: the square of 1e200 would overflow.
         direction = direction / np.abs(direction).max()
         return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1)), one
 
 
 @dataclass(frozen=True)
 class Rigid(Effect):
-    """A part of the boundary, or a whole body, that moves as a rigid one: translations, and small rotations.
+    """A part of the boundary, or a whole body, that moves rigidly: translations and small rotations.
 
-    Its motion is unknown but for what `motion` prescribes. It bears loads, and contact and friction of other bodies
-    against it. Other supports must not hold its nodes, but where `motion` prescribes the same. `history.force(Rigid)`
-    is the sum of `force` and of what the prescribed motion takes. On a part of its boundary `history.reaction` also has
-    the forces by which its nodes hold each other, whose sum over the whole part is zero.
+    The motion is unknown, except for components that `motion` prescribes. Loads, and contact and friction with other
+    bodies, act on the rigid part. Other supports of its nodes are refused, unless they agree with `motion`.
+    `history.force(Rigid)` is the sum of `force` and of the force that causes the prescribed motion. `history.reaction`
+    also includes the internal forces that keep the part rigid; their sum over the whole part is zero.
 
     Parameters
     ----------
     on : str or sequence of str
-        Boundary names; or names of bodies, that is of cell data which are nonzero there: all their nodes.
+        Boundary names; or names of bodies (cell data that are nonzero there), for all their nodes.
     at : (dim,), optional
-        The point about which rotations are counted, and at which `force` acts; by default the middle of the box around
-        the nodes.
+        The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
         Force at that point (per unit thickness), evaluated at t_n.
     moment : number, in space (3,), or callable f(x, t), optional
-        Moment (per unit thickness), in the plane positive anticlockwise.
+        Moment (per unit thickness); in the plane positive anticlockwise.
     motion : sequence of 3, in space 6, optional
-        The components of the translation of that point and of the rotation, in radians, in space about the axes; each a
-        number, or f(x, t) with the point x (1, dim); None for one that is free. By default all are.
+        The components of the translation of that point, length, and of the rotation, radians (in space about the axes).
+        Each is a number, or f(x, t) with the point x (1, dim), or None for a free component. By default all are free.
+
+    Examples
+    --------
+    >>> print(vx.Rigid(on="top", force=[0.0, -10.0], motion=[0.0, None, None]).describe())
+    Rigid: motion 0.0, free, free on top, under force [0.0, -10.0]
     """
 
     on: str | Sequence[str]
@@ -321,7 +358,7 @@ class Rigid(Effect):
             value if data.varies(*held.values()) or value(0.0).any() else None,
             patterns=modes[:, free] if free else None,
         )
-        # Nodal forces T (T'T)^{-1} (F, M) do the work of a force and a moment on every rigid motion T c.
+        # On every rigid motion T c the nodal forces T (T'T)^{-1} (F, M) do the work of the force F and the moment M.
         spread = np.zeros((space.mesh.n_nodes, dim, modes.shape[1]))
         spread[nodes] = np.linalg.pinv(modes).T.reshape(len(nodes), dim, -1)
         own = (("force", self.force, slice(dim)), ("moment", self.moment, slice(dim, None)))
@@ -344,8 +381,8 @@ class Rigid(Effect):
             return [None] * count
         if not isinstance(self.motion, Sequence) or isinstance(self.motion, str) or len(self.motion) != count:
             raise SceneError(
-                f"{self._subject}: found motion = {brief(self.motion)}; wanted {count} entries, translations and then "
-                "rotations: a number or f(x, t) where it is prescribed, None where it is free."
+                f"{self._subject}: found motion = {brief(self.motion)}; wanted {count} entries, first translations and "
+                "then rotations: a number or f(x, t) for a prescribed component, None for a free one."
             )
         return self.motion
 
@@ -358,23 +395,28 @@ class Rigid(Effect):
 
 @dataclass(frozen=True)
 class Pretension(Effect):
-    """A bolt that a given force tightens across a cut, and that is then locked at the length that it has.
+    """A bolt that a given force tightens across a cut, and that is then locked at its length.
 
-    The two sides of the cut are bonded, but for a jump along its mean normal, the same on all of it: what the bolt is
-    shorter by. Until an instant the force pulls the sides together; after it the jump stays what it is, and the bolt
-    bears what the rest of the scene asks of it. `history.force` of the cut, or of this effect, is what the bolt does to
-    the body named first: along the normal its tension, across it its shear.
+    The two sides of the cut are bonded, except for one uniform jump along the mean normal of the cut: the shortening
+    of the bolt. Until the time `until` the force pulls the sides together. After it the jump is constant, and the force
+    in the bolt follows from the rest of the scene. `history.force` of the cut, or of this effect, is the force of the
+    bolt on the first body: its normal component is the tension, its tangential component the shear.
 
     Parameters
     ----------
     on : str or sequence of str
-        An interface across one bolt: of two parts of it that :func:`vemcvx.meshes.cut` made. Another bolt is another
-        effect: all sides of one effect are one bolt, and share the force.
+        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. All sides of one effect are
+        one bolt and share the force; for another bolt use another effect.
     force : number, or callable f(x, t)
-        The tension while it is tightened (per unit thickness), evaluated at t_n; x (1, dim) is the middle of the cut.
+        The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
-        The last instant at which it is tightened; by default it never is locked. It is one of the instants of the run,
-        or outside it.
+        The last instant of tightening, which is an instant of the run, or outside it. By default the bolt is never
+        locked.
+
+    Examples
+    --------
+    >>> print(vx.Pretension(on="shank|head", force=100.0, until=1.0).describe())
+    Pretension: a tension 100.0 on shank|head until t = 1.0, then locked
     """
 
     on: str | Sequence[str]
@@ -411,7 +453,7 @@ class Pretension(Effect):
         def tension(x: Floats, t: float) -> Floats:
             return data.scalar(self.force, x, min(t, until), f"{subject}: force")
 
-        # A row that reads the jump locks it: with a weight that is infinite from then on it always sticks.
+        # A norm term that reads the jump locks it: its weight is infinite after `until`, so it always sticks.
         first = np.flatnonzero(rows.ends.row == 0)
         lock = Friction(
             f"{subject}: lock",
@@ -428,7 +470,7 @@ class Pretension(Effect):
         return Contribution(loads=(load,), supports=(bond,), frictions=(lock,) if until < np.inf else ())
 
     def check_instants(self, times: Floats) -> None:
-        """Raise SceneError if `until` is between two of the instants of a run, which locks the bolt too early."""
+        """Raise SceneError if `until` lies between two instants of a run: the bolt would be locked too early."""
         if times[0] < self.until < times[-1] and not np.isclose(times, self.until, rtol=SAME, atol=0.0).any():
             raise SceneError(
                 f"{self._subject}: found until = {self.until:.6g}, which is no instant of the run: the bolt would "
@@ -440,9 +482,9 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Traces are linear on edges, and two Gauss
-# points an edge integrate their products exactly for constant and affine k; likewise on faces of polyhedra.
-SPRING = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
+# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Traces are linear on edges. So two Gauss
+# points per edge integrate their products exactly for constant and affine k. The same holds on faces of polyhedra.
+SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 
 @dataclass(frozen=True)
@@ -455,28 +497,34 @@ class ElasticFoundation(Effect):
     Parameters
     ----------
     normal, tangential : number, or callable f(x) -> (m,)
-        k_n, k_t >= 0, traction per displacement: force per length^2 (and unit thickness). Fixed in time.
+        k_n, k_t >= 0, traction per displacement: force per length^2 (and unit thickness), in space force per length^3.
+        They are constant in time.
     on : str or sequence of str
         Boundary names.
+
+    Examples
+    --------
+    >>> print(vx.ElasticFoundation(normal=50.0, on="bottom").describe())
+    ElasticFoundation: normal 50.0, tangential 0.0 on bottom
     """
 
-    normal: data.Constant = field(default=0.0, metadata=SPRING)
-    tangential: data.Constant = field(default=0.0, metadata=SPRING)
+    normal: data.Constant = field(default=0.0, metadata=SPRING_FIELD)
+    tangential: data.Constant = field(default=0.0, metadata=SPRING_FIELD)
     on: str | Sequence[str] = field(kw_only=True)
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "ElasticFoundation")
         springs = sp.csr_matrix((space.n_unknowns, space.n_unknowns))
         for rule in part.rules(2):
-            blocks = self._of_sides(rule, part.normals[rule.sides])
+            blocks = self._side_matrices(rule, part.normals[rule.sides])
             unknowns = rule.nodes[:, :, None] * space.dim + np.arange(space.dim)
             rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape).ravel()
             columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape).ravel()
             springs = springs + sp.coo_matrix((blocks.ravel(), (rows, columns)), shape=springs.shape).tocsr()
         return Contribution(stiffness=sp.csr_matrix(springs))
 
-    def _of_sides(self, rule: SideRule, n: Floats) -> Floats:
-        """The matrices (m, n, dim, n, dim) of sides with these normals (m, dim), symmetric to the bit."""
+    def _side_matrices(self, rule: SideRule, n: Floats) -> Floats:
+        """Return the matrices (m, n, dim, n, dim) of sides with normals n (m, dim), symmetric to the bit."""
         (m, count, q), dim = rule.shares.shape, n.shape[1]
         across = n[:, :, None] * n[:, None, :]
         along = np.eye(dim) - across

@@ -1,4 +1,4 @@
-"""Materials: isotropic and orthotropic elasticity, viscosity, and strains and stresses that a material brings along."""
+"""Materials: isotropic and orthotropic elasticity, viscosity, thermal strain and initial stress."""
 
 from __future__ import annotations
 
@@ -22,34 +22,40 @@ from vemcvx.vem.tensors import COMPONENTS
 
 PLANES = ("strain", "stress")
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
-"""Where xx, yy and xy are among the components in space."""
-NEITHER = "leave it out, a body in space is in neither plane"
+"""The positions of xx, yy and xy among the components in space."""
+NO_PLANE_IN_SPACE = "leave it out: plane strain and plane stress are for plane bodies"
 
 
 class MaterialLaw(Effect):
-    """An effect that says what cells are made of; a scene has at least one, and every cell exactly one."""
+    """The base class of effects that give cells a material. A scene has at least one, and every cell exactly one.
+
+    Examples
+    --------
+    >>> isinstance(vx.Elasticity(young=200.0, poisson=0.3), vx.effects.MaterialLaw)
+    True
+    """
 
 
 class Moduli(NamedTuple):
-    """The law of k cells, in the terms of :class:`Material`."""
+    """The constants of k cells; the first three as in :class:`Material`."""
 
     moduli: Floats  # (., k)
     thermal_stress_moduli: Floats  # (k, components)
-    out_of_plane: Floats  # (k, 4); of no meaning in space
-    shear: Floats  # (k,) the modulus by which the stabilisation named "shear" weighs
+    out_of_plane: Floats  # (k, 4); unused in space
+    shear: Floats  # (k,) the shear modulus of the stabilisation "shear"
 
 
 class _Elastic(MaterialLaw):
-    """An elastic material in one of two planes, of cells named by `on`."""
+    """An elastic material of the cells named by `on`, in plane strain, in plane stress or in space."""
 
     plane: str | None
     stabilisation: str | Stabilisation
     on: str | Sequence[str] | None
-    _usual = "strain"  # the plane where `plane` is None
+    _default_plane = "strain"
 
     @abstractmethod
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        """Return the law at places; SceneError where its constants are none."""
+        """Return the moduli at places; raise SceneError for constants that are not admissible."""
 
     @abstractmethod
     def _constants(self) -> Sequence[object]:
@@ -57,9 +63,9 @@ class _Elastic(MaterialLaw):
 
     @property
     def _plane(self) -> str:
-        return self._usual if self.plane is None else self.plane
+        return self._default_plane if self.plane is None else self.plane
 
-    def described(self, in_plane: bool) -> str:
+    def describe_body(self, in_plane: bool) -> str:
         return replace(self, plane=self._plane).describe() if in_plane else self.describe()  # type: ignore[type-var]
 
     def contribute(self, space: Space) -> Contribution:
@@ -92,7 +98,7 @@ class _Elastic(MaterialLaw):
 
 
 def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
-    """Return the cells (n_cells,) where one of the data named by `on` is nonzero; None for the whole body."""
+    """Return the cells (n_cells,) where one of the cell data `on` is nonzero, or None for the whole body."""
     if on is None:
         return None
     known = space.mesh.cell_data
@@ -112,13 +118,13 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
 
 
 def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
-    """Return the same, all of the body for None."""
+    """Return the cells (n_cells,) where one of the cell data `on` is nonzero; all cells if `on` is None."""
     found = region(space, on, subject)
     return np.ones(space.mesh.n_cells, dtype=bool) if found is None else found
 
 
 def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints:
-    """Return the nodes of these cells, ascending."""
+    """Return the nodes of the cells where one of the cell data `on` is nonzero, ascending; all nodes if it is None."""
     inside, (cells, nodes) = cells_of(space, on, subject), space.incidences
     found: Ints = np.unique(nodes[inside[cells]])
     return found
@@ -127,10 +133,10 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
 # Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
-# A strain s in all three directions of space that is held back in the plane costs the stress -b s in the plane, with
-# b = 3 lam + 2 mu = E / (1 - 2 nu) in plane strain (held back across the plane, too) and in space, and b = 2 (lam +
-# mu), with the reduced lam, = E / (1 - nu) in plane stress. Across the plane, plane strain bears sigma_zz = lam (e_xx
-# + e_yy) - b s.
+# A free strain s in all three directions of space, blocked in the plane, causes the stress -b s in the plane. In space
+# and in plane strain (where it is also blocked across the plane) b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress
+# b = 2 (lam + mu) = E / (1 - nu), with the reduced lam. In plane strain the stress across the plane is
+# sigma_zz = lam (e_xx + e_yy) - b s.
 STABILISATIONS = ("shear", "unit")
 
 
@@ -142,28 +148,33 @@ class Elasticity(_Elastic):
     ----------
     young : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
         Young's modulus E > 0, force per area.
-    poisson : likewise
+    poisson : number, (n_cells,) array, callable or name, like `young`
         Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
     plane : {"strain", "stress"}, optional
-        What a plane body is in; "strain" by default. Of bodies in space it says nothing, and is refused.
+        The state of a plane body; "strain" by default. Bodies in space refuse it.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
         does not depend on units and does not lock; "unit" is S_K of (3.13), without a factor.
     on : None, str or sequence of str
-        The cells of this material: those where the cell datum of that name is nonzero; None is the whole body. Moduli
-        must be finite on all cells, but only their values on these count.
+        Names of cell data: the material is that of cells where one of them is nonzero. None is the whole body. Moduli
+        must be finite on all cells, but only their values on cells of the material count.
+
+    Examples
+    --------
+    >>> steel = vx.Elasticity(young=210e9, poisson=0.3, plane="stress")
+    >>> graded = vx.Elasticity(young=lambda x: 200.0 + 50.0 * x[:, 1], poisson=0.3)
     """
 
     young: data.Constant = field(metadata=data.holds(sign="> 0", rule="Young's modulus must be > 0"))
     poisson: data.Constant = field(metadata=data.holds())
-    plane: str | None = field(default=None, metadata={"in the plane": NEITHER})
+    plane: str | None = field(default=None, metadata={"in the plane": NO_PLANE_IN_SPACE})
     stabilisation: str | Stabilisation = "shear"
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
         part = super().contribute(space)
         (simplices, others), fraction = space.simplices
-        # Linear triangles cannot follow a volume-preserving motion: at nu = .49 their error is twice that of polygons.
+        # Linear triangles lock: at nu = .49 their error is twice the error of polygons.
         if self._plane == "strain" and fraction > 0.5:
             largest = self._read("poisson", data.InCells(space.mesh, inside=region(space, self.on, "Elasticity"))).max()
             if largest > 0.49:
@@ -200,18 +211,18 @@ class Elasticity(_Elastic):
 #
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
-# nu_ij = -e_j / e_i under a pull along i, and in space 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23, too. With
-# the axes a_1, a_2, a_3 = a_1 x a_2 as the rows of R tensors turn by e' = R e R', strains by e' = Q e: the row of e'_ab
-# has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij; so C = Q'C'Q.
+# with nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
+# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Tensors rotate by e' = R e R', vectors of strains by e' = Q e, where
+# the row of e'_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij. So C = Q'C'Q.
 #
-# The plane is space with axis 3 across it. Plane strain (e_3 = 0) takes the rows of C in the plane, and its row of zz
-# is borne across; in plane stress (sigma_3 = 0) S has no coupling to 3, so that C has none.
+# A plane body is a body in space with axis 3 across the plane. Plane strain (e_3 = 0) uses the rows of C in the plane,
+# and the row of zz gives the stress across it. In plane stress (sigma_3 = 0) S and C have no coupling to axis 3.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 
 @dataclass(frozen=True)
 class Orthotropic(_Elastic):
-    """Orthotropic linear elasticity: in the plane with two axes of symmetry there, in space with three.
+    """Orthotropic linear elasticity, with two axes of symmetry in the plane, and three in space.
 
     Every modulus is a number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
 
@@ -220,53 +231,60 @@ class Orthotropic(_Elastic):
     young : (E1, E2) in plane stress, (E1, E2, E3) in plane strain and in space
         Young's moduli along the axes, force per area, > 0.
     poisson : nu12 in plane stress, (nu12, nu13, nu23) in plane strain and in space
-        nu_ij = -e_j / e_i under tension along i, so that nu21 = nu12 E2 / E1. The energy must be positive.
+        nu_ij = -e_j / e_i under tension along i, so nu21 = nu12 E2 / E1. The energy must be positive.
     shear : G12 in the plane, (G12, G13, G23) in space
-        Moduli of shear, force per area, > 0.
-    angle : modulus
-        From x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi; in space about z, which is axis 3 then.
+        Shear moduli, force per area, > 0.
+    angle : number, (n_cells,) array, callable or name
+        The angle from x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi. In space it is about z, and axis
+        3 is z.
     plane : {"stress", "strain"}, optional
-        Plane stress (the default) or plane strain, of bodies in the plane. Bodies in space refuse it.
+        Plane stress (the default) or plane strain, for plane bodies. Bodies in space refuse it.
     axes : (axis 1, axis 2), optional
-        In space, instead of `angle`, two vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Of axis
-        2 only the part across axis 1 counts.
+        In space, instead of `angle`: two vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Only
+        the part of axis 2 perpendicular to axis 1 counts.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
-        As for Elasticity, with the softest modulus of shear for 2 mu (:mod:`vemcvx.vem.elasticity`).
+        As for Elasticity, with the softest shear modulus in place of mu (:mod:`vemcvx.vem.elasticity`).
+
+    Examples
+    --------
+    >>> wood = vx.Orthotropic(young=(11e9, 0.6e9), poisson=0.4, shear=0.7e9, angle=np.pi / 6)
+    >>> print(wood.describe_body(in_plane=True).split(",")[0])
+    Orthotropic: E = (11000000000.0
     """
 
     young: Sequence[Constant] = field(metadata=data.holds(sign="> 0"))
     poisson: Constant | Sequence[Constant] = field(metadata=data.holds())
     shear: Constant | Sequence[Constant] = field(metadata=data.holds(sign="> 0"))
     angle: Constant = field(default=0.0, metadata=data.holds())
-    plane: str | None = field(default=None, metadata={"in the plane": NEITHER})
+    plane: str | None = field(default=None, metadata={"in the plane": NO_PLANE_IN_SPACE})
     axes: Sequence[Any] | None = field(default=None, metadata={"in space": "give angle="})
     on: str | Sequence[str] | None = None
     stabilisation: str | Stabilisation = "shear"
-    _usual = "stress"
+    _default_plane = "stress"
 
     def _constants(self) -> Sequence[object]:
-        several = (self.young, self.poisson, self.shear, () if self.axes is None else self.axes)
-        return [self.angle, *(one for given in several for one in (given if _is_several(given) else [given]))]
+        given = (self.young, self.poisson, self.shear, () if self.axes is None else self.axes)
+        return [self.angle, *(one for values in given for one in (values if _is_sequence(values) else [values]))]
 
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        """Return the law of the solid, of which a plane body has some rows and columns."""
+        """Return the moduli; those of a plane body are rows and columns of the law in space."""
         plane = self._plane if space.in_plane else None
         S = self._compliance(at, plane)
         C = np.zeros((len(S), 6, 6))
         C[:, :3, :3] = np.linalg.inv(S)
         # G12, G13, G23; components are in the order xy, yz, xz.
-        for component, G in zip((3, 5, 4), self._several(at, "shear", plane), strict=False):
+        for component, G in zip((3, 5, 4), self._read_constants(at, "shear", plane), strict=False):
             C[:, component, component] = G
-        Q = _turn(self._frame(at))
+        Q = _rotate_strains(self._frame(at))
         C = Q.transpose(0, 2, 1) @ C @ Q
         C = 0.5 * (C + C.transpose(0, 2, 1))
         blocked = C[:, :, :3].sum(axis=2)
-        borne = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(plane == "strain")
+        out_of_plane = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(plane == "strain")
         if plane is not None:
             C, blocked = C[:, IN_PLANE][:, :, IN_PLANE], blocked[:, IN_PLANE]
-        return Moduli(vem.upper_triangle(C), blocked, borne, 0.5 * vem.softest_shear(C))
+        return Moduli(vem.upper_triangle(C), blocked, out_of_plane, 0.5 * vem.softest_shear(C))
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
@@ -277,24 +295,24 @@ class Orthotropic(_Elastic):
         return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{stable}{place}"
 
     def _compliance(self, at: data.InCells, plane: str | None) -> Floats:
-        """Return S (k, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
-        E, nu = self._several(at, "young", plane), self._several(at, "poisson", plane)
+        """Return S (k, 3, 3) for normal strains and stresses; without coupling to axis 3 in plane stress."""
+        E, nu = self._read_constants(at, "young", plane), self._read_constants(at, "poisson", plane)
         S = np.zeros((E.shape[1], 3, 3))
         S[:, 2, 2] = 1.0
         for i, values in enumerate(E):
             S[:, i, i] = 1.0 / values
         for (i, j), values in zip(((0, 1), (0, 2), (1, 2)), nu, strict=False):
             S[:, i, j] = S[:, j, i] = -values / E[i]
-        # Scaled to a unit diagonal: entries do not depend on units, nor overflow.
+        # Scale S to a unit diagonal: entries then do not depend on units, and do not overflow.
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", S))
         positive = np.linalg.eigvalsh(scale[:, :, None] * S * scale[:, None, :]).min(axis=1) > 0
-        rule = "nu12^2 < E1 / E2" if plane == "stress" else "such that S (see the module) is positive definite"
+        rule = "nu12^2 < E1 / E2" if plane == "stress" else "the matrix S of compliances must be positive definite"
         found = f"{self._subject}: found poisson (nu12)"
         data.require(positive, nu[0], at, found, f"it must leave the energy positive: {rule}")
         return S
 
     def _frame(self, at: data.InCells) -> Floats:
-        """Return R (k, 3, 3): the unit axes, row by row."""
+        """Return R (k, 3, 3), whose rows are the unit axes."""
         if self.axes is None:
             angle = self._read("angle", at)
             rule = "it is in radians, from -2 pi to 2 pi"
@@ -303,26 +321,24 @@ class Orthotropic(_Elastic):
             return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
         if not (isinstance(self.angle, (int, float)) and self.angle == 0.0):
             found = f"Orthotropic: found axes = {brief(self.axes)}"
-            raise SceneError(f"{found}, which take the place of angle=; give one.")
-        if not _is_several(self.axes) or len(self.axes) != 2:
-            raise SceneError(
-                f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, of axis 1 and of axis 2."
-            )
+            raise SceneError(f"{found} and angle = {brief(self.angle)}; give one of the two.")
+        if not _is_sequence(self.axes) or len(self.axes) != 2:
+            raise SceneError(f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, for axis 1 and axis 2.")
         x = at.mesh.centroids if at.x is None else at.x
         first, second = (data.vector(axis, x, None, "Orthotropic: axes") for axis in self.axes)
         third = np.cross(first, second)
         sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
         apart = (np.linalg.norm(third, axis=1) > 1e-6 * sizes) | (False if at.inside is None else ~at.inside)
-        data.require(apart, first, at, "Orthotropic: axes: found axis 1", "axes must not be zero nor parallel")
+        data.require(apart, first, at, "Orthotropic: axes: found axis 1", "axes must be neither zero nor parallel")
         first, third = (directions(rows, np.linalg.norm(rows, axis=1)) for rows in (first, third))
         return np.stack([first, np.cross(third, first), third], axis=1)
 
-    def _several(self, at: data.InCells, name: str, plane: str | None) -> Floats:
-        """Return the constants (., k) of a name, as many as a body in that plane, or in space, has."""
+    def _read_constants(self, at: data.InCells, name: str, plane: str | None) -> Floats:
+        """Return the constants (., k) of the field `name`; their number depends on `plane`, None in space."""
         given, few = getattr(self, name), {"young": 2, "poisson": 1} if plane == "stress" else {}
         count = 1 if name == "shear" and plane is not None else few.get(name, 3)
         parts = [given] if count == 1 else given
-        if not _is_several(parts) or len(parts) != count:
+        if not _is_sequence(parts) or len(parts) != count:
             wanted = SYMBOLS[name][0] if count == 1 else f"({', '.join(SYMBOLS[name][:count])})"
             body = "a body in space" if plane is None else f"plane {plane}"
             raise SceneError(f"Orthotropic: found {name} = {brief(given)}; {body} takes {wanted}.")
@@ -330,12 +346,12 @@ class Orthotropic(_Elastic):
         return np.stack([self._read(name, at, part, f"{name} ({symbol})") for part, symbol in named])
 
 
-def _is_several(given: object) -> TypeGuard[Sequence[Any]]:
+def _is_sequence(given: object) -> TypeGuard[Sequence[Any]]:
     return isinstance(given, (list, tuple)) or (type(given) is np.ndarray and given.ndim > 0)
 
 
-def _turn(R: Floats) -> Floats:
-    """Q (n_cells, 6, 6): strains in axes, the rows of R (n_cells, 3, 3), from those along x, y and z."""
+def _rotate_strains(R: Floats) -> Floats:
+    """Return Q (n_cells, 6, 6), which maps strains in x, y, z to strains in the axes, the rows of R (n_cells, 3, 3)."""
     Q = np.empty((len(R), 6, 6))
     for k, (a, b) in enumerate(COMPONENTS[3]):
         for m, (i, j) in enumerate(COMPONENTS[3]):
@@ -353,18 +369,23 @@ def _words(values: object) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise (Han and
-    Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6). Results then
-    depend on the lengths of steps. `history.energy` remains 1/2 a^h(u, u), `dissipated` includes the viscous loss,
-    forces include viscous ones at the rate of the last step, and `stress` is the elastic part. The initial state need
-    not satisfy condition (2.1), because viscous forces balance it.
+    The form b^h(u', v) is the form of elasticity with `shear` for mu and `volume` for lambda, with the same kind of
+    stabilisation (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
+    chapter 6). Results then depend on the lengths of steps. `history.energy` remains 1/2 a^h(u, u), and `dissipated`
+    includes the viscous loss. Forces include viscous forces at the rate of the last step; `stress` is the elastic part.
+    The initial state need not satisfy condition (2.1), because viscous forces balance it.
 
     Parameters
     ----------
     shear : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
         eta >= 0, force per area times time.
-    volume : likewise
-        zeta >= 0.
+    volume : number, (n_cells,) array, callable or name, like `shear`
+        zeta >= 0, force per area times time.
+
+    Examples
+    --------
+    >>> print(vx.Viscosity(shear=0.5).describe())
+    Viscosity: shear 0.5, volume 0.0
     """
 
     shear: data.Constant = field(metadata=data.holds(sign=">= 0"))
@@ -380,22 +401,26 @@ class Viscosity(Effect):
 
 @dataclass(frozen=True)
 class ThermalStrain(Effect):
-    """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is prevented.
+    """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is blocked.
 
     Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
-    Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), and are part of `history.stress`: a body that expands
-    freely has none. `history.energy` remains 1/2 a^h(u, u), the energy of the total strain, and `history.work` includes
-    the work of thermal stresses. If theta(x, times[0]) != 0, begin with ``initial="settled"`` or "equilibrium".
+    Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), with sigma_0 = C alpha theta I. `history.stress`
+    contains them: it is zero in a body that expands freely. `history.energy` remains 1/2 a^h(u, u), the energy of the
+    total strain, and `history.work` includes the work of thermal stresses. If theta(x, times[0]) != 0, begin with
+    ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------
     expansion : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
         alpha, strain per degree.
     temperature : number, or callable f(x, t) -> (m,)
-        theta, degrees above the stress-free state, at centroids and t_n; positive expands (with alpha > 0).
+        theta, degrees above the stress-free state, at centroids and t_n; positive for expansion (if alpha > 0).
     on : str or sequence of str, optional
-        The cells that expand, by the names of cell data that are nonzero there, such as those of bodies; by default
-        all.
+        Names of cell data, such as names of bodies: cells where one of them is nonzero expand. By default all cells do.
+
+    Examples
+    --------
+    >>> heating = vx.ThermalStrain(expansion=1.2e-5, temperature=lambda x, t: np.full(len(x), 80.0 * t))
     """
 
     expansion: data.Constant
@@ -416,8 +441,8 @@ class ThermalStrain(Effect):
         def at(x: Floats, cells: Ints, t: float) -> Floats:
             return data.InCells(mesh, x, cells).read(self.expansion, expansion) * heat(x, t) * inside[cells]
 
-        of_place = at if data.varies(self.expansion, self.temperature) else None
-        return Contribution(eigenstrains=(Eigenstrain(self._subject, strain, of_place),))
+        within_cells = at if data.varies(self.expansion, self.temperature) else None
+        return Contribution(eigenstrains=(Eigenstrain(self._subject, strain, within_cells),))
 
     def describe(self) -> str:
         words = f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
@@ -426,18 +451,22 @@ class ThermalStrain(Effect):
 
 @dataclass(frozen=True)
 class Prestress(Effect):
-    """Initial stress: a stress at zero strain, such as that of tendons or growth: sigma = C eps(u) + sigma_0.
+    """Initial stress, a stress at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    It acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`; energy and work count it as
-    with ThermalStrain. If it is nonzero at times[0], begin with ``initial="settled"`` or "equilibrium".
+    It acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`. Energy and work are as with
+    ThermalStrain. If sigma_0 is nonzero at times[0], begin with ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
         xx, yy, xy, in space (6,): xx, yy, zz, xy, yz, xz; force per area, tension positive, at centroids and t_n.
     on : str or sequence of str, optional
-        The cells that have it, by the names of cell data that are nonzero there, such as those of bodies; by default
-        all.
+        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress. By default all
+        cells have it.
+
+    Examples
+    --------
+    >>> tendon = vx.Prestress(lambda x, t: np.outer(np.full(len(x), 5.0 * t), [1.0, 0.0, 0.0]))
     """
 
     stress: data.Datum
@@ -450,8 +479,8 @@ class Prestress(Effect):
             return data.tensor(self.stress, x, t, "Prestress") * inside[cells, None]
 
         assembled = partial(at, mesh.centroids, np.arange(mesh.n_cells))
-        of_place = at if data.varies(self.stress) else None
-        return Contribution(initial_stresses=(InitialStress(self._subject, assembled, of_place),))
+        within_cells = at if data.varies(self.stress) else None
+        return Contribution(initial_stresses=(InitialStress(self._subject, assembled, within_cells),))
 
     def describe(self) -> str:
         return f"Prestress: {amount(self.stress)} in {'the body' if self.on is None else where(self.on)}"

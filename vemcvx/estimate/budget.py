@@ -39,7 +39,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     about = u - u.mean(axis=0)
     energy = float(about.ravel() @ (stiffness @ about.ravel()))
     material = posed.material
-    parts = cell_energies(posed.space, material.moduli, material.stabilised(posed.space.dim), about)
+    parts = cell_energies(posed.space, material.moduli, material.choose_stabilisation(posed.space.dim), about)
     apart = abs(energy - float(parts.sum()))
     # Rounding error of the energies of rotations, which are exactly zero.
     rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))

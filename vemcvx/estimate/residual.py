@@ -139,7 +139,7 @@ class Residuals:
         strain = strains(posed.space, now.u)
         sigma = stresses(posed.material.moduli, strain)
         sigma += 0.0 if posed.prestress is None else posed.prestress.stress(now.t)
-        missed, data = posed.material.missed(posed.space, now.u), self.data(now, strain)
+        missed, data = posed.material.stabilisation_energies(posed.space, now.u), self.data(now, strain)
         if not posed.space.in_plane:
             # S_K = tau h_K sum |(I - Pi) u|^2 becomes a mean over vertices, with |K|^{1/3} in place of h_K.
             counts = np.diff(self.sides.corners[0])

@@ -333,7 +333,7 @@ def _caused(history: Acting, causes: Ints, subject: str) -> Bools:
 def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
     """Return the numbers of an effect, or of those of a class."""
     if isinstance(of, Effect):
-        words, own = of.described(history._space.in_plane), history.scene
+        words, own = of.describe_body(history._space.in_plane), history.scene
         found = [i for i, effect in enumerate(own.canonical if own else ()) if effect is of or effect == of]
         found = found or [i for i, effect in enumerate(history.effects) if effect == words]
     elif isinstance(of, type) and issubclass(of, Effect) and history.scene is not None:

@@ -135,7 +135,7 @@ class PosedScene:
         if self.springs is not None or self.viscosity is not None:
             return None
         space, P, C = self.space, self.supports.P, self.material.elastic(self.space.dim)
-        stabilisation = self.material.stabilised(space.dim)
+        stabilisation = self.material.choose_stabilisation(space.dim)
         return lambda: sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
 
     def force(self, t: float) -> Floats:

@@ -38,7 +38,7 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
     moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
     across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     # Each material and its stabilisation vanish in the cells of other materials.
-    own: list[Stabilisation] = [m.stabilised(dim) for m in materials]
+    own: list[Stabilisation] = [m.choose_stabilisation(dim) for m in materials]
     weights = [one.tau for one in own if isinstance(one, VertexWeights)]
     filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
     regions = vem.InRegions(tuple(zip(filled, own, strict=True)))

@@ -1,74 +1,120 @@
 # %% [markdown]
-"""# Lesson 1, one slider: a variational inequality by hand, as a convex program, and the dual of that"""
+"""# Lesson 1, one slider: a variational inequality by hand, its convex program, and the dual program"""
 
 # %% [markdown]
-# A block on a rough table hangs on a spring and is pulled by a force. This problem has one unknown and everything that
-# makes frictional contact special: an inequality where you expect an equation, a convex program that says the same, and
-# a second program, its dual, whose unknown is the force of friction.
+# *You need:* convex functions of one variable, and their derivatives. *You will see:* an inequality where you expect an
+# equation, a convex program with the same solution, and its dual, whose unknown is the force of friction.
+#
+# A block on a rough table is attached to a spring and pulled by a force. The problem has one unknown, and yet all that
+# makes frictional contact special.
 #
 # Equation numbers are those of Feng, Han and Huang, *A virtual element method for a quasistatic frictional contact
-# problem*. Run the cells in turn; every cell asserts what it claims.
+# problem*. Run the cells in order; every cell asserts what its text claims.
 
 # %%
+import matplotlib.pyplot as plt
 import numpy as np
-
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots.style import COMPUTED, SLIP, STICK
 
 # %% [markdown]
 # ## 1. The inequality
 #
-# The block is at $u$, the spring has the stiffness $K$, the pull is $f(t)$, and friction holds or resists with a
-# force $r$ of at most $g$. Motion is slow: there is no inertia, and forces balance at every instant,
+# The block is at the position $u$, and the spring has the stiffness $K$. A force $f(t)$ pulls the block; friction takes
+# the part $\lambda$ of this force, at most the *friction bound* $w$. **Question:** the block rests, and the pull grows
+# slowly from zero. What is $\lambda$ before the block moves?
 #
-# $$K u(t) + r(t) = f(t), \qquad |r| \le g, \qquad r = g\,\mathrm{sign}(\dot u) \text{ wherever } \dot u \ne 0.$$
+# <details><summary>Answer</summary>
 #
-# What is $r$ while the block rests? Anything between $-g$ and $g$: whatever the balance of forces asks for. So $r$ is
-# no function of $u$ or $\dot u$, and the equation alone is of no use. But the two conditions on $r$ say one thing
-# together: $r$ is a *subgradient* at $\dot u$ of the function $j(v) = g|v|$, the slope of a line that touches its
-# graph at $\dot u$ from below,
+# The spring is not stretched, so friction takes the whole pull: $\lambda = f$. It can do so while $|f| \le w$. At rest
+# the force of friction is therefore not given by the position or the velocity, but by the balance of forces.
 #
-# $$j(v) \ge j(\dot u) + r\,(v - \dot u) \qquad \text{for all } v.$$
+# </details>
+
+
+# %% jupyter={"source_hidden": true}
+# Picture: a block on a rough table; a spring ties it to a wall, the force f pulls it, friction takes the force lambda
+def block_and_spring():
+    figure, axes = plt.subplots(figsize=(7.0, 2.3), layout="constrained")
+    axes.plot([0, 0], [0, 1.5], color="black", linewidth=3)
+    for height in np.linspace(0.1, 1.4, 8):
+        axes.plot([-0.15, 0], [height - 0.15, height], color="black", linewidth=0.8)
+    axes.plot([0, 7.6], [0, 0], color="black", linewidth=2)
+    for place in np.linspace(0.2, 7.6, 38):
+        axes.plot([place - 0.15, place], [-0.15, 0], color="black", linewidth=0.8)
+    coil = np.concatenate([[0, 0.4], np.linspace(0.5, 2.5, 15), [2.6, 3]])
+    height = np.concatenate([[0, 0], 0.16 * np.resize([1, -1], 15), [0, 0]])
+    axes.plot(coil, 0.5 + height, color="0.3", linewidth=1.5)
+    axes.fill([3, 4.6, 4.6, 3], [0.02, 0.02, 1, 1], facecolor="tab:blue", edgecolor="black", alpha=0.5)
+    axes.annotate("", (6.2, 0.6), (4.6, 0.6), arrowprops={"arrowstyle": "-|>", "linewidth": 2, "color": "black"})
+    axes.annotate("", (2.5, 0.1), (3.8, 0.1), arrowprops={"arrowstyle": "-|>", "linewidth": 2, "color": "tab:orange"})
+    axes.annotate("", (4.5, 1.25), (3.8, 1.25), arrowprops={"arrowstyle": "->", "color": "0.3"})
+    axes.plot([3.8, 3.8], [1.05, 1.4], color="0.3", linewidth=1)
+    words = [(1.5, 0.85, "spring $K$"), (6.3, 0.6, "pull $f$"), (4.6, 1.25, "position $u$")]
+    for x, y, text in [*words, (0.62, 0.17, r"friction $\lambda$, at most $w$")]:
+        axes.text(x, y, text, va="center", ha="center" if text.startswith("spring") else "left")
+    axes.set(xlim=(-0.3, 7.7), ylim=(-0.25, 1.6), aspect="equal")
+    axes.set_axis_off()
+    plt.close(figure)
+    return figure
+
+
+block_and_spring()
+
+# %% [markdown]
+# The motion is slow: there is no inertia, and the forces balance at every instant. Where the block moves, friction
+# takes its full bound in the direction of the motion:
 #
-# Put $r = f - Ku$, and friction is gone from the unknowns. What remains is (2.3), with $a(u, v) = Kuv$:
+# $$K u(t) + \lambda(t) = f(t), \qquad |\lambda| \le w,
+#   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ wherever } \dot u \ne 0.$$
+#
+# At rest $\lambda$ can have any value between $-w$ and $w$, so it is no function of $u$ or $\dot u$. But the two
+# conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function $j(v) = w|v|$.
+# This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
+#
+# $$j(v) \ge j(\dot u) + \lambda\,(v - \dot u) \qquad \text{for all } v.$$
+#
+# Insert $\lambda = f - Ku$, and the force of friction is eliminated. The result is the variational inequality (2.3) of
+# the paper, with $a(u, v) = Kuv$:
 #
 # $$K u\,(v - \dot u) + j(v) - j(\dot u) \;\ge\; f\,(v - \dot u) \qquad \text{for all } v.$$
 
 # %% [markdown]
 # ## 2. One step in time, and the program
 #
-# Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, where $u_{prev}$ is the position a time $k$ ago. With
-# $u_{prev} + kv$ renamed to $v$ (lesson 4 says why $k$ then drops out), (2.34) reads
+# Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, where $u_{prev}$ is the position one time step $k$ earlier.
+# Rename $u_{prev} + kv$ to $v$; lesson 4 shows why $k$ then cancels. The inequality (2.34) of one step is
 #
-# $$K u\,(v - u) + g|v - u_{prev}| - g|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v,$$
+# $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #
-# and this is what holds at the minimum, and only there, of
+# This inequality holds if and only if $u$ minimises the energy
 #
-# $$P(u) = \tfrac12 K u^2 - f u + g\,|u - u_{prev}|,$$
+# $$P(u) = \tfrac12 K u^2 - f u + w\,|u - u_{prev}|,$$
 #
-# a parabola plus a kink at the old position. *Why:* $P$ is convex, so $u$ is its minimum if and only if zero is a
-# subgradient there, that is, if $f - Ku$ is a subgradient of $g|\cdot - u_{prev}|$ at $u$: the inequality.
+# a parabola plus a kink at the old position. *Proof.* $P$ is convex, so $u$ is its minimiser if and only if zero is a
+# subgradient of $P$ at $u$. Equivalently, $f - Ku$ is a subgradient of $w|\cdot - u_{prev}|$ at $u$, and this is the
+# inequality. $\square$
 #
-# Where is the minimum? At the kink (the block sticks), or where the derivative vanishes on one side of it:
-# $u = (f - g)/K$ to the right, $u = (f + g)/K$ to the left. In all three cases $u$ is the old position, clipped to the
-# interval between these two.
+# The minimum lies at the kink, and the block sticks, or it lies where the derivative on one side of the kink vanishes.
+# To the right of the kink this is $u = (f - w)/K$, to the left $u = (f + w)/K$. In all three cases the new position is
+# the old one, clipped to the interval between these two:
+#
+# $$u = \mathrm{clip}\Bigl(u_{prev},\; \frac{f - w}{K},\; \frac{f + w}{K}\Bigr).$$
 
 # %%
-K, g = 2.0, 1.0
+K, w = 2.0, 1.0
 
 
 def primal(u, u_prev, f):
-    return 0.5 * K * u**2 - f * u + g * np.abs(u - u_prev)
+    return 0.5 * K * u**2 - f * u + w * np.abs(u - u_prev)
 
 
 def step_by_hand(u_prev, f):
-    """Stay while (f - g)/K <= u_prev <= (f + g)/K, else move to the nearer end."""
-    return float(np.clip(u_prev, (f - g) / K, (f + g) / K))
+    """Return the minimiser: the old position, clipped."""
+    return float(np.clip(u_prev, (f - w) / K, (f + w) / K))
 
 
 # %% [markdown]
-# Is it the minimum? And does it solve the inequality? We try 8001 other positions $v$. Both sides of either comparison
-# are sums of a few numbers below 100, each rounded to 1e-16 of its size, so differences below 1e-13 are rounding.
+# Does the clip minimise $P$, and does it solve the inequality? We compare it with 8001 other positions $v$. Both sides
+# are sums of a few numbers below 100, each rounded to 1e-16 of its size. So differences below 1e-13 are rounding.
 
 # %%
 others = np.linspace(-4.0, 4.0, 8001)
@@ -79,44 +125,45 @@ def is_minimum(u, u_prev, f):
 
 
 def solves_the_inequality(u, u_prev, f):
-    friction = g * np.abs(others - u_prev) - g * abs(u - u_prev)
+    friction = w * np.abs(others - u_prev) - w * abs(u - u_prev)
     return bool((K * u * (others - u) + friction >= f * (others - u) - 1e-13).all())
 
 
 cases = [(u_prev, f) for u_prev in (-1.0, 0.0, 0.7) for f in (-3.0, -0.4, 0.0, 1.9)]
 assert all(is_minimum(step_by_hand(*case), *case) for case in cases)
 assert all(solves_the_inequality(step_by_hand(*case), *case) for case in cases)
-# The tests can fail: a step that is a hundredth off passes neither.
+# The tests can fail: a position that is wrong by a hundredth passes neither.
 assert not any(is_minimum(step_by_hand(*case) + 0.01, *case) for case in cases)
 assert not any(solves_the_inequality(step_by_hand(*case) + 0.01, *case) for case in cases)
-print(f"{len(cases)} steps by hand are minima, and solve the inequality")
+print(f"{len(cases)} steps by hand minimise the energy and solve the inequality")
 
 # %% [markdown]
-# The picture: $P$ for three pulls from $u_{prev} = 0$. While $|f| \le g$ the kink holds the minimum fast. **Question:**
-# which of the two one-sided slopes of $P$ at the kink decides when the block starts to move to the right, and what is
-# its value?
+# The picture shows $P$ for three pulls, with $u_{prev} = 0$. While $|f| \le w$ the minimum stays at the kink.
+# **Question:** which of the two one-sided slopes of $P$ at the kink decides when the block starts to move to the right,
+# and what is its value?
 #
 # <details><summary>Answer</summary>
 #
-# The slope on the right, $P'(0^+) = g - f$. The block moves to the right as soon as it is negative, for $f > g$. (From
-# any $u_{prev}$ it is $K u_{prev} - f + g$.) The slope on the left, $-f - g$, is negative for all $f > -g$ and says
-# only that the block does not move to the left.
+# The slope on the right, $P'(0^+) = w - f$. The block moves to the right as soon as this slope is negative, that is for
+# $f > w$. (For any $u_{prev}$ the slope is $K u_{prev} - f + w$.) The slope on the left, $-f - w$, is negative for all
+# $f > -w$; this only shows that the block does not move to the left.
 #
 # </details>
 
 
 # %% jupyter={"source_hidden": true}
+# Picture: the energy P for three pulls, a parabola plus a kink; two minima lie at the kink, one to the right of it
 def energies(pulls):
-    figure = new_figure(6.4, 3.6)
-    axes = figure.add_subplot()
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     u = np.linspace(-0.8, 1.6, 400)
-    for f, colour in zip(pulls, ("0.6", STICK, SLIP), strict=True):
+    for f, colour in zip(pulls, ("0.6", "tab:blue", "tab:orange"), strict=True):
         best = step_by_hand(0.0, f)
         axes.plot(u, primal(u, 0.0, f), color=colour, label=f"pull $f = {f:g}$: {'slips' if best else 'sticks'}")
         axes.plot(best, primal(best, 0.0, f), "o", color=colour)
-    axes.set(xlabel="position $u$", ylabel="$P(u)$", ylim=(-1.1, 3.0), title="parabola and kink: the minimum is marked")
-    light_grid(axes)
+    axes.set(xlabel="position $u$", ylabel="$P(u)$", ylim=(-1.1, 3.0), title="parabola plus kink; dots: minima")
+    axes.grid(color="0.9")
     axes.legend(frameon=False)
+    plt.close(figure)
     return figure
 
 
@@ -125,20 +172,25 @@ energies((0.0, 0.8, 2.6))
 # %% [markdown]
 # ## 3. The dual
 #
-# The kink is a maximum of lines, $g|s| = \max_{|\lambda| \le g} \lambda s$. So the program asks for the minimum over
-# $u$ of a maximum over $\lambda$; exchange the two (allowed: what stands inside is convex in $u$, linear in
-# $\lambda$, and the set of the $\lambda$ is bounded):
+# The kink is a maximum of linear functions: with the slip $s = u - u_{prev}$ of the step,
 #
-# $$\min_u \max_{|\lambda| \le g} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev})
-#   \;=\; \max_{|\lambda| \le g} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}.$$
+# $$w|s| = \max_{|\lambda| \le w} \lambda s .$$
 #
-# The inner minimum is now smooth: $K u = f - \lambda$. **The multiplier is the force that friction takes**, the $r$
-# of section 1. With this $u$ the inner minimum is a function of $\lambda$ alone,
+# So the program is a minimum over $u$ of a maximum over $\lambda$. We may exchange the two, because the function is
+# convex in $u$ and linear in $\lambda$, and because the set of the $\lambda$ is bounded:
 #
-# $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le g.$$
+# $$\min_u \max_{|\lambda| \le w} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev})
+#   \;=\; \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}.$$
 #
-# Another clip: the top of the parabola $D$ is at $f - K u_{prev}$, the force that would hold the block where it is.
-# If friction can give as much, it does, and the block sticks; if not, it gives what it can.
+# The inner minimum is now smooth, and it lies where $K u = f - \lambda$. **The multiplier is the force that friction
+# takes**, the $\lambda$ of section 1. Insert this $u$, and a function of $\lambda$ remains, the *dual energy*
+#
+# $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le w.$$
+#
+# The maximiser is again a clip. The parabola $D$ has its vertex at $f - K u_{prev}$, the force that holds the block
+# where it is. If friction can take this force, it does so, and the block sticks. If not, friction takes its bound:
+#
+# $$\lambda = \mathrm{clip}(f - K u_{prev},\; -w,\; w).$$
 
 
 # %%
@@ -147,70 +199,74 @@ def dual(lam, u_prev, f):
 
 
 def friction_by_hand(u_prev, f):
-    return float(np.clip(f - K * u_prev, -g, g))
+    return float(np.clip(f - K * u_prev, -w, w))
 
 
 for _u_prev, _f in cases:
     _u, _lam = step_by_hand(_u_prev, _f), friction_by_hand(_u_prev, _f)
-    assert abs(K * _u - (_f - _lam)) < 1e-14, "forces balance"
-    assert abs(g * abs(_u - _u_prev) - _lam * (_u - _u_prev)) < 1e-14, "friction is g against the slip, or no slip"
-    assert abs(primal(_u, _u_prev, _f) - dual(_lam, _u_prev, _f)) < 1e-13, "no gap"
-print("in all cases: balance, complementarity, and the same value of both programs")
+    _s = _u - _u_prev
+    assert abs(K * _u - (_f - _lam)) < 1e-14, "the forces balance"
+    assert abs(w * abs(_s) - _lam * _s) < 1e-14, "friction is w in the direction of the slip, or there is no slip"
+    assert abs(primal(_u, _u_prev, _f) - dual(_lam, _u_prev, _f)) < 1e-13, "both programs have the same value"
+print("in all cases: balance of forces, complementarity, and equal values of both programs")
 
 # %% [markdown]
 # ## 4. Any guess of the force bounds the energy from below
 #
-# For *every* $u$ and every $|\lambda| \le g$ we have $D(\lambda) \le P(u)$, by the very order of the minimum and the
-# maximum. The difference, the **gap**, is zero at the solution, and it bounds how far we are from it:
+# For *every* $u$ and every $|\lambda| \le w$ we have $D(\lambda) \le P(u)$: a minimum of maxima is at least the maximum
+# of minima. The difference $P(u) - D(\lambda)$ is the **gap**. It is zero at the solution $u^*$, and it bounds the
+# distance to $u^*$:
 #
 # $$\tfrac12 K (u - u^*)^2 \;\le\; P(u) - P(u^*) \;\le\; P(u) - D(\lambda).$$
 #
-# (First step: $P$ is $\tfrac12 Ku^2$ plus something convex, so it grows at least like a parabola away from its
-# minimum $u^*$.) Nobody has to know $u^*$ to compute the right side. That is the idea of this package in one line:
-# every answer comes with a $\lambda$, whoever computed it, and the gap certifies it. Lesson 6 makes more of it.
+# The first inequality holds because $P$ is $\tfrac12 Ku^2$ plus a convex function, so it grows at least like this
+# parabola away from its minimum. The right side does not contain $u^*$. This is the main idea of the package: every
+# answer comes with a $\lambda$, and the gap certifies the answer, whichever solver computed it. Lesson 6 continues
+# here.
 
 # %%
 rng = np.random.default_rng(0)
-tried = [(*cases[i % len(cases)], *rng.uniform((-2, -g), (2, g))) for i in range(300)]
-for _u_prev, _f, _u, _lam in tried:
+guesses = [(*cases[i % len(cases)], *rng.uniform((-2, -w), (2, w))) for i in range(300)]
+for _u_prev, _f, _u, _lam in guesses:
     _gap = primal(_u, _u_prev, _f) - dual(_lam, _u_prev, _f)
     assert 0.5 * K * (_u - step_by_hand(_u_prev, _f)) ** 2 <= _gap + 1e-13
-print(f"{len(tried)} guesses of position and force: the gap bounds the error of each")
+print(f"{len(guesses)} guesses of position and force: the gap bounds the error of each")
 
 # %% [markdown]
-# The picture shows both programs on one scale of energy, $P$ over positions on the left and $D$ over forces on the
-# right. The lowest point of $P$ is as high as the highest point of $D$. **Question:** the block sticks in the upper row
-# and slips in the lower; at which end of which graph do you see it?
+# The picture shows both programs on one energy scale: $P$ over positions on the left, $D$ over forces on the right. The
+# minimum of $P$ is as high as the maximum of $D$. **Question:** the block sticks in the upper row and slips in the
+# lower one. How does the graph of $D$ show this?
 #
 # <details><summary>Answer</summary>
 #
-# At the right end of the lower graph of $D$. There the maximum is at $\lambda = g$, and $D$ still rises: friction would
-# give more if it could, and the block slips. The slope of $D$ at that end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 =
-# .4$, is the slip. In the upper graph the maximum is inside, where the slope is zero: no slip.
+# In the lower graph the maximum is at the right end, at $\lambda = w$, and $D$ still rises there: friction is at its
+# bound, and the block slips. The slope of $D$ at this end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 = 0.4$, is the
+# slip. In the upper graph the maximum is in the interior, where the slope is zero: there is no slip.
 #
 # </details>
 
 
 # %% jupyter={"source_hidden": true}
+# Picture: the energy P over positions and the dual energy D over forces; the minimum of P is the maximum of D
 def two_programs(pulls):
-    figure = new_figure(7.6, 5.2)
-    panels = figure.subplots(2, 2, sharey="row", sharex="col")
-    u, lam = np.linspace(-0.6, 1.2, 300), np.linspace(-g, g, 300)
+    figure, panels = plt.subplots(2, 2, sharey="row", sharex="col", figsize=(7.6, 5.2), layout="constrained")
+    u, lam = np.linspace(-0.6, 1.2, 300), np.linspace(-w, w, 300)
     for (left, right), f in zip(panels, pulls, strict=True):
         best, force = step_by_hand(0.0, f), friction_by_hand(0.0, f)
-        left.plot(u, primal(u, 0.0, f), color=COMPUTED)
-        right.plot(lam, dual(lam, 0.0, f), color=SLIP)
-        left.plot(best, primal(best, 0.0, f), "o", color=COMPUTED, label=f"minimum at $u = {best:g}$")
-        right.plot(force, dual(force, 0.0, f), "o", color=SLIP, label=rf"maximum at $\lambda = {force:g}$")
+        left.plot(u, primal(u, 0.0, f), color="tab:blue")
+        right.plot(lam, dual(lam, 0.0, f), color="tab:orange")
+        left.plot(best, primal(best, 0.0, f), "o", color="tab:blue", label=f"minimum at $u = {best:g}$")
+        right.plot(force, dual(force, 0.0, f), "o", color="tab:orange", label=rf"maximum at $\lambda = {force:g}$")
         left.set(ylabel=f"pull $f = {f:g}$")
         for axes in (left, right):
             axes.axhline(primal(best, 0.0, f), color="0.5", linewidth=0.8)
-            light_grid(axes)
+            axes.grid(color="0.9")
             axes.legend(frameon=False)
-    panels[0, 0].set_title("$P(u)$: the energy of positions")
-    panels[0, 1].set_title(r"$D(\lambda)$: forces of friction, $|\lambda| \leq g$")
+    panels[0, 0].set_title("$P(u)$, energy of positions")
+    panels[0, 1].set_title(r"$D(\lambda)$, dual energy of forces, $|\lambda| \leq w$")
     panels[1, 0].set_xlabel("position $u$")
     panels[1, 1].set_xlabel(r"force $\lambda$")
+    plt.close(figure)
     return figure
 
 
@@ -220,11 +276,11 @@ two_programs((0.6, 1.8))
 # ## Exercises
 #
 # 1. For which pulls does a block at $u_{prev} = 0.7$ stay where it is? Check with `step_by_hand`.
-# 2. Let $g = 0$. What is left of the inequality, of $P$, of $D$?
-# 3. Write the gap as a sum of two terms that are each $\ge 0$: one that vanishes when forces balance, and one that
-#    vanishes when friction fits the slip.
-# 4. The table moves by $d$ during the step (a belt). What becomes of $P$, of the clip, of $D$?
-# 5. Two blocks differ in their old positions only. Show that they never get farther from each other in a step with the
-#    same pull.
+# 2. Let $w = 0$. What remains of the inequality, of $P$, and of $D$?
+# 3. Write the gap as a sum of two terms that are each $\ge 0$: one vanishes when the forces balance, the other when the
+#    force of friction fits the slip.
+# 4. The table is a belt that moves by $\Delta$ during the step. How do $P$, the clip and $D$ change?
+# 5. Two blocks differ in their old positions only. Show that a step with the same pull does not increase their
+#    distance.
 #
 # Solutions: `lesson_1_solutions.py`.

@@ -2,34 +2,33 @@
 """# Lesson 2, four nodes: ten lines of cvxpy, and what the dual of a cone means"""
 
 # %% [markdown]
-# This lesson goes on from one slider to a chain of four. It writes the same program with vectors, in ten lines of
-# cvxpy; it says what a conic solver returns beside the positions, and which part of that is a force; and it goes from
-# the line to the plane, where an absolute value becomes a length and the cone shows its shape.
+# *You need:* lesson 1; vectors and matrices. *You will see:* the program of a step in ten lines of cvxpy, what a conic
+# solver returns beside the positions, and how an absolute value becomes a cone in the plane.
 #
-# Equation numbers are those of Feng, Han and Huang; lesson 1 derives the program for one slider.
+# Lesson 1 had one slider; here are four in a row. Equation numbers are those of Feng, Han and Huang.
 
 # %%
 import cvxpy as cp
+import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.patches import Circle
 
 import vemcvx as vx
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots.style import OUTLINE, SLIP, STICK
 
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Four blocks in a row, joined by springs of stiffness one; the last is tied to a wall, the first is pulled. Block $i$
-# has its own friction bound $w_i$. A step (2.34) from $u_{prev}$ is, as in lesson 1,
+# Four blocks in a row are joined by springs of stiffness one. The last block is tied to a wall, the first is pulled.
+# Block $i$ has its own friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in lesson 1,
 #
-# $$\min_u \; \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \qquad
+# $$P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \qquad
 #   K = \begin{pmatrix} 1 & -1 \\ -1 & 2 & -1 \\ & -1 & 2 & -1 \\ & & -1 & 2 \end{pmatrix}.$$
 #
-# A finite element model of a body on a rough floor is this with a larger $K$; nothing else is different.
+# A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
-# A conic program has a linear objective (here: quadratic) and *cones* for constraints. Each absolute value becomes a
-# variable $t_i$ and one cone, $|u_i - u_{prev,i}| \le t_i$; the minimum pushes $t_i$ down onto it.
+# A conic program has a linear (here: quadratic) objective, and its constraints are *cones*. So each absolute value
+# becomes a variable $d_i$, a distance, and one cone. The minimum presses $d_i$ down to the absolute value:
+#
+# $$|u_i - u_{prev,i}| \le d_i .$$
 
 # %%
 K = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -37,26 +36,32 @@ w = np.array([0.5, 0.5, 0.5, 0.5])
 f = np.array([1.2, 0.0, 0.0, 0.0])
 u_prev = np.zeros(4)
 
-u, t = cp.Variable(4), cp.Variable(4)
-cones = [cp.SOC(t[i], cp.reshape(u[i] - u_prev[i], (1,), order="F")) for i in range(4)]
-energy = 0.5 * cp.quad_form(u, K) - f @ u + w @ t
+u, d = cp.Variable(4), cp.Variable(4)
+cones = [cp.SOC(d[i], cp.reshape(u[i] - u_prev[i], (1,), order="F")) for i in range(4)]
+energy = 0.5 * cp.quad_form(u, K) - f @ u + w @ d
 problem = cp.Problem(cp.Minimize(energy), cones)
 problem.solve(solver="CLARABEL")
 print("positions", np.round(u.value, 6) + 0.0)
 
 # %% [markdown]
-# **By hand.** Blocks 1 and 2 slide forward, so friction takes .5 from each. On the first block 1.2 - .5 is what the
-# first spring must carry, .7; on the second .7 - .5 = .2 is left for the second spring. The third block holds .2 with
-# its own friction and does not move. So $u_3 = u_4 = 0$, $u_2 = .2$, $u_1 = .2 + .7 = .9$.
+# **By hand.** Blocks 1 and 2 slide forward, and friction takes 0.5 from each. The first spring carries the remaining
+# $1.2 - 0.5 = 0.7$, the second spring $0.7 - 0.5 = 0.2$. Block 3 takes 0.2 by its own friction and does not move. So
+# $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
 #
-# How near should the solver come? Clarabel stops when the gap is 1e-8, and the gap is *linear* in a slip that should be
-# zero (lesson 6), $w_i |s_i|$: a slip of 2e-8 and, in the energy norm, an error of $\sqrt{2 \cdot 10^{-8}} \approx$
-# 1.4e-4. The smallest eigenvalue of $K$ is .12, so 4.1e-4 in the positions at worst.
+# How close should the solver come? Clarabel stops at a gap of about 1e-8. The gap bounds the error in the energy norm,
+# by $\sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of $K$ is 0.12, so the error of the positions is
+# at most 4.1e-4. For blocks that should stick, the bound is much better. A slip $s_i$ that should be zero contributes
+#
+# $$(w_i - |\lambda_i|)\,|s_i|$$
+#
+# or more to the gap (lesson 6), where $\lambda_i$ is the force of friction in the solution. This term is *linear* in
+# the slip. Here $\lambda_3 = 0.2$ and $\lambda_4 = 0$, so block 3 slips by at most 1e-8/0.3, block 4 by 1e-8/0.5.
 
 # %%
 by_hand = np.array([0.9, 0.2, 0.0, 0.0])
 allowed = np.sqrt(2e-8 / np.linalg.eigvalsh(K).min())
 assert np.linalg.norm(u.value - by_hand) < allowed
+assert (np.abs(u.value[2:]) < 1e-8 / np.array([0.5 - 0.2, 0.5 - 0.0])).all()
 print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {allowed:.0e} allowed")
 
 # %% [markdown]
@@ -68,43 +73,50 @@ print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {all
 # $$\max_{|\lambda_i| \le w_i} \min_u \; \tfrac12 u^TKu - f^Tu + \lambda^T(u - u_{prev})
 #   \;=\; \max_{|\lambda_i| \le w_i} -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) - \lambda^T u_{prev}.$$
 #
-# The inner minimum is at $K u = f - \lambda$: the multiplier is the force that friction takes. Where it stays below the
-# bound the block sticks; where the block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force *on* the block is
-# $-\lambda_i$, against the slip.
+# The inner minimum is at $K u = f - \lambda$: the multiplier is the force that friction takes. A block with
+# $|\lambda_i| < w_i$ sticks. Where a block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force *on* the block is
+# $-\lambda_i$, opposite to the slip.
 #
-# **What the solver returns** for the cone $|s_i| \le t_i$ is a pair $(\tau_i, z_i)$ in the *dual cone*, all pairs with
-# $\tau t + z s \ge 0$ for every $(t, s)$ in the cone: again $|z_i| \le \tau_i$. Its Lagrangian subtracts $\tau_i t_i +
-# z_i s_i$. Stationarity in $t_i$ gives $w_i - \tau_i = 0$: **the first component is the bound**. Stationarity in $u$
-# gives $Ku - f - z = 0$, so $z_i = -\lambda_i$: **the second is the force on the block**; mind the minus. And
-# complementarity $\tau_i t_i + z_i s_i = 0$ says: full friction against the slip, or no slip.
+# **What the solver returns.** For the cone $|s_i| \le d_i$ it returns a pair $(\xi_i, \zeta_i)$ in the *dual cone*.
+# This is the set of all pairs with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone, so again
+#
+# $$|\zeta_i| \le \xi_i .$$
+#
+# The Lagrangian of the solver subtracts $\xi_i d_i + \zeta_i s_i$ from the objective:
+#
+# - Stationarity in $d_i$ gives $w_i - \xi_i = 0$: **the first component is the friction bound**.
+# - Stationarity in $u$ gives $Ku - f - \zeta = 0$, so $\zeta_i = -\lambda_i$: **the second component is the force on
+#   the block**. Mind the minus.
+# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, says: either full friction against the slip, or no slip.
 
 # %%
-tau = np.array([cone.dual_value[0].item() for cone in cones])
+xi = np.array([cone.dual_value[0].item() for cone in cones])
 lam = np.array([-cone.dual_value[1].item() for cone in cones])
-# An error e in u is K e in the forces, and no eigenvalue of K exceeds 4 (Gershgorin).
-assert np.abs(tau - w).max() < 4 * allowed
+# An error e in u is an error K e in the forces, and no eigenvalue of K exceeds 4 (Gershgorin).
+assert np.abs(xi - w).max() < 4 * allowed
 assert np.abs(lam - [0.5, 0.5, 0.2, 0.0]).max() < 4 * allowed
 assert np.abs(lam - (f - K @ u.value)).max() < 4 * allowed
 print("friction takes", np.round(lam, 6) + 0.0, "of", w)
-print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(the same: forces balance)")
+print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(equal, because the forces balance)")
 
 # %% [markdown]
-# The dual is a program in its own right: a quadratic in a box, the blocks' forces its unknowns. Solve it as such, and
-# positions come out as *its* multipliers. (Lesson 9 starts here.) **Question:** why does block 4 not even notice that
-# block 1 is pulled?
+# The dual is itself a program: a concave quadratic function is maximised over a box, and the unknowns are the forces of
+# friction. If we solve the dual, the positions follow from $Ku = f - \lambda$. (Lesson 9 starts here.) **Question:**
+# block 1 is pulled, and block 4 carries no force at all. Why?
 #
 # <details><summary>Answer</summary>
 #
 # Block 3 sticks, $u_3 = 0$, so the spring between blocks 3 and 4 keeps its length and carries no force. Block 4 is in
-# balance without friction: $\lambda_4 = f_4 - (Ku)_4 = 0$. A block that sticks is a wall to what lies behind it.
+# balance without friction: $\lambda_4 = f_4 - (Ku)_4 = 0$. A block that sticks acts like a wall on the blocks behind
+# it.
 #
 # </details>
 
 # %%
 force = cp.Variable(4)
 flexibility = np.linalg.inv(K)
-balance = -0.5 * cp.quad_form(f - force, flexibility) - u_prev @ force
-dual = cp.Problem(cp.Maximize(balance), [cp.abs(force) <= w])
+dual_energy = -0.5 * cp.quad_form(f - force, flexibility) - u_prev @ force
+dual = cp.Problem(cp.Maximize(dual_energy), [cp.abs(force) <= w])
 dual.solve(solver="CLARABEL")
 # Both objectives are within 1e-8 (absolute and relative) of the common optimum.
 assert abs(dual.value - problem.value) < 4e-8
@@ -113,52 +125,63 @@ print(f"least energy {problem.value:.8f}, best lower bound {dual.value:.8f}")
 
 
 # %% jupyter={"source_hidden": true}
+# Picture: four blocks in a row after the step, above the force of friction on each within its bound
 def chain_picture():
-    figure = new_figure(7.0, 3.4)
-    above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1, 1.5]})
+    figure, (above, below) = plt.subplots(
+        2, 1, sharex=True, figsize=(7.0, 3.4), layout="constrained", gridspec_kw={"height_ratios": [1, 1.5]}
+    )
     rest = np.array([4.5, 3.0, 1.5, 0.0])
-    now, colours = rest + by_hand, [SLIP if moves else STICK for moves in by_hand > 0]
+    now, colours = rest + by_hand, ["tab:orange" if moves else "tab:blue" for moves in by_hand > 0]
     above.plot([-1.0, now[0]], [0, 0], color="0.6", linewidth=1.0)
     above.plot([-1.0, -1.0], [-0.5, 0.5], color="black", linewidth=3)
-    above.scatter(rest, np.zeros(4), s=200, facecolor="white", edgecolor=OUTLINE, marker="s", zorder=2)
+    above.scatter(rest, np.zeros(4), s=200, facecolor="white", edgecolor="0.4", marker="s", zorder=2)
     above.scatter(now, np.zeros(4), s=200, color=colours, marker="s", zorder=3)
     above.annotate("pull", (6.4, 0), (5.6, 0), arrowprops={"arrowstyle": "->"}, va="center")
-    above.set(yticks=[], xlim=(-1.2, 6.6), ylim=(-1, 1), title="the step: orange slides, blue sticks")
-    below.bar(rest, 2 * w, 0.6, bottom=-w, facecolor="none", edgecolor=OUTLINE, label=r"$|\lambda_i| \leq w_i$")
+    above.set(yticks=[], xlim=(-1.2, 6.6), ylim=(-1, 1), title="the step: orange blocks slide, blue blocks stick")
+    below.bar(rest, 2 * w, 0.6, bottom=-w, facecolor="none", edgecolor="0.4", label=r"$|\lambda_i| \leq w_i$")
     below.bar(rest, lam, 0.6, color=colours)
     below.set(ylabel=r"force $\lambda_i$", xticks=rest, xticklabels=[f"block {i}" for i in (1, 2, 3, 4)])
-    light_grid(below, axis="y")
+    below.grid(axis="y", color="0.9")
+    below.set_axisbelow(True)
     below.legend(frameon=False, loc="lower right")
+    plt.close(figure)
     return figure
 
 
 chain_picture()
 
 # %% [markdown]
-# ## 3. From the line to the plane: the cone gets its shape
+# ## 3. From the line to the plane: the cone takes its shape
 #
-# Now the four blocks stand on a table, and each may slide in both directions of the plane: $u_i \in \mathbb{R}^2$, the
-# springs alike in $x$ and $y$. $|s_i|$ is a length, $\{|s_i| \le t_i\}$ is the ice-cream cone, and $\lambda_i$ is a
-# vector in a **disc** of radius $w_i$. In the program, `(1,)` becomes `(2,)`:
+# Now the four blocks stand on a table, and each may slide in any direction of the plane: $u_i \in \mathbb{R}^2$. The
+# springs act equally in $x$ and $y$. The absolute value becomes a length, and the cone becomes the ice-cream cone:
+#
+# $$\{(d_i, s_i) : |s_i| \le d_i\}, \qquad s_i \in \mathbb{R}^2 .$$
+#
+# The force $\lambda_i$ is now a vector in a **disc** of radius $w_i$. In the program, `(1,)` becomes `(2,)`:
 
 
 # %%
 def step_in_the_plane(pull, before):
-    position, length = cp.Variable((4, 2)), cp.Variable(4)
-    discs = [cp.SOC(length[i], position[i] - before[i]) for i in range(4)]
+    position, distance = cp.Variable((4, 2)), cp.Variable(4)
+    discs = [cp.SOC(distance[i], position[i] - before[i]) for i in range(4)]
     stored = 0.5 * sum(cp.quad_form(position[:, a], K) for a in range(2))
-    least = cp.Problem(cp.Minimize(stored - cp.sum(cp.multiply(pull, position)) + w @ length), discs)
+    least = cp.Problem(cp.Minimize(stored - cp.sum(cp.multiply(pull, position)) + w @ distance), discs)
     least.solve(solver="CLARABEL")
     return position.value, -np.array([np.ravel(disc.dual_value[1]) for disc in discs])
 
 
 # %% [markdown]
-# Pull first along $x$, as before, then turn the pull by 60 degrees and let it grow a little. Where a block slides,
-# $\lambda_i = w_i s_i/|s_i|$: on the rim, in the direction of the slip *of this step*, whatever it was before. Where it
-# sticks, $\lambda_i$ is anywhere in the disc.
+# We pull along $x$ first, as before. In a second step we turn the pull by 60 degrees and increase it a little. Where a
+# block slides, the force is on the rim of the disc and has the direction of the slip *of this step*:
 #
-# How exactly? Complementarity holds up to the gap: $w|s| - \lambda \cdot s \le$ 1e-8. With $\lambda$ of length $w$
-# at an angle $\phi$ from $s$, the left side is $w|s|(1 - \cos\phi) \approx w|s|\phi^2/2$, and as much is granted.
+# $$\lambda_i = w_i\,\frac{s_i}{|s_i|} .$$
+#
+# Where a block sticks, $\lambda_i$ may be anywhere in the disc.
+#
+# How exactly does the solver satisfy this? Complementarity holds up to the gap: $w|s| - \lambda \cdot s \le$ 1e-8. For
+# a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
+# $w|s|(1 - \cos\theta) \approx w|s|\theta^2/2$.
 
 # %%
 along, turned = np.zeros((4, 2)), np.zeros((4, 2))
@@ -171,44 +194,48 @@ for _slip, _force in ((first, force_1), (second - first, force_2)):
     assert (w * np.linalg.norm(_slip, axis=1) - np.sum(_force * _slip, axis=1) < 4e-8).all()
 assert np.linalg.norm((second - first)[0]) > 0.3
 print("slips of the second step\n", np.round(second - first, 4) + 0.0)
+_directions = np.degrees(np.arctan2(*(second - first)[:3].T[::-1]))
+assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 
 # %% [markdown]
-# The picture: the disc of each block, in it the force $\lambda_i$ that friction takes, beside it the direction of the
-# slip. **Question:** in the second step block 1 is pulled at 60 degrees, but friction on it acts at 77 degrees. Why not
-# at 60? And could an absolute value for each component ($|s_x| + |s_y|$) give the same picture?
+# The picture shows the disc of each block, in it the force $\lambda_i$ that friction takes, and dashed the direction of
+# the slip. **Question:** in the second step block 1 is pulled at 60 degrees, but it slips at 77 degrees. Why not at 60?
+# And would the sum of absolute values, $|s_x| + |s_y|$, give the same picture?
 #
 # <details><summary>Answer</summary>
 #
-# Friction takes what the springs leave of the pull. The spring to block 2 is still stretched along $x$ from the first
-# step and carries (.69, .90), at 52 degrees; of the pull (.80, 1.39) this leaves (.11, .49), at 77 degrees, and the
-# block slips that way. Blocks 2 and 3 slip at 60 and 47 degrees, each along what its own two springs leave.
+# Friction takes the part of the pull that the springs do not carry. The spring to block 2 is still stretched along $x$
+# from the first step and carries $(0.69, 0.90)$, at 52 degrees. Of the pull $(0.80, 1.39)$ this leaves $(0.11, 0.49)$,
+# at 77 degrees, and the block slips in this direction. Blocks 2 and 3 slip at 60 and 47 degrees, each in the direction
+# of the force that its two springs leave.
 #
-# No. With $|s_x| + |s_y|$ every component of the force has a bound of its own, and the disc becomes a square. A block
-# that slips in both components has its force in a corner of the square, $(.5, .5)$: at 45 degrees whatever the way of
-# the slip, and $\sqrt 2$ times as long.
+# No. With $|s_x| + |s_y|$ each component of the force has a bound of its own, and the disc becomes a square. A block
+# that slips in both components then has its force in a corner of the square, $(0.5, 0.5)$. The force is at 45 degrees
+# whatever the direction of the slip, and $\sqrt 2$ times as long.
 #
 # </details>
 
 
 # %% jupyter={"source_hidden": true}
+# Picture: the disc of admissible forces of each block, the force of friction in it, and the direction of the slip
 def discs_picture():
-    figure = new_figure(8.4, 4.6)
-    panels = figure.subplots(2, 4)
+    figure, panels = plt.subplots(2, 4, figsize=(8.4, 4.6), layout="constrained")
     steps = ((first, force_1, "along x"), (second - first, force_2, "turned"))
     for row, (slip, force_now, words) in zip(panels, steps, strict=True):
         for i, axes in enumerate(row):
             slides = np.linalg.norm(slip[i]) > allowed
-            axes.add_patch(Circle((0, 0), w[i], facecolor="0.95", edgecolor=OUTLINE))
+            axes.add_patch(plt.Circle((0, 0), w[i], facecolor="0.95", edgecolor="0.4"))
             if slides:
-                way = 0.7 * slip[i] / np.linalg.norm(slip[i])
-                axes.plot(*np.transpose([(0, 0), way]), "--", color="0.4", linewidth=1.0)
-            colour = SLIP if slides else STICK
+                direction = 0.7 * slip[i] / np.linalg.norm(slip[i])
+                axes.plot(*np.transpose([(0, 0), direction]), "--", color="0.4", linewidth=1.0)
+            colour = "tab:orange" if slides else "tab:blue"
             axes.plot(*np.transpose([(0, 0), force_now[i]]), color=colour, linewidth=2)
             axes.plot(*force_now[i], "o", color=colour)
             axes.set(xlim=(-0.75, 0.75), ylim=(-0.75, 0.75), aspect="equal", xticks=[], yticks=[])
             axes.set_title(f"block {i + 1} {'slides' if slides else 'sticks'}", fontsize="medium")
         row[0].set_ylabel(f"pull {words}")
-    figure.suptitle(r"$\lambda_i$ in its disc; dashed: the way of the slip")
+    figure.suptitle(r"force $\lambda_i$ in its disc; dashed: direction of the slip")
+    plt.close(figure)
     return figure
 
 
@@ -217,10 +244,12 @@ discs_picture()
 # %% [markdown]
 # ## 4. The same from the package
 #
-# `vx.march` takes any such problem: a matrix, a load as a function of time, and the norm terms. Newton is a semismooth
-# Newton method written by hand (lesson 5), Clarabel the interior-point method from above: about as different as two
-# solvers can be. Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6), so two answers
-# may be apart by no more than both together.
+# `vx.march` takes any such problem: a matrix, a load as a function of time, and the norm terms. `vx.Newton` is a
+# semismooth Newton method (lesson 5), `vx.Clarabel` the interior-point method of section 1: two very different solvers.
+# Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6). So the distance of two answers is
+# at most the sum of both certificates:
+#
+# $$|u_1 - u_2|_K \le \sqrt{2\,\mathrm{gap}_1} + \sqrt{2\,\mathrm{gap}_2}, \qquad |u|_K^2 = u^T K u .$$
 
 # %%
 system = vx.System(K, lambda time: time * f, vx.Norms(np.eye(4), w))
@@ -233,19 +262,19 @@ assert apart <= claimed < 1e-5
 assert np.allclose(newton.state[-1], by_hand, rtol=0, atol=1e-14)
 assert np.allclose(newton.multipliers[-1, :, 0], [0.5, 0.5, 0.2, 0.0], rtol=0, atol=1e-14)
 print("Newton   ", newton.state[-1])
-print(f"the two are {apart:.0e} apart, and claim to be within {claimed:.0e}")
+print(f"the answers are {apart:.0e} apart; the certificates allow {claimed:.0e}")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? By hand first: nothing
-#    moves back unless a spring pulls a block by more than .5. (`march` with times 0, 1, 2.)
-# 2. Set $w = 0$. What is left of the program, of the dual, and of the answer?
-# 3. By which pull does block 4 begin to move? (From rest, one step.)
-# 4. Replace the disc by the square $|\lambda_x|, |\lambda_y| \le w$, that is $|s|$ by $|s_x| + |s_y|$. Pull at 45
-#    degrees by 1.2. How much more friction is there than with the disc? Why can a solver of quadratic programs take
-#    part now, and not before?
-# 5. The dual value of the cone of block 3 is $(.5, -.2)$. By how much does the least energy change if $w_3$ grows by
-#    .01? If block 3 had started at $u_{prev,3} = .01$?
+# 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First by hand: a block
+#    moves back only if its springs pull it by more than 0.5. Then by `march` with the times 0, 1, 2.
+# 2. Set $w = 0$. What remains of the program, of the dual, and of the answer?
+# 3. From rest, at which pull does block 4 begin to move in one step?
+# 4. Replace the disc by the square $|\lambda_x|, |\lambda_y| \le w$, that is $|s|$ by $|s_x| + |s_y|$. Pull by 1.2 at
+#    45 degrees. How much larger is the force of friction than with the disc? Why can a solver of quadratic programs now
+#    take part?
+# 5. The dual pair of the cone of block 3 is $(\xi_3, \zeta_3) = (0.5, -0.2)$. How does the least energy change if $w_3$
+#    grows by 0.01? And if block 3 starts at $u_{prev,3} = 0.01$?
 #
 # Solutions: `lesson_2_solutions.py`.

@@ -2,8 +2,8 @@
 """# Solutions to the exercises of lesson 2, four nodes"""
 
 # %% [markdown]
-# The chain of the lesson, and its step by `march`, which is exact to rounding: numbers below are of size one, and
-# 1e-13 is granted.
+# We repeat the chain of the lesson. `march` takes its steps and is exact up to rounding. All numbers are of size one,
+# so we allow 1e-13.
 
 # %%
 import cvxpy as cp
@@ -17,7 +17,7 @@ f = np.array([1.2, 0.0, 0.0, 0.0])
 
 
 def path(load, times, weights=w):
-    """Positions after every step."""
+    """Return the positions after every step."""
     return vx.march(vx.System(K, load, vx.Norms(np.eye(4), weights)), times, solver=vx.Newton()).state
 
 
@@ -26,9 +26,10 @@ def near(found, expected):
 
 
 # %% [markdown]
-# **1.** Let go at (.9, .2, 0, 0). The spring between 1 and 2 pulls block 1 back by .7 > .5: it moves. On block 2 pull
-# .7 forwards and .2 backwards, .5 in all, which friction just holds; as block 1 comes back there is less. Block 1 stops
-# when the spring carries .5: at $u_1 = .2 + .5 = .7$. Then nothing else moves.
+# **1.** We let go at (0.9, 0.2, 0, 0). The spring between blocks 1 and 2 pulls block 1 back by 0.7 > 0.5, so block 1
+# moves. Block 2 is pulled forward by 0.7 and backward by 0.2, in all by 0.5. Friction just holds this force, and the
+# force decreases as block 1 comes back. Block 1 stops when its spring carries 0.5, at $u_1 = 0.2 + 0.5 = 0.7$. No other
+# block moves.
 
 # %%
 back = path(lambda time: f * (2 - time if time > 1 else time), [0.0, 1.0, 2.0])
@@ -37,15 +38,15 @@ assert near(back[2], [0.7, 0.2, 0.0, 0.0])
 print("after the pull", back[1], "and after letting go", back[2])
 
 # %% [markdown]
-# **2.** The smooth part of the energy: one linear system $Ku = f$. The only admissible $\lambda$ is zero, and the dual
-# value is the energy. All blocks move, block 4 as well.
+# **2.** The smooth part of the energy remains, and the answer solves the linear system $Ku = f$. The only admissible
+# $\lambda$ is zero, and the dual value is the energy. All blocks move, also block 4.
 
 # %%
 assert near(path(lambda time: time * f, [0.0, 1.0], np.zeros(4))[1], np.linalg.solve(K, f))
 
 # %% [markdown]
-# **3.** Every block before it must take its .5, and block 4 itself: the pull must exceed 2, however stiff the springs
-# are. At 2 exactly it is about to.
+# **3.** All four blocks must have reached their bounds of 0.5, so the pull must exceed 2, however stiff the springs
+# are. At a pull of exactly 2 block 4 is about to move.
 
 
 # %%
@@ -57,10 +58,11 @@ assert near(last_block(2.0 - 1e-6), 0.0)
 assert last_block(2.0 + 1e-6) > 1e-8
 
 # %% [markdown]
-# **4.** At 45 degrees each component is pulled by $1.2/\sqrt 2 = .85$, and the square holds $.5$ of each: .707 in all,
-# $\sqrt 2$ times the disc. The friction of a sliding block then depends on how you lay the axes. $|s_x| + |s_y|$ is two
-# absolute values, each a pair of linear inequalities, and that a solver of quadratic programs (OSQP) can have; a disc
-# has no corners, and needs a second-order cone.
+# **4.** At 45 degrees each component of the pull is $1.2/\sqrt 2 = 0.85$. With the square, friction takes 0.5 of each
+# component. Together this is 0.707, which is $\sqrt 2$ times the force of the disc. The friction of a sliding block
+# then depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each is a pair of
+# linear inequalities. A solver of quadratic programs such as OSQP accepts these. A disc has no corners and needs a
+# second-order cone.
 
 
 # %%
@@ -81,15 +83,15 @@ assert abs(box - 0.5 * np.sqrt(2)) < 2e-3
 print(f"friction on block 1: {disc:.4f} with the disc, {box:.4f} with the square")
 
 # %% [markdown]
-# **5.** Multipliers are derivatives of the optimal value. $\tau_3 = w_3$ goes with $t_3 = |s_3| = 0$: the block sticks,
-# more bound does not change anything, and the derivative with respect to $w_3$ is $|s_3| = 0$. And with respect to
-# $u_{prev,3}$ it is $-\lambda_3 = -.2$ (put $s = u - u_{prev}$ into the dual): by .01 more, .002 less energy, up to a
-# term in $.01^2$. That is what a multiplier is worth.
+# **5.** Multipliers are derivatives of the optimal value. The derivative with respect to $w_3$ is $|s_3| = 0$: the
+# block sticks, and a larger bound changes nothing. The derivative with respect to $u_{prev,3}$ is
+# $-\lambda_3 = \zeta_3 = -0.2$, because $u_{prev}$ occurs in the dual as $-\lambda^T u_{prev}$. So a start at 0.01
+# lowers the least energy by 0.002, up to a term in $0.01^2$.
 
 
 # %%
 def least_energy(bound=0.5, start=0.0):
-    """On the sets that the lesson found: 1 and 2 slide, 3 stays at its start, 4 at zero."""
+    """Return the energy if blocks 1 and 2 slide, block 3 stays at its start, and block 4 at zero."""
     friction = np.array([0.5, 0.5])
     free = np.linalg.solve(K[:2, :2], f[:2] - friction - K[:2, 2] * start)
     u = np.array([*free, start, 0.0])
@@ -103,4 +105,4 @@ step = 0.01
 assert least_energy(bound=0.51) == least_energy()
 slope = (least_energy(start=step) - least_energy(start=-step)) / (2 * step)
 assert near(slope, -0.2)  # a central difference of a quadratic is exact
-print(f"the least energy changes by {slope:.3f} a unit of the third block's start")
+print(f"the derivative of the least energy by the start of block 3 is {slope:.3f}")

@@ -2,7 +2,7 @@
 """# Solutions to the exercises of lesson 3, virtual elements from scratch"""
 
 # %% [markdown]
-# The matrices of the lesson once more, without its comments.
+# We repeat the matrices of the lesson, without its comments.
 
 # %%
 import numpy as np
@@ -19,45 +19,46 @@ def vertex_normals(x):
 
 
 def projection(x):
-    """Strains (3, 2n) and vertex values (2n, 2n) of Pi v, by six equations."""
+    """Return the strains (3, 2n) and the vertex values (2n, 2n) of Pi v, by six equations."""
     N, (X, Y), zero, one = vertex_normals(x), x.T, np.zeros(len(x)), np.ones(len(x))
     length = np.linalg.norm(np.roll(x, -1, axis=0) - x, axis=1)
-    w = 0.5 * (length + np.roll(length, 1)) / length.sum()
-    rows = [(N[:, 0], zero), (zero, N[:, 1]), (N[:, 1], N[:, 0]), (w, zero), (zero, w), (-N[:, 1], N[:, 0])]
+    mean = 0.5 * (length + np.roll(length, 1)) / length.sum()
+    rows = [(N[:, 0], zero), (zero, N[:, 1]), (N[:, 1], N[:, 0]), (mean, zero), (zero, mean), (-N[:, 1], N[:, 0])]
     fields = [(X, zero), (zero, Y), (Y / 2, X / 2), (one, zero), (zero, one), (-Y / 2, X / 2)]
     F = np.array([np.column_stack(row).ravel() for row in rows])
-    D = np.column_stack([np.column_stack(field).ravel() for field in fields])
-    coefficients = np.linalg.solve(F @ D, F)
-    return coefficients[:3], D @ coefficients
+    V = np.column_stack([np.column_stack(field).ravel() for field in fields])
+    coefficients = np.linalg.solve(F @ V, F)
+    return coefficients[:3], V @ coefficients
 
 
-def cell_stiffness(x, lam, mu, tau):
+def cell_stiffness(x, Lambda, mu, eta):
     strain, projected = projection(x)
-    C = np.array([[lam + 2 * mu, lam, 0], [lam, lam + 2 * mu, 0], [0, 0, mu]])
-    missed = np.eye(2 * len(x)) - projected
-    return np.sum(vertex_normals(x)[:, 0] * x[:, 0]) * strain.T @ C @ strain + tau * missed.T @ missed
+    C = np.array([[Lambda + 2 * mu, Lambda, 0], [Lambda, Lambda + 2 * mu, 0], [0, 0, mu]])
+    remainder = np.eye(2 * len(x)) - projected
+    return np.sum(vertex_normals(x)[:, 0] * x[:, 0]) * strain.T @ C @ strain + eta * remainder.T @ remainder
 
 
 # %% [markdown]
-# **1.** On a triangle the six vertex values are those of exactly one linear field, so $v$ itself is linear (a linear
-# field satisfies all that defines $v$, and $v$ is unique), and $\Pi v = v$. The method is P1 finite elements, as the
-# paper's Remark 4.1 says. Rounding: entries of size one, granted 1e-13 as in the lesson.
+# **1.** On a triangle the six vertex values are those of exactly one linear field. This field satisfies the definition
+# of $v$, and $v$ is unique, so $v$ is linear and $\Pi v = v$. The method is P1 finite elements, as the paper's Remark
+# 4.1 says. We allow 1e-13 for rounding, as in the lesson.
 
 # %%
 triangle = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.1]])
 assert np.abs(projection(triangle)[1] - np.eye(6)).max() < 1e-13
 
 # %% [markdown]
-# **2.** It locks: hourglass modes are what squares bend with, and they become as expensive as changes of area. Of the
-# compliance only shear is left, a little more than $L/\mu = 12$. With $\tau = 2\mu$ the same mesh has 186 of 198.
+# **2.** The cantilever locks. Squares bend by hourglass modes, and these become as expensive as changes of area. Only
+# the deflection by shear remains, a little more than $4/\mu = 12$. With $\eta = 2\mu$ the same mesh deflects by 186; a
+# fine mesh deflects by 197.
 
 
 # %%
-def compliance(mesh, lam, mu, tau):
+def deflection(mesh, Lambda, mu, eta):
     K, f = np.zeros((2 * mesh.n_nodes, 2 * mesh.n_nodes)), np.zeros((mesh.n_nodes, 2))
     for nodes in mesh.cells:
         unknowns = np.column_stack([2 * nodes, 2 * nodes + 1]).ravel()
-        K[np.ix_(unknowns, unknowns)] += cell_stiffness(mesh.points[nodes], lam, mu, tau)
+        K[np.ix_(unknowns, unknowns)] += cell_stiffness(mesh.points[nodes], Lambda, mu, eta)
     edges = mesh.boundaries["right"]
     length = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
     np.add.at(f[:, 1], edges, -0.5 * length[:, None])
@@ -68,20 +69,22 @@ def compliance(mesh, lam, mu, tau):
 
 
 def lame(nu):
+    """Return Lamé's moduli, Lambda and mu, for Young's modulus 1."""
     return nu / ((1 + nu) * (1 - 2 * nu)), 1 / (2 * (1 + nu))
 
 
-lam, mu = lame(0.5 - 1e-6)
+Lambda, mu = lame(0.5 - 1e-6)
 bar = vx.meshes.squares(4, box=((0, 4), (0, 1)))
-growing = (2 * (lam + 2 * mu) + mu) / 3
-locked, sound = compliance(bar, lam, mu, growing), compliance(bar, lam, mu, 2 * mu)
+growing = (2 * (Lambda + 2 * mu) + mu) / 3
+locked, sound = deflection(bar, Lambda, mu, growing), deflection(bar, Lambda, mu, 2 * mu)
 assert 4 / mu < locked < 0.1 * sound
-print(f"deflection with tau = mean of C: {locked:.2f}, with 2 mu: {sound:.1f}, by shear alone: {4 / mu:.2f}")
+print(f"deflection with eta = mean of C: {locked:.2f}, with 2 mu: {sound:.1f}, by shear alone: {4 / mu:.2f}")
 
 # %% [markdown]
-# **3.** Five vertices, ten values, six of them linear fields: four modes are missed (two by the square without it). The
-# patch test notices nothing: linear fields are still among the functions, and a vertex more on an edge changes no
-# integral over the boundary of a field that is linear on the whole edge. No rule says that edges must meet at an angle.
+# **3.** Five vertices have ten values. Six dimensions are linear fields, so four modes satisfy $\Pi v = 0$; the square
+# without the hanging node has two. The patch test still holds: linear fields still belong to the space. If a field is
+# linear on the whole edge, a vertex in the middle changes no integral over the boundary. No rule requires that edges
+# meet at an angle.
 
 # %%
 square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -92,29 +95,29 @@ straight = np.insert(square @ np.array([[1.0, 0.3], [-0.2, 0.5]]), 1, [0.5, 0.15
 assert np.abs(projection(hanging)[1] @ straight - straight).max() < 1e-13
 
 # %% [markdown]
-# **4.** $\int_K \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives; the symmetric part of it is
-# the first condition (three numbers), the antisymmetric one the third. The mean over the boundary is not needed for a
-# gradient.
+# **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part is
+# the first condition (three numbers), its antisymmetric part the third condition. A gradient does not need the mean
+# over the boundary. The code calls $N_i/|\omega|$ `slopes`.
 
 # %%
 pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7]])
-G = vertex_normals(pentagon) / np.sum(vertex_normals(pentagon)[:, 0] * pentagon[:, 0])
+slopes = vertex_normals(pentagon) / np.sum(vertex_normals(pentagon)[:, 0] * pentagon[:, 0])
 v = np.random.default_rng(0).normal(size=(5, 2))
-gradient = v.T @ G
+gradient = v.T @ slopes
 strain_of_v = projection(pentagon)[0] @ v.ravel()
 assert np.abs(strain_of_v - [gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]]).max() < 1e-13
 
 # %% [markdown]
-# **5.** With $\tau = 2\mu$ the matrix is multiplied by $10^6$ as the load is, and $u$ stays. With $\tau = 1$ the second
-# term stays as it was, a millionth of what it should be beside the first: hourglass modes cost next to nothing, and the
-# answer of the same body depends on whether you wrote MPa or Pa.
+# **5.** With $\eta = 2\mu$ the matrix and the load are both multiplied by $10^6$, and $u$ does not change. With
+# $\eta = 1$ the second term does not change, and is a millionth of its proper size relative to the first. Then
+# hourglass modes cost almost no energy, and the answer depends on whether you wrote MPa or Pa.
 
 # %%
 steel = np.array(lame(0.3))
-in_pascal = [1e6 * compliance(bar, *(1e6 * steel), tau) for tau in (2e6 * steel[1], 1.0)]
-in_megapascal = [compliance(bar, *steel, tau) for tau in (2 * steel[1], 1.0)]
-# K has a condition number below 1e5 and is rounded to 1e-16 of its size.
+in_pascal = [1e6 * deflection(bar, *(1e6 * steel), eta) for eta in (2e6 * steel[1], 1.0)]
+in_megapascal = [deflection(bar, *steel, eta) for eta in (2 * steel[1], 1.0)]
+# The condition number of K is below 1e5, and its entries are rounded to 1e-16 of their size.
 assert abs(in_pascal[0] / in_megapascal[0] - 1) < 1e-10
 assert abs(in_pascal[1] / in_megapascal[1] - 1) > 0.05
-for _tau, _values in zip(("2 mu", "1"), zip(in_megapascal, in_pascal, strict=True), strict=True):
-    print(f"tau = {_tau}: {_values[0]:.1f} in MPa, {_values[1]:.1f} in Pa")
+for _eta, _values in zip(("2 mu", "1"), zip(in_megapascal, in_pascal, strict=True), strict=True):
+    print(f"eta = {_eta}: {_values[0]:.1f} in MPa, {_values[1]:.1f} in Pa")

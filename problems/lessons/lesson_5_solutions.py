@@ -2,78 +2,80 @@
 """# Solutions to the exercises of lesson 5, active sets and semismooth Newton"""
 
 # %% [markdown]
-# The active set iteration of the lesson once more; it takes a start, for exercise 3.
+# We repeat the active set iteration of the lesson, with a starting point for exercises 2 and 3.
 
 # %%
 import numpy as np
 
 
-def newton_step(program, y, lam, c):
-    K, f, w, b = program
-    q = lam + c * (y - b)
-    side = np.where(np.abs(q) <= w, 0.0, np.sign(q))
-    slip = side != 0
-    y = np.where(slip, 0.0, b)
-    y[slip] = np.linalg.solve(K[np.ix_(slip, slip)], (f - w * side - K @ y)[slip])
-    return y, np.where(slip, w * side, f - K @ y), side
+def newton_step(program, u, lam, gamma):
+    K, f, w, u_prev = program
+    trial = lam + gamma * (u - u_prev)
+    side = np.where(np.abs(trial) <= w, 0.0, np.sign(trial))
+    slips = side != 0
+    u = np.where(slips, 0.0, u_prev)
+    u[slips] = np.linalg.solve(K[np.ix_(slips, slips)], (f - w * side - K @ u)[slips])
+    return u, np.where(slips, w * side, f - K @ u), side
 
 
-def active_sets(program, c, rounds=40, start=None):
-    y, lam = (program[3], np.zeros(len(program[3]))) if start is None else start
+def active_sets(program, gamma, rounds=40, start=None):
+    u, lam = (program[3], np.zeros(len(program[3]))) if start is None else start
     sides = []
     while len(sides) < rounds:
-        y, lam, side = newton_step(program, y, lam, c)
+        u, lam, side = newton_step(program, u, lam, gamma)
         if sides and (side == sides[-1]).all():
             break
         sides.append(side)
-    return y, lam, np.array(sides)
+    return u, lam, np.array(sides)
 
 
 # %% [markdown]
-# **1.** From (back, forward) the system gives $u_2 = -1$, and $q_2 = 1 - c_2$: the guess "sticks" needs $c_2 \le 2$.
-# One over the flexibility is $1/(K^{-1})_{22} = 1$, so the circle begins beyond 2. (From (back, back) $q_2 =
-# -1 + c_2$, the same.)
+# **1.** After (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$. The guess "sticks" needs
+# $\gamma_2 \le 2$. One over the flexibility is $1/(K^{-1})_{22} = 1$, so the cycle begins at shifts beyond 2. (After
+# (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
 
 
-def circles(c_2):
-    return len(active_sets(blocks, np.array([1.0, c_2]))[2]) == 40
+def has_cycle(gamma_2):
+    return len(active_sets(blocks, np.array([1.0, gamma_2]))[2]) == 40
 
 
-assert not circles(2.0)
-assert circles(2.0 + 1e-9)
+assert not has_cycle(2.0)
+assert has_cycle(2.0 + 1e-9)
 
 # %% [markdown]
-# **2.** Let $z = f - Kb$ be the force that holds the one unknown at $b$. From rest the first guess is to stick, with
-# $\lambda = z$. If $|z| \le w$, that is the solution. Else, say $z > w$, it slips forward, $s = (z - w)/K > 0$, and
-# then $q = w + cs > w$ for any $c$: forward again, done.
+# **2.** Let $u_{prev} = 0$; then $f$ is the force that holds the unknown where it is. From rest the first guess is to
+# stick, with $\lambda = f$. If $|f| \le w$, this is the solution. Otherwise, say for $f > w$, the next guess is to slip
+# forward, with $s = (f - w)/K > 0$. Then $\hat\lambda = w + \gamma s > w$ for any $\gamma$: forward again, and the
+# iteration ends.
 #
-# From another start it may cycle: let $|z| < w$ and begin with forward, $s = (z - w)/K < 0$. If $c$ is so large that
-# $q = w + cs < -w$, the next guess is backward, with $s = (z + w)/K > 0$, and if $-w + cs > w$ it is forward again. A
-# shift $c \le K$, one over the flexibility, is safe: $q = w + cs \ge w + (z - w) = z$, which sticks.
+# From another start it may cycle. Let $|f| < w$, and begin with forward, so $s = (f - w)/K < 0$. If $\gamma$ is so
+# large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$. If also
+# $-w + \gamma s > w$, the guess after it is forward again. A shift $\gamma \le K$, one over the flexibility, is safe:
+# $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
 
 
 # %%
-def one(z, c, start):
-    """K = 1, w = 1, b = 0: guesses from slips (and forces) of the given start."""
-    program = (np.eye(1), np.array([z]), np.ones(1), np.zeros(1))
-    return len(active_sets(program, np.array([c]), start=start)[2])
+def count_guesses(f, gamma, start):
+    """Return the number of guesses for K = 1, w = 1, u_prev = 0, from the given position and force."""
+    program = (np.eye(1), np.array([f]), np.ones(1), np.zeros(1))
+    return len(active_sets(program, np.array([gamma]), start=start)[2])
 
 
 rest, pushed = (np.zeros(1), np.zeros(1)), (np.zeros(1), np.array([5.0]))
 pulls, shifts = np.linspace(-3.0, 3.0, 25), 10.0 ** np.linspace(-3, 3, 13)
-assert max(one(z, c, rest) for z in pulls for c in shifts) <= 2
-assert max(one(z, c, pushed) for z in pulls for c in shifts if c <= 1) <= 3
-assert one(0.0, 3.0, pushed) == 40
+assert max(count_guesses(f, gamma, rest) for f in pulls for gamma in shifts) <= 2
+assert max(count_guesses(f, gamma, pushed) for f in pulls for gamma in shifts if gamma <= 1) <= 3
+assert count_guesses(0.0, 3.0, pushed) == 40
 
 # %% [markdown]
-# **3.** The rod: stiffness $1/h$ between neighbours, friction $w = h$ a node, pulled at the free end by .705. While a
-# node sticks, it holds its neighbour, and the next one feels nothing: the front moves by one node a round, and 70 slip
-# in the end. On the body every node feels every other through the material, and the front leaps. A start from 9/10 of
-# the pull has the front at 63 already, and takes a tenth of the rounds. (So in time: steps start from the sets of the
-# last step.)
+# **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. It is pulled at
+# its free end by 0.705. A node that sticks holds its neighbour, and the nodes behind it carry no force. So the front
+# moves by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other one, and the
+# front moves in larger steps. A start from 9/10 of the pull has the front at 63 already, and takes a tenth of the
+# rounds. Time steps use this: each starts from the sets of the step before.
 
 
 # %%
@@ -88,11 +90,11 @@ def small_shift(K):
     return 0.1 / np.diag(np.linalg.inv(K))
 
 
-c = small_shift(rod(0.7)[0])
-# Halves, so that no bound is met exactly and rounding decides nothing.
-cold = active_sets(rod(0.705), c, rounds=200)[2]
-warm_start = active_sets(rod(0.635), c, rounds=200)[:2]
-warm = active_sets(rod(0.705), c, rounds=200, start=warm_start)[2]
+gamma = small_shift(rod(0.7)[0])
+# Pulls of half a node's friction more avoid ties, which rounding would decide.
+cold = active_sets(rod(0.705), gamma, rounds=200)[2]
+warm_start = active_sets(rod(0.635), gamma, rounds=200)[:2]
+warm = active_sets(rod(0.705), gamma, rounds=200, start=warm_start)[2]
 slipping = np.count_nonzero(cold, axis=1)
 assert (np.diff(slipping) == 1).all()
 assert slipping[-1] == np.count_nonzero(warm[-1]) == 70
@@ -100,9 +102,10 @@ assert len(warm) <= 0.15 * len(cold)
 print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths of the pull")
 
 # %% [markdown]
-# **4.** The projected gradient is sure to shrink its distance to the solution by $1 - 1/\kappa$ a step and no more; the
-# condition number $\kappa$ of $K$ is up to $10^3$ here, so thousands of steps for each factor of a thousand. Newton in
-# between saves them; a faster sure method needs fewer (with momentum, as in the package, about $\sqrt\kappa$).
+# **4.** One projected gradient reduces the distance to the solution at least by the factor $1 - \kappa_1/\kappa_m$,
+# where $\kappa_1$ and $\kappa_m$ are the smallest and the largest eigenvalue of $K$. Their ratio, the condition number,
+# is up to $10^3$ here, so thousands of steps are needed for a factor of a thousand. Newton's method in between saves
+# most of them. A sure method with momentum, as in the package, needs about the root of the condition number.
 
 
 # %%
@@ -110,19 +113,19 @@ def random_program(seed, n=8):
     rng = np.random.default_rng(seed)
     Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
     K = Q @ np.diag(10.0 ** rng.uniform(-1.5, 1.5, n)) @ Q.T
-    b = rng.normal(size=n) * (rng.random(n) < 0.3)
-    return 0.5 * (K + K.T), K @ rng.normal(size=n) + rng.normal(size=n), 10.0 ** rng.uniform(-1, 1, n), b
+    u_prev = rng.normal(size=n) * (rng.random(n) < 0.3)
+    return 0.5 * (K + K.T), K @ rng.normal(size=n) + rng.normal(size=n), 10.0 ** rng.uniform(-1, 1, n), u_prev
 
 
 def sure_steps_alone(program, enough=1e-6, most=20_000):
-    K, f, w, b = program
-    flexible = np.linalg.inv(K)
-    rate, lam = 1.0 / np.linalg.eigvalsh(flexible).max(), np.zeros(len(f))
-    for k in range(most):
-        s = flexible @ (f - lam) - b
-        if np.sum(w * np.abs(s) - lam * s) <= enough * 0.5 * f @ flexible @ f:
-            return k
-        lam = np.clip(lam + rate * s, -w, w)
+    K, f, w, u_prev = program
+    flexibility = np.linalg.inv(K)
+    rho, lam = 1.0 / np.linalg.eigvalsh(flexibility).max(), np.zeros(len(f))
+    for count in range(most):
+        s = flexibility @ (f - lam) - u_prev
+        if np.sum(w * np.abs(s) - lam * s) <= enough * 0.5 * f @ flexibility @ f:
+            return count
+        lam = np.clip(lam + rho * s, -w, w)
     return most
 
 
@@ -132,23 +135,24 @@ assert steps.max() > 500
 print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at worst")
 
 # %% [markdown]
-# **5.** Follow the iteration until a set comes back; the rounds between are the length. (Sets determine the next
-# iterate, hence everything that follows, so one repetition is enough.) Two is the most frequent, but not the only one.
+# **5.** Run the iteration until sets repeat; the number of rounds in between is the length of the cycle. The sets
+# determine the next iterate, and so all that follows: one repetition is enough. The length two is the most frequent,
+# but not the only one.
 
 
 # %%
-def length(program, c, rounds=200):
-    """Rounds between two visits to the same sets: 1 is a solution."""
-    y, lam, seen = program[3], np.zeros(len(program[3])), {}
-    for k in range(rounds):
-        y, lam, side = newton_step(program, y, lam, c)
-        if (known := seen.setdefault(side.tobytes(), k)) != k:
-            return k - known
+def cycle_length(program, gamma, rounds=200):
+    """Return the number of rounds between two visits to the same sets; 1 means a solution."""
+    u, lam, seen = program[3], np.zeros(len(program[3])), {}
+    for count in range(rounds):
+        u, lam, side = newton_step(program, u, lam, gamma)
+        if (first := seen.setdefault(side.tobytes(), count)) != count:
+            return count - first
     return rounds
 
 
-lengths = [length(program, 100 * small_shift(program[0])) for program in programs]
+lengths = [cycle_length(program, 100 * small_shift(program[0])) for program in programs]
 found = dict(zip(*(part.tolist() for part in np.unique(lengths, return_counts=True)), strict=True))
-assert found[2] == max(count for of, count in found.items() if of > 1)
+assert found[2] == max(count for length, count in found.items() if length > 1)
 assert max(found) > 2
-print("length of the cycle: how many of 60 (1 is a solution)", found)
+print("programs out of 60, by length of the cycle (1 is a solution):", found)

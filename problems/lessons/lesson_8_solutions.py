@@ -17,27 +17,27 @@ mu = young / (2 * (1 + poisson))
 mesh = vx.meshes.voronoi(4)
 
 # %% [markdown]
-# **1.** The matrix is that of springs with two stiffnesses. To see $c_t$ alone, shear: hold the right side, forbid
-# motion along $x$ on top and bottom, and pull the left side along $y$ by $q$. Then $u = (0, U (1 - x))$, the stress is
-# $\sigma_{xy} = -\mu U$ and nothing else, and $c_t \dot U + \mu U = q$. The answer must not depend on $c_n$.
+# **1.** The matrix is that of springs with two stiffnesses. To test $c_t$ alone, shear the bar. Hold the right side,
+# forbid motion along $x$ on top and bottom, and pull the left side along $y$ by $p$. Then $u = (0, U (1 - x))$, and the
+# only stress is $\sigma_{xy} = -\mu U$, so $c_t \dot U + \mu U = p$. The answer must not depend on $c_n$.
 
 
 # %%
 @dataclass(frozen=True)
 class DirectedDashpots(vx.Effect):
-    """sigma n = -normal u_n' n - tangential u_tau'."""
+    """Dashpots with different damping for the normal and the tangential velocity."""
 
     normal: float
     tangential: float
     on: str | Sequence[str]
 
     def contribute(self, space):
-        """The matrix of springs, for velocities."""
+        """Return the matrix of springs, as viscosity."""
         springs = vx.ElasticFoundation(self.normal, self.tangential, on=self.on)
         return Contribution(viscosity=springs.contribute(space).stiffness)
 
     def describe(self):
-        """One line."""
+        """Return one line for `vemcvx show`."""
         return f"DirectedDashpots: normal {self.normal}, tangential {self.tangential} on {where(self.on)}"
 
 
@@ -48,23 +48,24 @@ def recursion(stiffness, force, c, times):
     return np.array(U)
 
 
-q, c, times = 0.5, 6.0, np.linspace(0.0, 3.0, 9)
+p, c, times = 0.5, 6.0, np.linspace(0.0, 3.0, 9)
 for _normal in (0.0, 100.0):
     _scene = vx.Scene(
         vx.Elasticity(young, poisson),
         vx.Clamp(on="right"),
         vx.PrescribedDisplacement(0.0, on=["bottom", "top"], direction=(1.0, 0.0)),
-        vx.Traction((0.0, q), on="left"),
+        vx.Traction((0.0, p), on="left"),
         DirectedDashpots(_normal, c, on="left"),
     )
     _run = vx.simulate(_scene, mesh, times)
-    _exact = np.outer(recursion(mu, q, c, times), 1 - mesh.points[:, 0])
-    assert np.abs(_run.displacement[..., 1] - _exact).max() <= 1e-11 * q / mu
-    assert np.abs(_run.displacement[..., 0]).max() <= 1e-11 * q / mu
+    _exact = np.outer(recursion(mu, p, c, times), 1 - mesh.points[:, 0])
+    assert np.abs(_run.displacement[..., 1] - _exact).max() <= 1e-11 * p / mu
+    assert np.abs(_run.displacement[..., 0]).max() <= 1e-11 * p / mu
 
 # %% [markdown]
-# **2.** $\int k (u_0 - u) \cdot v\, ds$ is a spring and a load, and the library has both. The bar: $M U = k (u_0 - U)$,
-# so $U = k u_0 / (M + k)$, linear in time and in $x$; exact for every mesh and every step.
+# **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has both. For the
+# bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. This is linear in $x$, and exact for every mesh and
+# every step.
 
 
 # %%
@@ -77,7 +78,7 @@ class Robin(vx.Effect):
     on: str | Sequence[str]
 
     def contribute(self, space):
-        """Springs, and the load by which the support pulls at them."""
+        """Return springs, and the load from the moving support."""
 
         def pull(x, t):
             return self.stiffness * data.vector(self.support, x, t, "Robin: support")
@@ -86,50 +87,52 @@ class Robin(vx.Effect):
         return replace(springs, loads=vx.Traction(pull, on=self.on).contribute(space).loads)
 
     def describe(self):
-        """One line."""
+        """Return one line for `vemcvx show`."""
         return f"Robin: stiffness {self.stiffness}, support {amount(self.support)} on {where(self.on)}"
 
 
-k, speed = 3.0, 0.01
+beta, speed = 3.0, 0.01
 bar = vx.Scene(
     vx.Elasticity(young, poisson),
     vx.Symmetry(on=["right", "bottom", "top"]),
-    Robin(k, lambda x, t: np.tile([speed * t, 0.0], (len(x), 1)), on="left"),
+    Robin(beta, lambda x, t: np.tile([speed * t, 0.0], (len(x), 1)), on="left"),
 )
 history = vx.simulate(bar, mesh, [0.0, 0.5, 1.0])
-exact = np.outer(history.times, k * speed / (M + k) * (1 - mesh.points[:, 0]))
+exact = np.outer(history.times, beta * speed / (M + beta) * (1 - mesh.points[:, 0]))
 assert np.abs(history.displacement[..., 0] - exact).max() <= 1e-11 * speed
 assert np.abs(history.displacement[..., 1]).max() <= 1e-11 * speed
 
 # %% [markdown]
-# **3.** $c\,(U_n - U_{n-1}) / k + M (U_n + U_{n-1}) / 2 = q$ is of second order. With friction it balances forces in
-# the *middle* of the step, where it keeps the bound; at the end of the step friction is extrapolated from there, and
-# may exceed the bound, swinging from step to step. Backward Euler keeps it at the end of every step.
+# **3.** The midpoint rule, $c\,(U_n - U_{n-1}) / k + M (U_n + U_{n-1}) / 2 = p$, is of second order. With friction it
+# balances the forces in the *middle* of the step and respects the friction bound there. The force at the end of the
+# step is extrapolated. It may exceed the bound, and oscillate from step to step. Backward Euler respects the bound at
+# the end of every step.
 
 # %%
 errors = []
 for _steps in (8, 16, 32, 64):
-    _dt = 1.5 / _steps
+    _k = 1.5 / _steps
     _U = [0.0]
     for _ in range(_steps):
-        _U.append((q + (c / _dt - M / 2) * _U[-1]) / (c / _dt + M / 2))
-    errors.append(abs(_U[-1] - q / M * (1 - np.exp(-1.5 * M / c))))
+        _U.append((p + (c / _k - M / 2) * _U[-1]) / (c / _k + M / 2))
+    errors.append(abs(_U[-1] - p / M * (1 - np.exp(-1.5 * M / c))))
 ratios = np.array(errors[:-1]) / errors[1:]
 print("midpoint rule, ratios", np.round(ratios, 3), "-> 4")
-# At a fixed instant the error is e k^2 + f k^4 + ..., so ratios come four times nearer to 4 with every halving.
+# At a fixed instant the error is C1 k^2 + C2 k^4 + ..., so the ratios approach 4.
 assert (np.diff(np.abs(ratios - 4)) < 0).all()
 assert abs(ratios[-1] - 4) < 0.05
 
 # %% [markdown]
-# **4.** A step would minimise $\tfrac12 a(u, u) - l(u) + \sum \tfrac{c}{2k} (n \cdot (u - u_{prev}))_+^2$: a squared
-# positive part, which is convex, so there is one minimiser and a gap that certifies it. `Limits(compliance=)` has
-# squared positive parts, but of the displacement beyond a gap, not of the increment: their threshold would have to move
-# with $u_{prev}$. It is an effect that the contributions of this package cannot say. One degree of freedom by hand:
+# **4.** A step would minimise $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u -
+# u_{prev}))_+^2\, ds$. The squared positive part is convex, so there is one minimiser, and a gap certifies it.
+# `Limits(compliance=)` has squared positive parts, but of the displacement beyond a fixed distance, not of the
+# increment. Its threshold would have to move with $u_{prev}$, and the contributions of this package do not provide
+# this. Here is one degree of freedom by hand:
 
 
 # %%
 def one_way(u_prev, f, damping=2.0, stiffness=3.0, step=0.1):
-    """Minimise stiffness u^2 / 2 - f u + damping (u - u_prev)_+^2 / (2 step)."""
+    """Return the minimiser of stiffness u^2 / 2 - f u + damping (u - u_prev)_+^2 / (2 step)."""
     free = f / stiffness
     return free if free <= u_prev else (f + damping / step * u_prev) / (stiffness + damping / step)
 
@@ -138,6 +141,6 @@ anywhere = np.linspace(-3, 3, 6001)
 for _f in (-2.0, 0.5, 4.0):
     for _before in (-1.0, 0.0, 1.0):
         _energy = 1.5 * anywhere**2 - _f * anywhere + 10.0 * np.maximum(anywhere - _before, 0) ** 2
-        # Convex: the best point of a grid of width h is within h of the minimiser.
+        # The energy is convex, so the best point of a grid is within its spacing of the minimiser.
         assert abs(anywhere[np.argmin(_energy)] - one_way(_before, _f)) <= 1e-3
 print("all solutions hold")

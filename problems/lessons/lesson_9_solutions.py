@@ -6,49 +6,52 @@ import numpy as np
 
 import vemcvx as vx
 
-n = 6
-K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-g, w = np.linspace(2.0, -0.7, n), np.linspace(0.6, 0.3, n)
+size = 6
+K = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
+f, w = np.linspace(2.0, -0.7, size), np.linspace(0.6, 0.3, size)
 EPS = np.finfo(float).eps
 
 # %% [markdown]
-# **1.** Nothing moves as long as $\alpha g$ lies in the box: then the nearest point is $\alpha g$ itself. So $\alpha =
-# \min_i w_i / |g_i|$, and the node where the minimum is attained slips first. (No linear system is needed.)
+# **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box, because then the nearest point is
+# $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the minimum slips first. (No linear system is
+# needed.)
 
 # %%
-factors = w / np.abs(g)
+factors = w / np.abs(f)
 first, alpha = int(np.argmin(factors)), factors.min()
-pulled = vx.march(vx.System(K, lambda t: t * g, vx.Norms(np.eye(n), w)), [0.0, alpha * (1 - 1e-6), alpha * (1 + 1e-6)])
+system = vx.System(K, lambda t: t * f, vx.Norms(np.eye(size), w))
+pulled = vx.march(system, [0.0, alpha * (1 - 1e-6), alpha * (1 + 1e-6)])
 print(f"node {first} slips first, at {alpha:g} of the load")
 assert not pulled.state[1].any()
 assert np.flatnonzero(pulled.state[2]).tolist() == [first]
 
 # %% [markdown]
-# **2.** $\max_{p \ge 0} p^T(d - e)$ is 0 within the wall and infinite beyond. Exchange: $Kd = g - p$, and
+# **2.** $\max_{p \ge 0} p^T(s - e)$ is 0 if $s \le e$, and infinite otherwise. Exchange minimum and maximum:
+# $Ks = f - p$, and the dual is
 #
-# $$\max_{p \ge 0}\; -\tfrac12 (g - p)^TK^{-1}(g - p) - p^Te,$$
+# $$\max_{p \ge 0}\; -\tfrac12 (f - p)^TK^{-1}(f - p) - p^Te .$$
 #
-# whose gradient is $d(p) - e$: where a node would be in the wall, push it back. Primal minus dual value is $p^T(e - d)$
-# for a feasible $d$ in balance. The iteration below stops changing at rounding, and its $d$ is feasible up to that.
+# Its gradient is $s(p) - e$, so the force grows where a node is beyond the wall. For a feasible $s$ with $Ks = f - p$
+# the gap is $p^T(e - s)$. The iteration below stops changing at rounding, and its $s$ is feasible up to rounding.
 
 # %%
-wall = np.full(n, 0.8)
-p = np.zeros(n)
+wall = np.full(size, 0.8)
+p = np.zeros(size)
 for _ in range(2000):
-    p = np.maximum(p + np.linalg.eigvalsh(K)[0] * (np.linalg.solve(K, g - p) - wall), 0.0)
-pushed = np.linalg.solve(K, g - p)
-limited = vx.march(vx.System(K, lambda t: t * g, limits=vx.Limits(np.eye(n), lambda t: wall)), [0.0, 1.0])
-off = np.abs(pushed - limited.state[-1]).max()
-print(f"{np.count_nonzero(p)} nodes touch the wall; distance of the two answers {off:.0e}")
-assert 0 < np.count_nonzero(p) < n
+    p = np.maximum(p + np.linalg.eigvalsh(K)[0] * (np.linalg.solve(K, f - p) - wall), 0.0)
+pushed = np.linalg.solve(K, f - p)
+limited = vx.march(vx.System(K, lambda t: t * f, limits=vx.Limits(np.eye(size), lambda t: wall)), [0.0, 1.0])
+deviation = np.abs(pushed - limited.state[-1]).max()
+print(f"{np.count_nonzero(p)} nodes touch the wall; the two answers differ by {deviation:.0e}")
+assert 0 < np.count_nonzero(p) < size
 assert (pushed - wall).max() <= 100 * EPS * np.linalg.cond(K)
-assert off <= 100 * EPS * np.linalg.cond(K) + 1e-8
-assert np.abs(p * (wall - pushed)).max() <= 100 * EPS * np.linalg.cond(K) * np.abs(g).max()
+assert deviation <= 100 * EPS * np.linalg.cond(K) + 1e-8
+assert np.abs(p * (wall - pushed)).max() <= 100 * EPS * np.linalg.cond(K) * np.abs(f).max()
 
 # %% [markdown]
-# **3.** The stiffness that the contact nodes feel is a map from displacements to tractions: it takes one derivative,
-# so its largest eigenvalue grows like $1/h$ beside the least, and so does the bound on Uzawa's iterations; that on
-# accelerated ones grows like the root of that.
+# **3.** The stiffness at the contact nodes maps displacements to tractions. This map takes one derivative, so the
+# condition number of $K$ grows like $1/h$. The bound on Uzawa's iterations grows in the same way, and the bound on
+# accelerated iterations like its root.
 
 
 # %%
@@ -66,18 +69,18 @@ scene = vx.Scene(
 
 
 def iterations_needed(step, accelerated):
-    """Until the gap is 1e-6 of the energy of the answer."""
-    K, g, w = step.operators.K, step.g, step.w
-    length, now, looked_at = np.linalg.eigvalsh(K)[0], np.zeros_like(g), np.zeros_like(g)
-    inverse = np.linalg.inv(K)
-    for k in range(100_000):
-        then = np.clip(looked_at + length * inverse @ (g - looked_at), -w, w)
-        looked_at = then + (k / (k + 3) * (then - now) if accelerated else 0.0)
-        now = then
-        d = inverse @ (g - now)
-        if w @ np.abs(d) - now @ d <= 1e-6 * 0.5 * step.norm**2:
+    """Return the number of iterations until the gap is 1e-6 of the energy of the answer."""
+    K, f, w = step.operators.K, step.g, step.w
+    rho, now, extrapolated = np.linalg.eigvalsh(K)[0], np.zeros_like(f), np.zeros_like(f)
+    flexibility = np.linalg.inv(K)
+    for count in range(100_000):
+        following = np.clip(extrapolated + rho * flexibility @ (f - extrapolated), -w, w)
+        extrapolated = following + (count / (count + 3) * (following - now) if accelerated else 0.0)
+        now = following
+        s = flexibility @ (f - now)
+        if w @ np.abs(s) - now @ s <= 1e-6 * 0.5 * step.norm**2:
             break
-    return k + 1
+    return count + 1
 
 
 conditions, counts = [], []
@@ -92,20 +95,20 @@ assert growth[1] < growth[0]
 assert counts[-1][1] < counts[-1][0]
 
 # %% [markdown]
-# **4.** The second derivative of $D$ is $-K^{-1}$ on the forces $B^T\lambda$ that nodes feel: negative definite, and
-# $\lambda \mapsto B^T\lambda$ is one to one if the rows of $B$ are independent. With two equal rows only the *sum* of
-# the two forces is determined: two brakes on one wheel.
+# **4.** The second derivative of $D$ is $-K^{-1}$ for the nodal forces $B^T\lambda$: it is negative definite. The map
+# from $\lambda$ to $B^T\lambda$ is one-to-one if the rows of $B$ are independent. With two equal rows only the *sum* of
+# the two forces is determined, like two brakes on one wheel.
 
 # %%
-kappa, load = 2.0, 1.5
+stiffness, load = 2.0, 1.5
 
 
 def value(first, second):
-    return -0.5 * (load - first - second) ** 2 / kappa
+    return -0.5 * (load - first - second) ** 2 / stiffness
 
 
 assert value(0.5, 0.25) == value(0.25, 0.5) == value(0.375, 0.375)
-brakes = vx.march(vx.System([[kappa]], lambda t: [t * load], vx.Norms([[1.0], [1.0]], [0.5, 0.5])), [0.0, 1.0])
-together = vx.march(vx.System([[kappa]], lambda t: [t * load], vx.Norms([[1.0]], [1.0])), [0.0, 1.0])
+brakes = vx.march(vx.System([[stiffness]], lambda t: [t * load], vx.Norms([[1.0], [1.0]], [0.5, 0.5])), [0.0, 1.0])
+together = vx.march(vx.System([[stiffness]], lambda t: [t * load], vx.Norms([[1.0]], [1.0])), [0.0, 1.0])
 assert abs(brakes.state[-1, 0] - together.state[-1, 0]) <= 1e-8
 print("all solutions hold")

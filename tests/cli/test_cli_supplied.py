@@ -112,7 +112,7 @@ def test_lessons_are_copied_as_notebooks(tmp_path):
         if cell["cell_type"] == "code":
             ast.parse(source)
             assert source in text
-            assert cell["metadata"] == ({"jupyter": {"source_hidden": True}} if "new_figure(" in source else {})
+            assert cell["metadata"] == ({"jupyter": {"source_hidden": True}} if "plt.subplots(" in source else {})
         else:
             assert source.replace("\n", "\n# ").replace("# \n", "#\n") in text
     code, said = call("lesson", "3", "--notebook")

@@ -17,7 +17,7 @@ LESSONS = Path(__file__).parents[2] / "problems" / "lessons"
 def dashpots():
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(None):
         patch.syspath_prepend(LESSONS)
-        # A module, and not only a name space: effects are pickled by the name of theirs.
+        # The lesson is imported as a module, because pickle finds effects by the name of their module.
         Dashpots = importlib.import_module("lesson_8_your_own_effect").Dashpots
     return EffectSample(
         Dashpots(damping=stiff, on="left"),

@@ -1,7 +1,7 @@
-"""Every lesson is run cell by cell, as a notebook runs it; what it asserts holds, and it shows what it promises.
+"""Every lesson is run cell by cell, as a notebook runs it; its assertions hold, and it shows its pictures.
 
-The numbers that a lesson rests on are asserted in the lesson, where a student reads why; here stands what a lesson
-as such must be, and what would pass unnoticed if an assertion were lost from it.
+The numbers of a lesson are asserted in the lesson, next to the explanation for students. These tests state what every
+lesson must have, and repeat the main numbers in case an assertion is lost from a lesson.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ figures = pytest.importorskip("matplotlib.figure")
 
 
 def cells(name):
-    """Kind ("markdown" or "code") and text of every cell; what precedes the first mark is code."""
+    """Return the kind ("markdown" or "code") and the text of every cell; text before the first mark is code."""
     first, *rest = re.split(r"^# %%(.*)\n", (FOLDER / name).read_text(), flags=re.MULTILINE)
     marked = zip(rest[::2], rest[1::2], strict=True)
     return [("code", first), *(("markdown" if "[markdown]" in mark else "code", text) for mark, text in marked)]
@@ -37,7 +37,7 @@ def cells(name):
 
 @cache
 def ran(name):
-    """The namespace after all cells, and the values of the cells' last lines, which a notebook shows."""
+    """Return the namespace after all cells, and the values of the cells' last lines, which a notebook shows."""
     space, shown = {"__name__": "__main__"}, []
     for kind, text in cells(name):
         if kind == "code":
@@ -52,7 +52,7 @@ def ran(name):
 @pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 def test_it_runs(name, capsys):
-    """Nothing it shows in passing fills more than a screen."""
+    """No output fills more than a screen."""
     assert all(len(repr(value)) < 2000 for value in ran(name)[1])
     assert len(capsys.readouterr().out) < 4000
 
@@ -67,7 +67,7 @@ def test_it_asserts(name):
 @pytest.mark.long
 @pytest.mark.parametrize("name", LESSONS)
 def test_it_is_a_lesson(name):
-    """Formula, picture, question, exercises, and their solutions in a file of their own."""
+    """It has a formula, a picture, exercises, and their solutions in a separate file."""
     prose = "".join(text for kind, text in cells(name) if kind == "markdown")
     assert prose.count("$$") >= 4
     assert any(isinstance(value, figures.Figure) for value in ran(name)[1])
@@ -80,6 +80,35 @@ def test_it_is_a_lesson(name):
 
 
 @pytest.mark.parametrize("name", LESSONS)
+def test_it_begins_with_what_you_need_and_will_see_and_plain_imports(name):
+    """The first cell of code imports numpy, matplotlib, scipy, cvxpy and public parts of the package only."""
+    opening = cells(name)[2][1]
+    assert re.match(r"# \*You need:\* .+?\*You will see:\* ", opening, re.DOTALL)
+    first = next(text for kind, text in cells(name)[1:] if kind == "code")
+    imports = [line.split()[1] for line in first.splitlines() if line.startswith(("import ", "from "))]
+    assert {"matplotlib.pyplot", "numpy"} <= set(imports)
+    assert not any(re.match(r"vemcvx\.(base|plots)", module) for module in imports)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_pictures_are_described_in_words(name):
+    """A folded cell begins with a comment that describes its picture; the site uses it as alternative text."""
+    text = (FOLDER / name).read_text()
+    assert text.count('# %% jupyter={"source_hidden": true}\n') == text.count("\n# Picture: ")
+    assert text.count('# %% jupyter={"source_hidden": true}\n# Picture: ') == text.count("\n# Picture: ")
+
+
+def test_one_symbol_has_one_meaning():
+    """No lesson uses the symbols that once had two: g, tau outside lesson 10, and K for a cell."""
+    for name in FILES:
+        prose = "".join(text for kind, text in cells(name) if kind == "markdown")
+        formulas = " ".join(re.findall(r"\$\$?([^$]+)\$\$?", prose))
+        assert not re.search(r"(?<![\\a-zA-Z])g(?![a-zA-Z])", formulas), name
+        assert "_10_" in name or r"\tau" not in formulas, name
+        assert "_3_" not in name or r"\int_K" not in formulas
+
+
+@pytest.mark.parametrize("name", LESSONS)
 def test_every_question_has_an_answer_that_unfolds(name):
     prose = "".join(text for kind, text in cells(name) if kind == "markdown")
     asked = prose.split("**Question:**")[1:]
@@ -89,7 +118,7 @@ def test_every_question_has_an_answer_that_unfolds(name):
             r"\n#\n# <details><summary>Answer</summary>\n#\n(.+?)\n#\n# </details>\n", question, re.DOTALL
         )
         assert answer, question[:300]
-        # It stands below its question, with no heading between the two, and no other within.
+        # The answer follows its question, without a heading in between, and contains no other answer.
         assert "# ## " not in question[: answer.start()]
         assert len(answer.group(1).split()) > 25
         assert "details>" not in answer.group(1)
@@ -98,7 +127,7 @@ def test_every_question_has_an_answer_that_unfolds(name):
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_title_is_shown_once(name):
-    """It is the docstring of the file and its first cell, the only heading of its level."""
+    """The title is the docstring of the file and its first cell, and the only heading of its level."""
     first, *others = cells(name)[1:]
     number = re.match(r"lesson_(\d+)_", name).group(1)
     title = ast.literal_eval(first[1].strip())
@@ -111,14 +140,14 @@ def test_the_title_is_shown_once(name):
 
 @pytest.mark.parametrize("name", FILES)
 def test_cells_of_markdown_are_comments_alone(name):
-    """Except for the title, which is the docstring, too."""
+    """The title is exempt, because it is the docstring."""
     lines = [line for kind, text in cells(name)[2:] if kind == "markdown" for line in text.splitlines()]
     assert [line for line in lines if line and not line.startswith("#")] == []
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_no_two_cells_give_a_value_to_one_name(name):
-    """Marimo orders cells by who defines what, and refuses two that define the same; names with _ stay in a cell."""
+    """Marimo refuses two cells that define the same name; names that begin with _ are local to a cell."""
     defined = Counter()
     for kind, text in cells(name):
         defined.update(outermost_names(ast.parse(text)) if kind == "code" else ())
@@ -126,7 +155,7 @@ def test_no_two_cells_give_a_value_to_one_name(name):
 
 
 def outermost_names(tree):
-    """Names that a cell gives a value to outside functions, except those that begin with an underscore."""
+    """Return the names that a cell defines outside functions, except names that begin with an underscore."""
     names, waiting = set(), list(tree.body)
     while waiting:
         node = waiting.pop()
@@ -143,13 +172,13 @@ def outermost_names(tree):
 
 def test_lesson_1_a_step_by_hand_minimises_its_energy():
     space, _ = ran("lesson_1_one_slider.py")
-    K, g, anywhere = space["K"], space["g"], np.linspace(-4, 4, 8001)
+    K, w, anywhere = space["K"], space["w"], np.linspace(-4, 4, 8001)
     for u_prev in (-1.0, 0.0, 0.7):
         for f in (-3.0, -0.4, 0.0, 1.9):
             u = space["step_by_hand"](u_prev, f)
 
             def energy(v, u_prev=u_prev, f=f):
-                return 0.5 * K * v**2 - f * v + g * np.abs(v - u_prev)
+                return 0.5 * K * v**2 - f * v + w * np.abs(v - u_prev)
 
             assert energy(u) <= energy(anywhere).min() + 1e-14
             lam = space["friction_by_hand"](u_prev, f)
@@ -158,7 +187,7 @@ def test_lesson_1_a_step_by_hand_minimises_its_energy():
 
 @pytest.mark.long
 def test_lesson_2_four_nodes_agree_with_the_hand():
-    """Clarabel's own tolerance, 1e-8 in the gap, is 1e-4 in the slip at worst and was seen to give 1e-8."""
+    """Clarabel's tolerance of 1e-8 in the gap allows 1e-4 in the slip; 1e-8 was measured."""
     space, _ = ran("lesson_2_four_nodes.py")
     assert space["u"].value == pytest.approx(space["by_hand"], abs=1e-5)
     balance = space["f"] - space["K"] @ space["by_hand"]
@@ -172,7 +201,7 @@ def test_lesson_2_four_nodes_agree_with_the_hand():
 
 @pytest.mark.long
 def test_lesson_3_is_the_package_by_other_means():
-    """One pentagon to 1e-13; cantilevers, which the lesson assembles cell by cell, by `simulate`."""
+    """One pentagon agrees to 1e-13, and `simulate` agrees with the cantilevers that the lesson assembles by hand."""
     space, _ = ran("lesson_3_virtual_elements.py")
     assert space["apart"] < 1e-13
     for family, n in (("squares", 4), ("hexagons", 4), ("triangles", 4)):
@@ -183,7 +212,7 @@ def test_lesson_3_is_the_package_by_other_means():
         )
         mesh = small(family, n, box=((0, 4), (0, 1)))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # that triangles lock
+            warnings.simplefilter("ignore", SceneWarning)  # triangles lock
             history = vx.simulate(scene, mesh, [0.0, 1.0], initial="equilibrium")
         # Energy is half the work of the load; condition numbers below 1e6 leave less than 1e-9.
         assert 2 * history.energy[-1] == pytest.approx(space["cantilever"][family, n][2], rel=1e-9)
@@ -195,31 +224,31 @@ def test_lesson_4_the_loop_loses_what_the_formula_says():
     assert space["lost"] == pytest.approx(space["closed_form"], rel=1e-14)
     assert space["path"][0] == 0.0
     assert space["path"][-1] == pytest.approx(space["path"][30], rel=1e-14)
-    # Friction's share has no error in time here: between reversals, which are instants, every node slips one way.
+    # The loss to friction has no time error: each node slips in one direction between reversals, which are instants.
     spent = [history.dissipated[-1] for history in space["histories"].values()]
     assert np.ptp(spent) < 1e-12 * spent[0]
 
 
 @pytest.mark.long
 def test_lesson_5_ends_where_the_package_does():
-    """Two answers to a program are no farther apart than both gaps allow."""
+    """The distance of two answers to a program is at most the sum of both certificates."""
     space, _ = ran("lesson_5_active_sets.py")
-    assert max(space["needed"]) > 10, "no program that is hard to end"
+    assert max(space["needed"]) > 10, "no program is hard"
     for i in np.argsort(space["needed"])[-4:]:
-        K, f, w, b = space["programs"][i]
-        y, gaps, _ = space["runs"][i]
+        K, f, w, u_prev = space["programs"][i]
+        u, gaps, _ = space["runs"][i]
         ours = vx.Newton(accuracy=1e-8)
         operators = Operators(K, sp.csr_matrix(np.eye(len(f))), 1)
-        program = StepProgram(operators, f, w, b)
+        program = StepProgram(operators, f, w, u_prev)
         answer = ours.prepare(operators).solve(program, 1e-16 * (f @ np.linalg.solve(K, f)), np.zeros((len(f), 1)))
-        apart = y - answer.d
+        apart = u - answer.d
         allowed = np.sqrt(2 * gaps[-1]) + np.sqrt(2 * program.certify(answer.d, answer.lam).gap)
-        assert np.sqrt(apart @ K @ apart) <= allowed + 1e-13 * np.sqrt(y @ K @ y)
+        assert np.sqrt(apart @ K @ apart) <= allowed + 1e-13 * np.sqrt(u @ K @ u)
 
 
 @pytest.mark.long
 def test_uzawas_step_is_the_least_eigenvalue():
-    """Lesson 9: no direction is overshot, and the slowest shrinks by q; steps beyond twice that overshoot more."""
+    """In lesson 9 no direction is overshot, and the slowest factor is q; steps beyond twice the eigenvalue diverge."""
     space, _ = ran("lesson_9_forces.py")
     eigenvalues, vectors = np.linalg.eigh(space["K"])
     assert space["least"] == pytest.approx(eigenvalues[0], rel=1e-12)

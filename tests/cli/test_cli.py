@@ -388,7 +388,7 @@ def test_a_target_may_be_of_friction_work(tmp_path):
     assert "target 10.00% of the energy that friction dissipates: met" in done.output
     told = json.loads((tmp_path / "summary.json").read_text())["quantities"]["dissipated"]
     assert 0 < told["error"] <= 0.1 * told["value"]
-    assert re.search(rf"dissipated +{told['value']:.6g}, error estimated {told['error']:.2g}", done.output)
+    assert re.search(rf"dissipated +{told['value']:.6g}, estimated error {told['error']:.2g}", done.output)
     assert "--of: found 'stress'; a target is of energy, dissipated, work, wear" in invoke(
         "run", PROBLEM, "--target", 0.1, "--of", "stress"
     ).output.replace("\n", " ")

@@ -104,7 +104,7 @@ def test_it_has_the_numbers_of_the_summary(paper):
     assert f"certified {told['certified_energy_error']:.1e} relative energy error a step" in text
     assert list(told["quantities"]) == ["dissipated", "work", "wear"]
     for name, one in told["quantities"].items():
-        assert f"{name} {one['value']:.6g}, error estimated {one['error']:.2g}" in text
+        assert f"{name} {one['value']:.6g}, estimated error {one['error']:.2g}" in text
     history = vx.read_history(paper[0])
     assert history.table("steps")["dissipated_error"][-1] == told["quantities"]["dissipated"]["error"]
     for key, one in told["extremes"].items():

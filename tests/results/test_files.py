@@ -191,7 +191,7 @@ def test_a_write_that_fails_leaves_the_old_history(history, tmp_path, monkeypatc
 
 
 def test_folders_without_a_history_say_what_they_are(history, tmp_path):
-    with pytest.raises(HistoryError, match=r"nowhere: there is no such folder; a history is a folder with"):
+    with pytest.raises(HistoryError, match=r"nowhere: there is no such folder; a history is a folder that contains"):
         read_history(tmp_path / "nowhere")
     with pytest.raises(HistoryError, match="found nothing"):
         read_history(tmp_path)
@@ -230,9 +230,9 @@ def test_damaged_archives_are_refused_or_whole(history, tmp_path):
 @pytest.mark.long
 def test_foreign_archives_are_refused(history, tmp_path):
     np.savez(tmp_path / "history.npz", u=np.zeros(3), v=np.ones(2))
-    with pytest.raises(HistoryError, match="no history that this version reads: it holds u, v"):
+    with pytest.raises(HistoryError, match="not a history of this version: it holds u, v"):
         read_history(tmp_path)
-    with pytest.raises(HistoryError, match=r"history\.npz: not of a history, so it is not replaced"):
+    with pytest.raises(HistoryError, match=r"history\.npz: it belongs to no history, so it is not replaced"):
         history.write(tmp_path)
     (tmp_path / "history.npz").unlink()
     history.write(tmp_path)
@@ -251,7 +251,7 @@ def test_foreign_archives_are_refused(history, tmp_path):
 @mostly_long("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"], 0, 2)
 def test_files_that_are_of_no_history_stay(history, name, tmp_path):
     (tmp_path / name).write_text('{"a": "thesis"}')
-    with pytest.raises(HistoryError, match=f"{name}: not of a history, so it is not replaced"):
+    with pytest.raises(HistoryError, match=f"{name}: it belongs to no history, so it is not replaced"):
         history.write(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == '{"a": "thesis"}'

@@ -190,8 +190,8 @@ COHESIVE = vx.TrescaFriction(0.1, on="bottom")
 MISTAKES = {
     "no boundary": (lambda h: h.force("botom"), "force: there is no boundary named 'botom'"),
     "no effect": (lambda h: h.force(vx.Clamp(on="right")), "force: found Clamp.*the effects of this history are"),
-    "nothing": (lambda h: h.force(3), "force: found 3; wanted a boundary by its name, an effect, or a class"),
-    "two effects": (lambda h: h.force(COHESIVE), "force: on some sides the force is that of two effects: .*TrescaF"),
+    "nothing": (lambda h: h.force(3), "force: found 3; wanted the name of a boundary, an effect, or a class"),
+    "two effects": (lambda h: h.force(COHESIVE), "force: two effects share the force on some sides: .*TrescaF"),
     "a load": (lambda h: h.moment(vx.Pressure), "moment: found a load"),
     "a point": (lambda h: h.moment("left", about=(1.0,)), "moment: about: found an array of shape"),
     "no plane": (lambda h: h.section((0.5, 0.5), (0.0, 0.0)), "section: found a normal of length 0"),
@@ -217,5 +217,5 @@ def test_mistakes_are_named(rubbed, mistake):
 
 def test_a_reaction_of_contact_is_said_to_be_none(rubbed, caplog):
     assert not rubbed.reaction("bottom").any()
-    assert "history.force('bottom') is that of contact" in caplog.text
+    assert "history.force('bottom') is the contact force" in caplog.text
     assert rubbed.force("bottom")[-1, 1] > 0

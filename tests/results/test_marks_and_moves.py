@@ -144,7 +144,7 @@ def test_what_is_read_is_old_or_new_wherever_a_process_dies(tmp_path, monkeypatc
     # Of new: the archive, four steps, two tables, the series, the summary.
     assert died == (move <= 9)
     if first and move == 1:
-        with pytest.raises(vx.HistoryError, match="a history is a folder with history.npz in it"):
+        with pytest.raises(vx.HistoryError, match="a history is a folder that contains history.npz"):
             vx.read_history(tmp_path)
     else:
         is_of = old if move == 1 else new

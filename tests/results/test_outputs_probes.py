@@ -179,7 +179,7 @@ def test_other_mistakes():
     history = run("squares", 2)
     assert history.probe(np.zeros((0, 2))).shape == (len(TIMES), 0, 2)
     for points in ([0.5, 0.5], [[0.5, 0.5, 0.5]], "here", [[0.1], [0.2, 0.3]]):
-        with pytest.raises(vx.SceneError, match=r"probe: .*wanted points \(p, 2\), one a row"):
+        with pytest.raises(vx.SceneError, match=r"probe: .*wanted points \(p, 2\), one per row"):
             history.probe(points)
     with pytest.raises(vx.SceneError, match="probe: found NaN or infinite values"):
         history.probe([[0.5, 0.5], [np.nan, 0.5]])

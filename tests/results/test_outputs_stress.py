@@ -148,6 +148,6 @@ def test_errors_say_what_is_missing():
     with pytest.raises(vx.SceneError, match="step 7 was not stored"):
         history.von_mises(7)
     unknown = dataclasses.replace(history, out_of_plane=None)
-    with pytest.raises(vx.SceneError, match=r"across the plane is not determined.*principal_stresses\(step\)"):
+    with pytest.raises(vx.SceneError, match=r"normal to the plane is unknown.*principal_stresses\(step\)"):
         unknown.von_mises(-1)
     assert unknown.principal_stresses(-1).shape == (history.mesh.n_cells, 2)

@@ -132,7 +132,7 @@ def test_probes_lines_and_tables_of_a_run(history):
 
 @pytest.mark.parametrize("x", [[9.0, 9.0, 9.0], [0.5, 0.5, -1e-6]])
 def test_a_probe_outside_says_so(history, x):
-    with pytest.raises(vx.SceneError, match=r"^probe: point 1 at .* lies outside the body; .* of the polyhedra"):
+    with pytest.raises(vx.SceneError, match=r"^probe: point 1 at .* lies outside the body; .* inside the polyhedra"):
         history.probe([[0.5, 0.5, 0.5], x])
 
 

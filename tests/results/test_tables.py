@@ -117,7 +117,7 @@ def test_files_of_an_older_history_go(history, tmp_path):
     vx.simulate(loose, vx.meshes.squares(2), [0.0, 1.0], initial="settled").write(tmp_path)
     assert [path.name for path in sorted(tmp_path.glob("*.csv"))] == ["steps.csv"]
     (tmp_path / "contact.csv").write_text("somebody's")
-    with pytest.raises(vx.HistoryError, match=r"contact\.csv: not of a history, so it is not replaced"):
+    with pytest.raises(vx.HistoryError, match=r"contact\.csv: it belongs to no history, so it is not replaced"):
         history.write(tmp_path)
     assert (tmp_path / "contact.csv").read_text() == "somebody's"
 
@@ -203,7 +203,7 @@ def test_without_an_extra_it_says_so(history, monkeypatch, name):
 def test_tables_that_there_are_not(history):
     with pytest.raises(vx.HistoryError, match="table: found 'energies'; there are 'steps', 'contact'"):
         history.table("energies")
-    with pytest.raises(vx.HistoryError, match="points go with 'probes', and only with that"):
+    with pytest.raises(vx.HistoryError, match="give points with 'probes', and only then"):
         history.table("probes")
-    with pytest.raises(vx.HistoryError, match="points go with 'probes', and only with that"):
+    with pytest.raises(vx.HistoryError, match="give points with 'probes', and only then"):
         history.table("steps", POINTS)

@@ -160,10 +160,10 @@ def test_an_effect_acts_in_its_own_stage_and_wear_stays_where_friction_ends():
 def test_histories_that_are_no_stages_of_one_run_are_not_joined():
     scene, times = pulled(LAWS["Tresca"]), np.linspace(0.0, 2.0, 5)
     first = vx.simulate(scene, MESH, times[:3])
-    with pytest.raises(vx.HistoryError, match="joined: stage 2 does not go on from stage 1: it begins at t = 0, and"):
+    with pytest.raises(vx.HistoryError, match="joined: stage 2 does not continue stage 1: it begins at t = 0, but"):
         vx.joined([first, first])
     alone = vx.simulate(scene, MESH, times[2:], initial=first.displacement[-1])
-    with pytest.raises(vx.HistoryError, match="`dissipated` begins at 0, and the other ended with"):
+    with pytest.raises(vx.HistoryError, match="`dissipated` begins at 0, but the stage before it ended with"):
         vx.joined([first, alone])
     last = vx.simulate(scene, MESH, times[2:], initial=first, store="last")
     with pytest.raises(vx.HistoryError, match="its initial instant was not stored"):

@@ -15,7 +15,7 @@ def said(caplog, run):
     with caplog.at_level(logging.WARNING, logger="vemcvx"):
         caplog.clear()
         run()
-    return [r.getMessage() for r in caplog.records if "small strains are left" in r.getMessage()]
+    return [r.getMessage() for r in caplog.records if "strains are not small" in r.getMessage()]
 
 
 @pytest.mark.long

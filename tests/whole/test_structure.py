@@ -62,7 +62,7 @@ HEAVY = {
 
 LINES = {"program": 2_317, "solvers": 1_430, "stepping": 1_800, "linear": 940, "scene": 2_015, "effects": 2_403}
 LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_146}
-LINES |= {"bound": 3_273, "results": 2_829, "estimate": 2_286, "plots": 1_918}
+LINES |= {"bound": 3_273, "results": 2_837, "estimate": 2_286, "plots": 1_918}
 LINES |= {"cost": 677, "cli": 3_719}
 LINES |= {"meshes": 7_410, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""

@@ -1,8 +1,8 @@
 """The arc length s along contact in the plane.
 
-Contact runs along sides of the body that `Contact.nodes` are of, with this body on its left: counter-clockwise round
-outer boundaries, clockwise round holes. Where contact has several pieces, s starts anew on each, from 0 at its first
-node; on a closed curve that is the contact node of the lowest number. Nodes alone are pieces of no length.
+The path runs along the sides of the body of `Contact.nodes`, with this body on its left: counter-clockwise round outer
+boundaries, clockwise round holes. On each piece of contact s starts from 0 at its first node; on a closed curve, at the
+contact node with the lowest number. A single node is a piece of zero length.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""Cosine between normals above which an edge or face at a contact node belongs to contact, half of the turn of a curve:
-a corner flatter than that passes for straight, which costs half an edge in a picture."""
+"""Cosine between normals above which an edge or face at a contact node belongs to contact, at half the angle of a
+curve: a flatter corner counts as straight, which costs half an edge in a picture."""
 
 
 @dataclass(frozen=True)
 class ContactPath:
-    """The nodes of plane contact in their order along it, piece after piece."""
+    """The nodes of plane contact in order along its pieces."""
 
     sides: Ints  # (e, 2) nodes of the sides of contact
-    rows: Ints  # (k,) rows of the contact arrays, one for each node
+    rows: Ints  # (k,) the row of each node in the arrays of contact
     pieces: Ints  # (k,) numbers of pieces, from 0
     s: Floats  # (k,) arc length, from 0 on each piece
 
@@ -44,7 +44,7 @@ def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
     row = {node: i for i, node in enumerate(contact.nodes.tolist())}
     following = {a: b for a, b in sides.tolist() if a in row and b in row}
     preceded, found, piece = set(following.values()), dict[int, tuple[int, float]](), 0
-    # Pieces begin where nothing leads; what is left then are closed curves.
+    # Open pieces begin at nodes without a predecessor; the remaining nodes are on closed curves.
     for start in [n for n in row if n not in preceded] + list(row):
         node, s = start, 0.0
         while node not in found:

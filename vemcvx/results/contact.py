@@ -1,16 +1,17 @@
-"""The contact boundary over time, from what a march leaves.
+"""The contact boundary over time, from the results of a march.
 
-Slips are tangential parts of nodal displacements, (I - n n') u, less that of the ground. All forces are over int phi_i
-of their own edges, those of contact or those with friction, and at corners both sides count, forces and edges:
-tractions are minus the multipliers; pressures are the forces p_j of one-sided contact, and where contact holds a node
-in both ways, its part of R = A u - f + B'lam + D'p, what then is left to supports and contact
-(:mod:`vemcvx.scene.rows`); wear is friction work, the sum over all steps of w_i |s_i|: the depth worn off is in
-proportion to it (Archard 1953).
+Slips are tangential parts of nodal displacements, (I - n n') u, minus the motion of the ground. A force is divided by
+int phi_i over its edges, those of contact or those with friction; at corners, forces and edges of both sides count.
 
-A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
-by which active sets are chosen, which tells a small pressure from a small distance whatever the units.
+- Tractions are minus the multipliers of friction.
+- Pressures are the forces p_j of one-sided contact. In bilateral contact they are the contact part of
+  R = A u - f + B'lam + D'p, the forces of supports and bilateral contact (:mod:`vemcvx.scene.rows`).
+- Wear is friction work, the sum over all steps of w_i |s_i|: the worn depth is proportional to it (Archard 1953).
 
-Pressures and tractions are recovered from these by :mod:`vemcvx.results.contact_tiles`.
+A one-sided contact is closed if p_j + c_j z_j >= 0, with z_j the excess over the gap and c_j = n'An at the node. This
+rule, by which active sets are chosen, separates small pressures from small distances in any units.
+
+Recovered pressures and tractions are means of these: :mod:`vemcvx.results.contact_tiles`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import EPS, Bools, Floats, Ints, array_fields, sum_columns, totals
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.meshes.polygons import found_in
-from vemcvx.results.contact_tiles import ContactTiles, unmatched
+from vemcvx.results.contact_tiles import ContactTiles, find_unmatched
 from vemcvx.scene.contact import Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows, pair_numbers
@@ -35,62 +36,70 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    Nodes of the boundary are contact nodes unless another support fixes their normal component. Among them are nodes
-    whose tangent a support fixes (on the axis of a half model). Nodes that a prescribed displacement moves along the
-    boundary against friction always are. The forces of such supports are neither traction nor pressure. Friction
-    against them is traction; it is taken to be 0 in a step in which the support stands still, when any value up to the
+    Nodes of the boundary are contact nodes unless another support fixes their normal component. A node whose tangent a
+    support fixes (on the axis of a half model) is a contact node. So is every node that a prescribed displacement moves
+    along the boundary against friction. The forces of such supports are neither traction nor pressure. Friction
+    against them is traction; it is set to 0 in a step in which the support stands still, although any value up to the
     bound would be admissible.
 
-    In space lengths are areas. Where a node has one normal, slip and traction are vectors in the tangent plane of the
-    surface, and minus traction times the slip of a step is the wear of it. At edges and corners of contact friction
-    acts in the tangent plane of every normal: traction is the sum, slip lacks what is along the mean of the normals,
-    and the wear of a step is minus traction times its whole displacement, normal parts included.
+    In space, lengths are areas. At a node with one normal, slip and traction are vectors in the tangent plane, and the
+    wear of a step is minus traction times slip. At edges and corners of contact, friction acts in the tangent plane of
+    every normal: traction is the sum, slip is orthogonal to the mean of the normals, and the wear of a step is minus
+    traction times the whole displacement, normal parts included.
 
     Attributes
     ----------
     nodes : (m,) int
         Node numbers.
     partners : (m,) int
-        The nodes of the other body at the same places, against which slip, traction and pressure are those of `nodes`;
+        The nodes of the other body at the same places; slip, traction and pressure are those of `nodes` against them.
         -1 where contact is with an obstacle.
     points : (m, dim)
-        Places.
+        Coordinates.
     normals : (m, dim)
         Outward unit normals, averaged by length at corners.
     slip : (S, m, dim)
-        Tangential displacement, relative to the partner; where the ground moves, relative to it since the initial
-        instant (where parts meet, to the mean of their grounds).
+        Tangential displacement, relative to the partner, or to moving ground since the initial instant (where several
+        frictions meet at a node, to the mean of their grounds).
     traction : (S, m, dim)
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound : (S, m)
-        Friction bound per length: w_i over int phi_i; 0 without friction. Where parts meet, their mean. For friction by
-        direction it is the bound in the direction in which friction acts, along `direction` where there is none.
+        Friction bound per length, w_i over int phi_i, or the mean bound where several frictions meet; 0 without
+        friction. If the bound depends on direction, it is the bound in the direction of the friction force, or along
+        `direction` if this force is zero.
     pressure : (S, m)
-        Normal force of contact per length, compression positive; of either sign where contact is bilateral, or
-        cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
-        moves: its force is pressure.
+        Normal contact force per length, compression positive; bilateral and cohesive contact may have either sign. A
+        support that moves a node along the contact normal is a moving obstacle: its force is pressure.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
-        Friction and pressure without the ripple of order h on interfaces where the meshes of two bodies do not match:
-        there means over a cell and a half that have the same resultants, exact where they are constant; elsewhere
-        `traction` and `pressure`. Quote and draw these; laws and bounds of friction hold for `traction` and `pressure`
-        at every node. Means round edges of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
+        Friction and pressure without the ripple of order h on interfaces of meshes that do not match: means over a
+        cell and a half with the same resultants, exact for constants. Elsewhere they are `traction` and `pressure`.
+        Quote and draw these; but laws and bounds of friction hold for `traction` and `pressure` at every node. The
+        means round the edges of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
     sticking : (S, m) bool
         True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
-        Friction work per length since the initial instant, of all steps, stored or not: over int phi_i of the edges
-        with friction, so that ``wear @ friction_lengths`` is what friction has dissipated; 0 without friction.
+        Friction work since the initial instant, in all steps, stored or not, per length with friction: the energy
+        dissipated by friction is ``wear @ friction_lengths``. 0 without friction.
     wear_second_order : (S, m)
-        `wear` with the friction bounds of both ends of every step: of second order in their length.
+        `wear` of second order in the step: with the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
-        Length of the way that the node has slipped since the initial instant, to and fro, in all steps, stored or not,
-        which laws of friction may follow (where parts meet, the largest). For friction by direction slip across
-        `direction` counts across / bound times, so that ways cost alike.
+        Length of the slip path since the initial instant, to and fro, in all steps, stored or not (the largest one
+        where several frictions meet). Laws of friction may depend on it. If the bound depends on direction, slip
+        across `direction` is multiplied by the ratio across / bound.
     closed : (S, m) bool
-        True where the node touches its obstacle, in one of its normals at least, and where contact is bilateral.
+        True where the node touches its obstacle, along at least one of its normals, and in bilateral contact.
     lengths : (m,)
-        int phi_i over the edges of contact: at a corner, both sides count.
+        int phi_i over the edges of contact; at a corner, both sides count.
     friction_lengths : (m,)
         int phi_i over the edges with friction.
+
+    Examples
+    --------
+    >>> effects = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.0, -0.1), on="top")
+    >>> scene = vx.Scene(*effects, vx.UnilateralContact(on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
+    >>> history.contact.nodes, history.contact.closed_count
+    (array([0, 1, 2]), array([3, 3]))
     """
 
     nodes: Annotated[Ints, "m", ""]
@@ -112,42 +121,42 @@ class Contact(ArrayRecord):
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """The row (k,) of the contact node of each of `rows`, whichever of two bodies is named first; -1 for none."""
+        """Return the row (k,) of the contact node of each of `rows`, with either body first; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         pairs = pair_numbers(self.nodes, self.partners, largest)
-        at, turned = (found_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
-        return np.where(at >= 0, at, turned)
+        at, reversed_at = (found_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
+        return np.where(at >= 0, at, reversed_at)
 
     @property
     def stick_count(self) -> Ints:
-        """(S,) nodes that touch and stick; with `slip_count` and `open_count` all m."""
+        """The number (S,) of nodes that touch and stick; `stick_count + slip_count + open_count` is m."""
         return (self.closed & self.sticking).sum(axis=1)
 
     @property
     def slip_count(self) -> Ints:
-        """(S,) nodes that touch and slip."""
+        """The number (S,) of nodes that touch and slip."""
         return (self.closed & ~self.sticking).sum(axis=1)
 
     @property
     def closed_count(self) -> Ints:
-        """(S,) nodes that touch their obstacle."""
+        """The number (S,) of nodes that touch their obstacle."""
         return self.closed.sum(axis=1)
 
     @property
     def open_count(self) -> Ints:
-        """(S,) nodes that do not."""
+        """The number (S,) of nodes that do not touch their obstacle."""
         return (~self.closed).sum(axis=1)
 
 
 def _both_ways(rows: ContactRows) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:
-    """Nodes and partners, and these the other way round where there are partners."""
+    """Return nodes and partners, then the same with both swapped where a row has a partner."""
     joined = rows.partners >= 0
-    turned = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
-    return (rows.nodes, rows.partners), turned
+    swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
+    return (rows.nodes, rows.partners), swapped
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    """The contact boundary at the stored instants, from displacements and forces A u - f (S, n_nodes, dim) of nodes."""
+    """Return the contact boundary at the stored instants; u and forces A u - f are (S, n_nodes, dim) at nodes."""
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
@@ -157,8 +166,9 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     np.maximum.at(slipped.T, at, trajectory.slipped.T)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     traction = -force / np.where(length > 0, length, 1.0)[:, None]
-    pressure, closed = _pressure(posed, trajectory, forces) + cohesion / surface.lengths, _closed(posed, trajectory, u)
-    smooth = _recovered(posed, traction, pressure, closed, at)
+    pressure = _pressure(posed, trajectory, forces) + cohesion / surface.lengths
+    closed = _is_closed(posed, trajectory, u)
+    smooth = _recover(posed, traction, pressure, closed, at)
     whole = Contact(
         nodes=surface.nodes,
         partners=surface.partners,
@@ -186,9 +196,9 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Lengths (m,) of edges with friction, its multipliers on the nodes (S, m, dim), and (S, m) what holds normals.
+    """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and normal forces (S, m).
 
-    The last is of terms along given directions, and not in the one before.
+    The normal forces come from terms along given directions, and are not part of the multipliers.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
@@ -200,7 +210,7 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
-    """The motion of the ground along the boundary (S, m, dim), the mean by length where parts meet."""
+    """Return the ground's motion along the boundary (S, m, dim), averaged by length where several frictions meet."""
     terms = posed.terms
     if terms.reported is None:
         return 0.0
@@ -209,7 +219,7 @@ def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:
-    """Normal forces of contact per length (S, m), from nodal forces A u - f (S, n_nodes, dim)."""
+    """Return normal contact forces per length (S, m), from nodal forces A u - f (S, n_nodes, dim)."""
     surface, terms, obstacles, p = posed.surface, posed.terms, posed.obstacles, trajectory.pressures
     S, m = len(forces), len(surface.nodes)
     held = np.unique(surface.normal_reaction.indices)
@@ -219,32 +229,32 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     return (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
 
 
-def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
-    """Tractions and pressures recovered at the instants; friction has its terms `at` contact nodes."""
+def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
+    """Return recovered tractions and pressures; friction term i is at the contact node `at[i]`."""
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
     mixed = surface.partners >= 0
     if mixed.any():
-        mixed &= unmatched(mesh)[surface.nodes]
+        mixed &= find_unmatched(mesh)[surface.nodes]
     if not mixed.any():
         return traction, pressure
     closed = closed & mixed
-    whole = ContactTiles.of(surface, np.arange(len(surface)), surface, mesh)
-    smooth = whole.recovered(pressure * surface.lengths, surface.lengths, closed)
-    # Forces along given directions are over lengths of their own.
+    whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
+    smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
+    # Forces along given directions refer to lengths of their own.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
-    tiles = whole if np.array_equal(length, surface.lengths) else ContactTiles.of(terms, at, surface, mesh)
+    tiles = whole if np.array_equal(length, surface.lengths) else ContactTiles.from_rows(terms, at, surface, mesh)
     safe, rubs = np.where(length > 0, length, 1.0), closed & (length > 0)
     along = traction.transpose(2, 0, 1)  # friction along each axis
-    friction = tiles.recovered((along * safe).reshape(-1, len(safe)), safe, np.tile(rubs, (len(along), 1)))
+    friction = tiles.average((along * safe).reshape(-1, len(safe)), safe, np.tile(rubs, (len(along), 1)))
     change = friction.reshape(along.shape).transpose(1, 2, 0) - traction
     change -= np.einsum("smd,md->sm", change, surface.normals)[:, :, None] * surface.normals
     return traction + change, smooth
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
-    """Values (S, terms) summed at contact nodes over their lengths with friction (m,); 0 where there is none."""
+    """Return values (S, terms), summed at contact nodes, per length (m,) with friction; 0 without friction."""
     total = sum_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
@@ -252,11 +262,11 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     """Return the bounds of friction per length (S, m)."""
     terms, weights = posed.terms, trajectory.weights
-    # What holds along given directions is no bound of friction where there is some.
+    # Forces along given directions are not friction bounds at nodes that have friction.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():
-        # What friction by direction has at its bound, in the direction in which it acts, over the weight.
+        # Scale the weight to the bound in the direction in which friction acts.
         lam = trajectory.multipliers
         force, size = (np.linalg.norm(x, axis=2) for x in (np.einsum("smb,mbd->smd", lam, terms.tangents), lam))
         weights = weights * np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
@@ -264,11 +274,11 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
-    """Return True if each node kept its place in the step that led to a row, (S, m).
+    """Return True (S, m) for nodes that kept their place in the step that ends at a row.
 
-    With friction, as the certificate tells; without, where both ends of the step are stored, by comparing them;
-    else a node without friction counts as sliding, unless the step had nothing to solve. Friction along a line alone is
-    both: what it does not read slides as without.
+    With friction, the certificate decides. Without, the two ends of the step are compared if both are stored; else the
+    node counts as sliding, unless the step had nothing to solve. If friction acts along a line only, the certificate
+    decides along this line, and the comparison across it.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)
@@ -289,8 +299,8 @@ def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> B
     return sticking
 
 
-def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
-    """Return True if each node touches its obstacle, (S, m); true where nothing can open."""
+def _is_closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
+    """Return True (S, m) for nodes that touch their obstacle, or cannot open."""
     closed, held = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), posed.obstacles.prescribed
     met = [(posed.obstacles, trajectory.pressures)] if len(posed.obstacles) else []
     if held is not None:
@@ -309,5 +319,5 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
 
 
 def _stiffness_along(rows: sp.csr_matrix, A: sp.csr_matrix) -> Floats:
-    """(r,) r'A r of every row r."""
+    """Return r'A r for every row r."""
     return np.asarray((rows @ A).multiply(rows).sum(axis=1)).ravel()

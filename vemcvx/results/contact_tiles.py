@@ -1,20 +1,20 @@
-"""Recovered pressure and friction: where meshes do not match, means of the forces of nodes over one and a half cells.
+"""Recovered pressure and friction: if meshes do not match, means of nodal forces over one and a half cells.
 
-Where nodes of two bodies alternate, a force over |phi_i| = int phi_i, as `Contact.pressure` has it, alternates, too,
-because a hanging node bends a cell in which strains are constant; and where two tilings are intersected some nodes have
-hardly any area of their own, of which the stiffness does not know. That shows as a ripple of order h and more. Forces
-are better in the mean over a few cells, R(v) = int p v for smooth v. So the recovered values are means over nodes
-nearby on every interface on which a cell of either body has several sides,
+On such interfaces `Contact.pressure`, a nodal force over |phi_i| = int phi_i, has a ripple of order h or more. Where
+nodes of two bodies alternate, forces alternate, because a hanging node bends a cell of constant strain. Where two
+tilings are intersected, some nodes have a very small area, which does not affect the stiffness. Means over a few cells
+are more accurate, since R(v) = int p v for smooth v. On every interface on which a cell of either body has several
+sides, the recovered values are means over nearby nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
 with the d that make K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
-(2013)). K being symmetric, sum |phi_i| p_i = sum R_i: the resultant of every piece that is closed is kept, what is
-constant is found exactly, and what presses gives pressures. Smooth fields change by the order of h^2, and by that of h
-where contact ends, whose edge is rounded over 1.5 h. The length h is that of the side of a cell on the surface, in
-space the root of its area, the larger one of both bodies. Where k is 0 because normals differ by more than those of a
-curve, sides do not mix; and nodes at corners (in space edges, too) of the body keep R_i / |phi_i|. Where meshes match,
-forces have no ripple and means would only blur them: there recovered values are those of the nodes.
+(2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
+exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
+rounded over 1.5 h. The length h is the larger one, of both bodies, of the side of a cell on the surface (in space, the
+root of its area). k is 0 if normals differ by more than on a curve, so that sides at a corner do not mix. Nodes at
+corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means would
+only blur them: then the recovered values are the nodal values.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 CELLS = 1.5
-"""How far means go, in h."""
+"""Radius of the means in units of h."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The sides of contact, faces in space, between its m nodes, without those at corners of the body."""
+    """The sides (in space, faces) of contact between its m nodes, except sides at corners of the body."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
@@ -47,8 +47,8 @@ class ContactTiles:
     beside: sp.csr_matrix  # (m, m) nonzero for two nodes of one tile
 
     @classmethod
-    def of(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
-        """The tiles of these rows, whose places among the nodes of contact are `at`."""
+    def from_rows(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
+        """Return the tiles of these rows; row i is at the contact node `at[i]`."""
         owner, (node, other), normals = rows.owners(at), rows.names.T, surface.normals
         there = owner >= 0
         owner, node, other = owner[there], node[there], other[there]
@@ -56,7 +56,7 @@ class ContactTiles:
             tile, away = other, 1.0 - np.einsum("qd,qd->q", normals[owner], mesh.face_normals[other])
             sharp = away > 1.0 - np.cos(0.5 * CURVE_ANGLE)
         else:
-            tile, along = _undirected(node, other, mesh.n_nodes), mesh.points[other] - mesh.points[node]
+            tile, along = _number_edges(node, other, mesh.n_nodes), mesh.points[other] - mesh.points[node]
             slope = np.einsum("qd,qd->q", normals[owner], along) / np.linalg.norm(along, axis=1)
             sharp = np.abs(slope) > np.sin(0.5 * CURVE_ANGLE)
         known, tile = np.unique(tile, return_inverse=True)
@@ -64,13 +64,13 @@ class ContactTiles:
         corners = np.ones(int(smooth.sum())), (tile[smooth], owner[smooth])
         on = sp.csr_matrix(corners, shape=(len(known), len(surface)))
         size = np.maximum(_cell_sizes(mesh, surface.nodes), _cell_sizes(mesh, surface.partners))
-        reach = CELLS * np.where(size > 0, size, 1.0)  # a node alone has none beside it
+        reach = CELLS * np.where(size > 0, size, 1.0)  # A single node has no neighbours.
         return cls(mesh.points[surface.nodes], normals, reach, sp.csr_matrix(on.T @ on))
 
-    def recovered(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
-        """Forces (k, m) on nodes, with int phi_i as lengths (m,), as recovered forces per length.
+    def average(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
+        """Return recovered forces per length from nodal forces (k, m), with int phi_i as `lengths` (m,).
 
-        In each row means go over the nodes that are `closed`, (k, m).
+        The means in each row are over its `closed` (k, m) nodes.
         """
         found, rows_of = forces / lengths, dict[bytes, list[int]]()
         for row, pattern in enumerate(closed):
@@ -80,22 +80,21 @@ class ContactTiles:
         return found
 
     def _means(self, forces: Floats, lengths: Floats, among: Bools) -> Floats:
-        """The means p (S, m), R_i / int phi_i of nodes that are not `among` those with others beside them."""
+        """Return the means p (S, m) over the nodes in `among`; other nodes keep R_i / int phi_i."""
         k, d, nearest = self._nearness(among), np.ones(len(lengths)), np.inf
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The step of log d is 1/2 - 1/2 (a mean with weights): the largest change never grows, but by rounding.
+            # The iteration averages log d, so that the largest change never grows except by rounding.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T
 
     def _nearness(self, among: Bools) -> sp.csr_matrix:
-        """(m, m) k, symmetric; 1 on the diagonal.
+        """Return the symmetric matrix k (m, m), with 1 on its diagonal.
 
-        Nodes are looked for from neighbour to neighbour, which leads to no other piece: SciPy's tree of points takes
-        .08 s to import.
+        Nodes are searched from neighbour to neighbour, and so within one piece; SciPy's KD-tree takes .08 s to import.
         """
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         beside = sp.csr_matrix(chosen @ self.beside @ chosen)
@@ -115,14 +114,14 @@ class ContactTiles:
         return one_way.maximum(one_way.T)
 
     def _away(self, i: Ints, j: Ints) -> Floats:
-        """|x_i - x_j|^2 over 1.5^2 h_i h_j, of pairs of nodes (e,)."""
+        """Compute |x_i - x_j|^2 / (1.5^2 h_i h_j) for pairs of nodes (e,)."""
         apart = self.points[i] - self.points[j]
         away: Floats = np.einsum("ed,ed->e", apart, apart) / (self.reach[i] * self.reach[j])
         return away
 
 
-def unmatched(mesh: Mesh) -> Bools:
-    """Return True if each node (n_nodes,) is on an interface on which a cell of either body has several sides."""
+def find_unmatched(mesh: Mesh) -> Bools:
+    """Return True (n_nodes,) for nodes on an interface on which a cell of either body has several sides."""
     found, (offsets, vertices, cells, _) = np.zeros(mesh.n_nodes, dtype=bool), _boundary_sides(mesh)
     for interface in mesh.interfaces.values():
         for sides in (interface.edges, interface.partners):
@@ -132,14 +131,14 @@ def unmatched(mesh: Mesh) -> Bools:
     return found
 
 
-def _undirected(node: Ints, other: Ints, largest: int) -> Ints:
+def _number_edges(node: Ints, other: Ints, largest: int) -> Ints:
     return pair_numbers(np.minimum(node, other), np.maximum(node, other), largest)
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """The largest length (in space the root of an area) that a cell at each node (m,) has on the sides between them.
+    """Return for each node (m,) the largest length (in space, root of an area) of a cell's sides between the nodes.
 
-    It is 0 of the node -1.
+    It is 0 for the node -1.
     """
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)
@@ -152,7 +151,7 @@ def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
 
 
 def _boundary_sides(mesh: Mesh) -> tuple[Ints, Ints, Ints, Floats]:
-    """Offsets, nodes, cells and sizes of the sides (in space faces) of the boundary."""
+    """Return offsets, nodes, cells and sizes of the sides (in space, faces) of the boundary."""
     sides = mesh.boundaries[WHOLE]
     if isinstance(mesh, PolyhedralMesh):
         offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, sides)

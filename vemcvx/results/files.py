@@ -1,24 +1,25 @@
 """A history as a folder of files, and its archive, which holds every array without loss.
 
-    history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
-    step_0000.vtu    one file a stored step
-    summary.json     what was run, how certain the answer is, the energies, the cost
+    history.pvd      the stored steps in time, for ParaView and PyVista, as a list of
+    step_0000.vtu    one file per stored step
+    summary.json     the run, the accuracy of the answer, energies, and the cost
     steps.csv        energies and certificates of every step, stored or not
     contact.csv      slip, traction, pressure ... at every contact node in every stored step; in the plane the number of
                      the piece of contact and the arc length s on it (:mod:`vemcvx.results.arc`)
-    probes.csv       displacements at points, where some were asked for
+    probes.csv       displacements at points, if points were given
     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-A VTU file has at nodes the displacement and all of contact that changes in time, zero away from contact; sticking and
-closed, 1 or 0, are NaN there, so that what slips differs from what is not in contact. At an interface both sides have
-them, slip and traction of the second body with the other sign. On cells it has what `on_cells` of a history gives.
+At nodes, a VTU file has the displacement and all contact arrays that change in time. These are zero away from contact;
+sticking and closed, 1 or 0, are NaN there, so that slipping nodes differ from nodes without contact. At an interface
+both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has the fields
+of `History.on_cells`.
 
-All files are made in a folder inside the target and moved from there: the archive first, by which a folder is known
-as that of a history and from which histories are read, and the summary last. A process that dies before leaves the
-older history as it was. Files of those names that are of no history stay as they are.
+All files are made in a folder inside the target and then moved: the archive first, which marks the folder as a history
+and from which histories are read, the summary last. A process that dies before the move leaves the older history as it
+was. Files with these names that belong to no history are not replaced.
 
-The archive holds what :func:`vemcvx.results.results.labelled` lists, the mesh with its boundaries and cell data, and as
-JSON in the array `about` what is no array.
+The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
+and all other data as JSON in the array `about`.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ from vemcvx.meshes.io.vtu import packed_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.results.forces import largest
-from vemcvx.results.quoted import Quantity
-from vemcvx.results.results import RECORDS, Results, labelled, size_of
+from vemcvx.results.quoted import Extreme, Quantity
+from vemcvx.results.results import RECORDS, Results, list_arrays, size_of
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import VertexWeights, component_names
 
@@ -61,7 +62,7 @@ ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_seco
 FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
-"""What is no array, and goes into JSON as it is."""
+"""Attributes of a history that are no arrays and go into JSON unchanged."""
 WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
@@ -69,7 +70,7 @@ STEP = r"step_[0-9]+\.vtu"
 
 
 def write_archive(history: Results, path: Path) -> None:
-    """Write every array of a history, its mesh with boundaries and cell data, and its words."""
+    """Write every array of a history, its mesh with boundaries and cell data, and its other data."""
     mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
     about = {
         "format": FORMAT,
@@ -84,21 +85,21 @@ def write_archive(history: Results, path: Path) -> None:
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
         **{f"partners.{name}": found.partners for name, found in mesh.interfaces.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
-        **{name: values for name, values, _ in labelled(history)},
+        **{name: values for name, values, _ in list_arrays(history)},
     }
     np.savez(path, **arrays)
 
 
 def read_archive(path: Path) -> Results:
-    """Read what :func:`write_archive` wrote; HistoryError where the file is damaged, foreign, or of another format."""
+    """Read an archive of :func:`write_archive`; raise HistoryError if it is damaged, foreign, or of another format."""
     try:
         arrays = read_arrays(path)
-    except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
+    except Exception as error:  # Damage may raise any error in numpy, zipfile or the parser of headers.
         raise HistoryError(f"{path}: cut short or damaged: {error}. Run the problem again.") from error
     try:
         return _history(arrays)
-    except Exception as error:  # what is written in it may be anything
-        raise HistoryError(f"{path}: no history that this version reads: {error}. Run the problem again.") from error
+    except Exception as error:  # The contents may be anything.
+        raise HistoryError(f"{path}: not a history of this version: {error}. Run the problem again.") from error
 
 
 def _history(arrays: Arrays) -> Results:
@@ -113,7 +114,7 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {name: about[name] for name in PLAIN} | {"mesh": mesh, "scene": None}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
-    # Files do not keep a class of the user's.
+    # Files do not keep a class defined by the user.
     known["stabilisation"] = VertexWeights(arrays[WEIGHTS]) if WEIGHTS in arrays else None
     quoted = about["quantities"]
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
@@ -122,7 +123,7 @@ def _history(arrays: Arrays) -> Results:
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
-    """Raise ValueError unless the arrays go together; `sizes` are those known before."""
+    """Raise ValueError unless the shapes of the arrays agree; `sizes` has the sizes known from the mesh."""
     for name, (names, kind, *_) in ARRAYS.items():
         if name not in arrays:
             continue
@@ -130,7 +131,7 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
         wanted = [int(size) if size.isdecimal() else sizes.get(size) for size in names]
         fits = len(wanted) == array.ndim and all(w in (None, n) for w, n in zip(wanted, array.shape, strict=True))
         if not fits or array.dtype.kind != kind:
-            raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not go with the rest")
+            raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not fit the other arrays")
         sizes.update((size, n) for size, n in zip(names, array.shape, strict=True) if not size.isdecimal())
     if sizes["constants"] not in (2, 6, 21):
         raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2, 6 or 21")
@@ -146,7 +147,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
         return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
     named, data = under("boundary."), under("cell_data.")
-    named.pop("boundary")  # Every mesh makes this one itself.
+    named.pop("boundary")  # Every mesh makes its whole boundary itself.
     solid = "mesh.face_cells" in arrays
     matched = {}
     for name, (one, other) in bodies.items():
@@ -168,23 +169,19 @@ class Origin:
     """The origin of a history: problem, parameters and options."""
 
     problem: str = "unnamed"
-    family: str | None = None  # The family of meshes, if it was one, or the mesh file.
-    n: int | None = None  # Cells across the shortest side, as that family was asked for; None of a file.
+    family: str | None = None  # The family of meshes, or the mesh file.
+    n: int | None = None  # Cells across the shortest side, the argument of the family; None for a file.
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """The summary for JSON; energies are those at the end, contact is that at the peak, and infinite is None.
+    """Return the summary for JSON: energies at the end, contact at the peak; infinite numbers become None.
 
-    `writing` is how many seconds the other files took.
+    `writing` is the time in seconds that the other files took.
     """
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     row = history.row(None)
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
     seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
-    forced: dict[str, Any] | None = None
-    if history.force_bounds is not None and history.bounded_force is not None:
-        ((on, axis),), (low, high) = history.bounded_force.items(), map(finite_or_none, history.force_bounds[-1])
-        forced = {"on": on, "axis": axis, "low": low, "high": high, "value": float(history.reaction(on)[-1, axis])}
     return {
         "format": FORMAT,
         "version": __version__,
@@ -202,48 +199,53 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "estimated_energy_errors": history.errors,
         **{f"bound_{name}": finite_or_none(bound.get(name)) for name in ("upper", "lower")},
         "bound_kind": bound.get("kind"),
-        "bound_force": forced,
+        "bound_force": _force_bounds(history),
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
-        "quantities": history.quantities
-        and {
-            name: {key: finite_or_none(getattr(one, key)) for key in ("value", "steps", "mesh", "error")}
-            | {"unit": one.unit, "unbounded": one.unbounded or None}
-            for name, one in history.quantities.items()
-        },
+        "quantities": history.quantities and {name: _quantity(one) for name, one in history.quantities.items()},
         "peak": {"energy": finite_or_none(history.energy[row]), "t": float(history.times[row]), "step": history.peak},
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[row]) for name, count in counts.items()},
         "forces": {name: _largest(history, forces) for name, forces in history.resultants.items()},
-        "extremes": {
-            one.key: {
-                "value": finite_or_none(one.value),
-                "place": one.place.tolist(),
-                "t": one.time,
-                "step": one.step,
-                "unit": one.unit,
-                "unbounded": one.unbounded or None,
-            }
-            for one in history.extremes
-        },
+        "extremes": {one.key: _extreme(one) for one in history.extremes},
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }
 
 
+def _force_bounds(history: Results) -> dict[str, Any] | None:
+    """Return the bounds on a reaction for JSON; None if there are none."""
+    if history.force_bounds is None or history.bounded_force is None:
+        return None
+    ((on, axis),), (low, high) = history.bounded_force.items(), map(finite_or_none, history.force_bounds[-1])
+    return {"on": on, "axis": axis, "low": low, "high": high, "value": float(history.reaction(on)[-1, axis])}
+
+
+def _quantity(one: Quantity) -> dict[str, Any]:
+    """Return a quantity and its estimated errors for JSON."""
+    numbers = {key: finite_or_none(getattr(one, key)) for key in ("value", "steps", "mesh", "error")}
+    return {**numbers, "unit": one.unit, "unbounded": one.unbounded or None}
+
+
+def _extreme(one: Extreme) -> dict[str, Any]:
+    """Return an extreme, its place and its instant for JSON."""
+    where = {"value": finite_or_none(one.value), "place": one.place.tolist(), "t": one.time, "step": one.step}
+    return {**where, "unit": one.unit, "unbounded": one.unbounded or None}
+
+
 def _largest(history: Results, forces: Floats) -> dict[str, Any]:
-    """Return the largest of forces (S, dim), and when, for JSON."""
+    """Return the largest of forces (S, dim) and its instant for JSON."""
     row = largest(forces)
     return {"value": forces[row].tolist(), "t": float(history.times[row]), "step": int(history.stored[row])}
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """A number for JSON, which has no infinity."""
+    """Return a number for JSON, which has no infinity, or None."""
     return float(value) if value is not None and np.isfinite(value) else None
 
 
 def peak_memory_mb() -> float | None:
-    """The most memory that this process has held so far, in MB; None where the system does not tell (Windows).
+    """Return the peak memory of this process in MB, or None if the system does not provide it (Windows).
 
-    VmHWM where there is /proc: the maxrss of a new process may be that of the one that started it.
+    VmHWM of /proc comes first, because a new process may inherit the maxrss of the process that started it.
     """
     with suppress(OSError):
         if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
@@ -263,11 +265,11 @@ def write_results(
     probes: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a history to a folder, which is made if need be and returned; an older history in it is replaced.
+    """Write a history to a folder, created if it does not exist, and return the folder; replace an older history in it.
 
-    The summary names problem and mesh by their `origin`; displacements at `probes`, points (p, dim) of the body, are
-    written, too; `progress` (written, stored) hears of every step. HistoryError where the folder cannot be written to,
-    somebody else is writing there, or it holds other files of these names; SceneError for a probe outside the body.
+    `origin` gives problem and mesh for the summary. Displacements at `probes`, points (p, dim) of the body, are also
+    written. `progress(written, stored)` is called after every step. Raise HistoryError if the folder cannot be written
+    to, another process writes there, or other files have these names; SceneError if a probe is outside the body.
     """
     strange = np.argwhere(~np.isfinite(history.displacement))
     if len(strange):
@@ -275,20 +277,20 @@ def write_results(
         found = history.displacement[row, node]
         raise HistoryError(
             f"write: the displacement of node {node} in step {history.stored[row]} is {found}; only finite fields are "
-            "written. Run without check=False, which tells what went wrong there."
+            "written. Run with check=True to see the error."
         )
     folder, start = writable_folder(folder), time.perf_counter()
     try:
         with Owned(folder / WRITING) as made:
-            made.clear()  # What a process that died has left.
+            made.clear()  # A process that died may have left files.
             try:
                 # The energy of displacements beyond 1e154 overflows, and is written as infinite.
                 with np.errstate(over="ignore", invalid="ignore"):
                     _write_series(history, made.take, progress or (lambda *_: None))
                 write_archive(history, made.take(ARCHIVE))
                 tables = write_tables(history, made.take, probes)
-                told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
-                made.write(SUMMARY, json.dumps(told, indent=2, allow_nan=False) + "\n")
+                contents = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
+                made.write(SUMMARY, json.dumps(contents, indent=2, allow_nan=False) + "\n")
                 check_replaceable(folder, set(made.names))
                 _move(made, folder)
             finally:
@@ -299,10 +301,10 @@ def write_results(
 
 
 def _move(made: Owned, folder: Path) -> None:
-    """Replace the files of an older history by those that were made; its archive, from which it is read, first."""
+    """Replace the files of an older history by the new files; the archive, from which it is read, first."""
     older = _files_of_history(folder)
-    turn = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
-    for name in sorted(made.names, key=lambda name: (turn.get(name, 1), name)):
+    order = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
+    for name in sorted(made.names, key=lambda name: (order.get(name, 1), name)):
         os.replace(made.path / name, folder / name)
     for name in older - set(made.names):
         (folder / name).unlink(missing_ok=True)
@@ -322,8 +324,8 @@ def _write_series(history: Results, place: Callable[[str], Path], progress: Call
     ET.ElementTree(root).write(place(SERIES), encoding="utf-8", xml_declaration=True)
 
 
-def _listed_steps(path: Path) -> set[str]:
-    """Names of the step files that the PVD file `path` lists, if it is there and ours."""
+def _list_steps(path: Path) -> set[str]:
+    """Return the names of the step files that the PVD file `path` lists, if it exists."""
     try:
         listed = [str(item.get("file")) for item in ET.parse(path).iter("DataSet")]
     except (OSError, ET.ParseError):
@@ -332,7 +334,7 @@ def _listed_steps(path: Path) -> set[str]:
 
 
 def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
-    """Displacement, and contact as fields of the whole body: vectors are opposite on the second of two bodies."""
+    """Return displacement and contact as nodal fields; vectors have the opposite sign on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
     for name in (name for name, of in array_fields(type(contact)).items() if of.sizes[0] == "S"):
@@ -344,26 +346,26 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
 
 
 def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
-    """Raise HistoryError where a file of one of these names is there that is not of a history."""
+    """Raise HistoryError if a file with one of these names exists and belongs to no history."""
     for name in sorted(names - _files_of_history(folder)):
         if os.path.lexists(folder / name):
             raise HistoryError(
-                f"{folder / name}: not of a history, so it is not replaced. Choose another folder, or move it away."
+                f"{folder / name}: it belongs to no history, so it is not replaced. Choose another folder, or move it."
             )
 
 
 def _files_of_history(folder: Path) -> set[str]:
-    """Return the names of the files of the history in a folder: those that its series and its summary list."""
+    """Return the names of the files of the history in a folder, from its series and its summary."""
     if not _is_archive(folder / ARCHIVE):
         return set()
     tables: set[str] = set()
     with suppress(OSError, ValueError, TypeError, KeyError):
         tables = set(FILES.values()) & set(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["tables"])
-    return {ARCHIVE, SERIES, SUMMARY} | tables | _listed_steps(folder / SERIES)
+    return {ARCHIVE, SERIES, SUMMARY} | tables | _list_steps(folder / SERIES)
 
 
 def _is_archive(path: Path) -> bool:
-    """True if that file is the archive of a history, of whatever version, as far as its list of contents says."""
+    """Return True if the contents of this file are those of a history's archive, of any version."""
     try:
         with zipfile.ZipFile(path) as file:
             return "about.npy" in file.namelist()
@@ -372,7 +374,7 @@ def _is_archive(path: Path) -> bool:
 
 
 def writable_folder(folder: str | Path) -> Path:
-    """The folder, made if need be; HistoryError where it is a file, or may not be written to."""
+    """Create the folder if needed and return it; raise HistoryError if it is a file, or cannot be written to."""
     folder = path_of(folder, "write")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -384,7 +386,7 @@ def writable_folder(folder: str | Path) -> Path:
 
 
 def read_results(folder: str | Path) -> Results:
-    """The results in a folder: see :func:`vemcvx.read_history`."""
+    """Read the results in a folder: see :func:`vemcvx.read_history`."""
     where = path_of(folder, "read_history")
     if os.path.isfile(where / ARCHIVE):
         return read_archive(where / ARCHIVE)
@@ -394,4 +396,4 @@ def read_results(folder: str | Path) -> Results:
             found = f"found {', '.join(sorted(os.listdir(where))[:5]) or 'nothing'}"
         except OSError as error:
             found = f"found a folder that cannot be read ({error})"
-    raise HistoryError(f"{where}: {found}; a history is a folder with {ARCHIVE} in it.")
+    raise HistoryError(f"{where}: {found}; a history is a folder that contains {ARCHIVE}.")

@@ -1,17 +1,17 @@
-"""The forces on the boundary, kept by the effect that causes them.
+"""The forces on the boundary, by the effect that causes them.
 
 With A the stiffness over all nodal values, B^ and D^ the rows of friction and of obstacles with the forces lam and p,
 the forces of a step on the nodes are
 
     R = A u - f  (with viscosity A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
 
-where A_s are the rows of supports, bilateral contact among them. Nothing else holds a free unknown, P'R + P'(B^' lam +
+where A_s are the rows of supports, bilateral contact among them. Free unknowns are in balance, P'R + P'(B^' lam +
 D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as in :mod:`vemcvx.scene.supports`. Springs to the ground
-are part of A: their forces are -K_s u. Where supports hold one direction of a node twice, the first takes the force.
+are part of A: their forces are -K_s u. If two supports hold the same direction of a node, the first takes the force.
 
-A force on a node acts through the sides (in space faces) of its effect that meet there. A row of contact has sides of
-its own; the force of a support goes to those sides to which its direction is normal, or else to all, by int phi_i.
-So every boundary has its part of the force of every effect, and these parts add up to all of it.
+A force on a node acts through the sides (in space, faces) of its effect that meet there. A contact row owns its sides.
+The force of a support is distributed, by int phi_i, over the sides to which its direction is normal, or else over all.
+So every boundary carries a part of the force of each effect, and these parts add up to the whole force.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from vemcvx.vem import Space, rigid_modes
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""In place of a side: of a node on no side of its effect, and of one of the other body of an interface."""
+"""Numbers in place of a side: the node is on no side of its effect, or belongs to the other body of an interface."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -47,19 +47,19 @@ class BoundaryForces(ArrayRecord):
     Attributes
     ----------
     causes : (q, 2) int
-        The effect of each row by its number among `History.effects`, and that of a second one whose force is not told
-        apart from its, because both act on the same sides; -1 where there is none.
+        The effect of each row, a number in `History.effects`, and a second effect that acts on the same sides, so that
+        the forces of both are not separate; -1 if there is none.
     ends : (q, 2) int
-        The node, and the other node of the edge, in space the number of the face; -1 for none, -2 for forces on the
-        other body of an interface.
+        The node, and the other node of the edge, or in space the number of the face; -1 if there is none, -2 for forces
+        on the other body of an interface.
     held : (q,) bool
         True for forces of supports, False for those of contact, friction and springs.
     force : (S, q, dim)
         Forces on the body.
     loads : (S, L, dim)
-        The totals of all loads.
+        The total force of each load.
     load_causes : (L,) int
-        The effect of each of these.
+        The effect of each load.
     """
 
     causes: Annotated[Ints, "acting 2", ""]
@@ -70,10 +70,10 @@ class BoundaryForces(ArrayRecord):
     load_causes: Annotated[Ints, "loads", ""]
 
     def through(self, names: Ints) -> Bools:
-        """Return which rows act through sides, given as their ends (e, 2); (q,)."""
+        """Return True (q,) for rows that act through sides with these ends (e, 2)."""
         count = max(self.ends.max(initial=0), names.max(initial=0)) + 1 - ACROSS
-        own, those = (pairs[:, 0] * count + pairs[:, 1] - ACROSS for pairs in (self.ends, names))
-        return np.isin(own, those)
+        own, wanted = (pairs[:, 0] * count + pairs[:, 1] - ACROSS for pairs in (self.ends, names))
+        return np.isin(own, wanted)
 
 
 class _Rows(NamedTuple):
@@ -86,14 +86,14 @@ class _Rows(NamedTuple):
 
 
 def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> BoundaryForces:
-    """Return the forces by their causes, from displacements and forces R (S, n_nodes, dim) of nodes."""
+    """Return the forces by their causes, from nodal displacements and forces R (S, n_nodes, dim)."""
     S, dim = len(u), u.shape[2]
     found = [
-        *_of_contact(posed, posed.terms, posed.terms.frictions, "frictions", _friction(posed, trajectory)),
-        *_of_contact(posed, posed.obstacles, posed.stops, "obstacles", _pressing(posed, trajectory)),
-        *_of_supports(posed, trajectory, forces),
-        *_of_springs(posed, u),
-        *_of_joints(posed, _instants(trajectory)),
+        *_list_contact(posed, posed.terms, posed.terms.frictions, "frictions", _friction_forces(posed, trajectory)),
+        *_list_contact(posed, posed.obstacles, posed.stops, "obstacles", _pressure_forces(posed, trajectory)),
+        *_list_supports(posed, trajectory, forces),
+        *_list_springs(posed, u),
+        *_list_joints(posed, _instants(trajectory)),
     ]
     none = np.zeros((0, 2), dtype=np.int64)
     causes, ends = (np.concatenate([none, *(getattr(rows, name) for rows in found)]) for name in ("causes", "ends"))
@@ -117,21 +117,21 @@ def _instants(trajectory: Trajectory) -> list[float]:
     return instants
 
 
-def _friction(posed: PosedScene, trajectory: Trajectory) -> Floats:
-    """Return the forces of terms on their nodes, (S, m, dim)."""
+def _friction_forces(posed: PosedScene, trajectory: Trajectory) -> Floats:
+    """Return the forces (S, m, dim) of friction terms on their nodes."""
     force: Floats = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
     return force
 
 
-def _pressing(posed: PosedScene, trajectory: Trajectory) -> Floats:
-    """Return the forces of obstacles on their nodes, (S, r, dim)."""
+def _pressure_forces(posed: PosedScene, trajectory: Trajectory) -> Floats:
+    """Return the forces (S, r, dim) of obstacles on their nodes."""
     return -trajectory.pressures[:, :, None] * posed.obstacles.normals
 
 
-def _of_contact(
+def _list_contact(
     posed: PosedScene, rows: ContactRows, parts: Sequence[ContactSurface], kind: str, force: Floats
 ) -> Iterator[_Rows]:
-    """Yield the forces (S, m, dim) of rows, which `parts` of contact have made, on the nodes and on their partners."""
+    """Yield the forces (S, m, dim) of contact rows, made from `parts`, on their nodes and then on the partners."""
     each = rows.ends.tocoo()
     share = each.data / rows.lengths[each.row]
     causes = _owners(rows.nodes[each.row], rows.partners[each.row], rows.names[each.col, 1], parts, posed.causes[kind])
@@ -144,7 +144,7 @@ def _of_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return the first two effects (k, 2) that own each end of an edge; -1 where there is none."""
+    """Return the first two effects (k, 2) that own each edge end; -1 if there is none."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -159,7 +159,7 @@ def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSu
     return found
 
 
-def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Iterator[_Rows]:
+def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Iterator[_Rows]:
     """Yield the forces of supports and of bilateral contact."""
     supports, S = posed.supports, len(forces)
     own = np.flatnonzero(np.diff(supports.H.indptr))
@@ -168,45 +168,45 @@ def _of_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> I
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        if cause < 0:  # pins take no force
+        if cause < 0:  # Pins take no force.
             continue
         force = along[:, :, None] * support.directions
         held = not support.contact
-        yield _spread(posed, cause, support.nodes, force, held=held, directions=support.directions)
+        yield _distribute(posed, cause, support.nodes, force, held=held, directions=support.directions)
         if support.partners is not None:
             joined = support.partners >= 0
             ends = np.column_stack([support.partners[joined], np.full(joined.sum(), ACROSS)])
-            yield _Rows(_alone(cause, len(ends)), ends, held, -force[:, joined])
+            yield _Rows(_single_cause(cause, len(ends)), ends, held, -force[:, joined])
 
 
-def _of_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
+def _list_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
     """Yield the forces of springs to the ground."""
     for cause, K in posed.caused_springs:
         nodes = np.unique(K.indices // u.shape[2])
         force = -(u.reshape(len(u), -1) @ K.T).reshape(u.shape)
-        yield _spread(posed, cause, nodes, force[:, nodes])
+        yield _distribute(posed, cause, nodes, force[:, nodes])
 
 
-def _of_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows]:
-    """Yield the loads that are forces of two bodies on each other."""
+def _list_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows]:
+    """Yield the loads that two bodies exert on each other."""
     for cause, load in ((cause, load) for cause, load in posed.caused_loads if load.between):
         force = np.stack([load.vector(t) for t in instants]).reshape(len(instants), -1, posed.space.dim)
         nodes: Ints = np.unique(load.matrix.nonzero()[0] // posed.space.dim).astype(np.int64)
         effect: Any = posed.scene.canonical[cause]
         own = np.isin(nodes, posed.space.part(effect.on, "force", contact=True).nodes)
-        yield _spread(posed, cause, nodes[own], force[:, nodes[own]])
+        yield _distribute(posed, cause, nodes[own], force[:, nodes[own]])
         ends = np.column_stack([nodes[~own], np.full((~own).sum(), ACROSS)])
-        yield _Rows(_alone(cause, len(ends)), ends, False, force[:, nodes[~own]])
+        yield _Rows(_single_cause(cause, len(ends)), ends, False, force[:, nodes[~own]])
 
 
-def _alone(cause: int, count: int) -> Ints:
+def _single_cause(cause: int, count: int) -> Ints:
     return np.tile([cause, -1], (count, 1))
 
 
-def _spread(
+def _distribute(
     posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
-    """Return forces (S, k, dim) on nodes, over the sides of their effect, to which `directions` may be normal."""
+    """Spread forces (S, k, dim) on nodes over the sides of their effect, or those normal to `directions`."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -224,27 +224,27 @@ def _spread(
         [np.append(nodes[row], nodes[bare]), np.append(ends.beyond[end], np.full(len(bare), NOWHERE))]
     )
     spread = np.concatenate([force[:, row] * share[:, None], force[:, bare]], axis=1)
-    return _Rows(_alone(cause, len(names)), names, held, spread)
+    return _Rows(_single_cause(cause, len(names)), names, held, spread)
 
 
 class Acting(Protocol):
-    """What of a history its forces are read from."""
+    """The part of a history that contains its forces."""
 
     @property
     def _space(self) -> Space:
-        """The space of its mesh, which keeps the parts of the boundary that were asked for."""
+        """The space of its mesh, which caches parts of the boundary."""
 
     @property
     def scene(self) -> Scene | None:
-        """The scene, where it is known."""
+        """The scene, or None if it is unknown."""
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Its effects in words."""
+        """The effects in words."""
 
     @property
     def acting(self) -> BoundaryForces:
-        """Their forces."""
+        """The forces of effects on the boundary."""
 
 
 Cause = str | Effect | type[Effect]
@@ -255,36 +255,36 @@ def reaction(history: Acting, name: str) -> Floats:
     acting, through = history.acting, _through(history, name, "reaction")
     held = through & acting.held
     if through.any() and not held.any():
-        log.warning("reaction: no support acts on %r, so it is 0; history.force(%r) is that of contact.", name, name)
+        log.warning("reaction: 0, because no support acts on %r; history.force(%r) is the contact force.", name, name)
     return _total(acting.force[:, held])
 
 
 def force(history: Acting, of: Cause) -> Floats:
-    """Return the force of an effect, or of all but supports on a boundary: see :meth:`vemcvx.History.force`."""
+    """Return the force of an effect, or of all effects but supports on a boundary: see :meth:`vemcvx.History.force`."""
     acting = history.acting
     if isinstance(of, str):
         return _total(acting.force[:, _through(history, of, "force") & ~acting.held])
     causes = _numbers(history, of, "force")
     loads = np.isin(acting.load_causes, causes)
-    return _total(acting.force[:, _caused(history, causes, "force")]) + _total(acting.loads[:, loads])
+    return _total(acting.force[:, _rows_of_effects(history, causes, "force")]) + _total(acting.loads[:, loads])
 
 
 def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
-    """Return the moment of what acts on a boundary, or of an effect: see :meth:`vemcvx.History.moment`."""
+    """Return the moment of all effects on a boundary, or of one effect: see :meth:`vemcvx.History.moment`."""
     acting, points = history.acting, history._space.mesh.points
     centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")
     if isinstance(of, str):
         rows = _through(history, of, "moment")
     else:
         causes = _numbers(history, of, "moment")
-        rows = _caused(history, causes, "moment")
+        rows = _rows_of_effects(history, causes, "moment")
         if np.isin(acting.load_causes, causes).any():
-            raise SceneError("moment: found a load; of loads the total is known, history.force, but not where it acts.")
+            raise SceneError("moment: found a load; only its total is known, history.force, not its distribution.")
     return moments(points[acting.ends[rows, 0]] - centre, acting.force[:, rows])
 
 
 def resultants(history: Acting) -> dict[str, Floats]:
-    """Return the forces (S, dim) on every named boundary on which something acts, as "reaction of right" in words."""
+    """Return the forces (S, dim) on every named boundary with a force, by names such as "reaction of right"."""
     acting, found = history.acting, {}
     for name, sides in history._space.mesh.boundaries.items():
         if name == "boundary" or not len(sides):
@@ -297,14 +297,14 @@ def resultants(history: Acting) -> dict[str, Floats]:
 
 
 def largest(forces: Floats) -> int:
-    """Return the row of the largest of forces (S, dim)."""
+    """Return the row of the largest force in `forces` (S, dim)."""
     return int(np.argmax(np.linalg.norm(forces, axis=1)))
 
 
 def moments(arms: Floats, forces: Floats) -> Floats:
-    """Return the sum of moments of forces (S, k, dim) at arms (k, dim): (S,) in the plane, in space (S, 3)."""
-    turned: Floats = forces.reshape(len(forces), -1) @ rigid_modes(arms)[:, arms.shape[1] :]
-    return turned[:, 0] if turned.shape[1] == 1 else turned
+    """Return the sum of moments of forces (S, k, dim) at arms (k, dim): (S,) in the plane, (S, 3) in space."""
+    sums: Floats = forces.reshape(len(forces), -1) @ rigid_modes(arms)[:, arms.shape[1] :]
+    return sums[:, 0] if sums.shape[1] == 1 else sums
 
 
 def _total(forces: Floats) -> Floats:
@@ -313,25 +313,25 @@ def _total(forces: Floats) -> Floats:
 
 
 def _through(history: Acting, name: str, subject: str) -> Bools:
-    """Return which rows act through the sides of a boundary, (q,)."""
+    """Return True (q,) for rows that act through the sides of a boundary."""
     return history.acting.through(history._space.part(name, subject, contact=True).names)
 
 
-def _caused(history: Acting, causes: Ints, subject: str) -> Bools:
-    """Return which rows these effects cause, (q,); of interfaces those on the body that is named first."""
+def _rows_of_effects(history: Acting, causes: Ints, subject: str) -> Bools:
+    """Return True (q,) for rows of these effects; at interfaces, only for forces on the body named first."""
     acting = history.acting
     mine = np.isin(acting.causes, causes)
     apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)
     if apart.any():
         one, other = (history.effects[i] for i in acting.causes[np.argmax(apart)])
         raise SceneError(
-            f"{subject}: on some sides the force is that of two effects: {one}; and {other}. Name the boundary."
+            f"{subject}: two effects share the force on some sides: {one}; and {other}. Give the name of the boundary."
         )
     return mine.any(axis=1) & (acting.ends[:, 1] != ACROSS)
 
 
 def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
-    """Return the numbers of an effect, or of those of a class."""
+    """Return the numbers of an effect, or of all effects of a class."""
     if isinstance(of, Effect):
         words, own = of.describe_body(history._space.in_plane), history.scene
         found = [i for i, effect in enumerate(own.canonical if own else ()) if effect is of or effect == of]
@@ -340,8 +340,8 @@ def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
         found = [i for i, effect in enumerate(history.scene.canonical) if isinstance(effect, of)]
     else:
         raise SceneError(
-            f"{subject}: found {brief(of)}; wanted a boundary by its name, an effect, or a class of effects, for which "
-            "the scene must be known (files do not keep it)."
+            f"{subject}: found {brief(of)}; wanted the name of a boundary, an effect, or a class of effects. A class "
+            "needs the scene, which files do not keep."
         )
     if not found:
         raise SceneError(f"{subject}: found {brief(of)}; the effects of this history are {'; '.join(history.effects)}.")

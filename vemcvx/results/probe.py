@@ -1,11 +1,11 @@
 """Results at any points of the body, and along lines.
 
-On an edge u_h is known: linear between its nodes, whose own values it takes at the ends; on faces of polyhedra it is
-piecewise linear. Inside a cell it is not known, and its projection Pi u_h, (3.11), stands for it. Fields that are
-constant on cells are averaged over all cells that hold the point, so that a mirror image gives the mirror image.
+On an edge, u_h is known: linear between its nodes. On faces of polyhedra it is piecewise linear. Inside a cell u_h is
+not known; its projection Pi u_h, (3.11), replaces it. Fields that are constant on cells are averaged over all cells
+that contain the point, so that mirrored bodies have mirrored values.
 
-In the plane Shapely says which cells hold a point. It lies on a side if it is as close as rounding brings it: then all
-cells there hold it.
+In the plane, Shapely finds the cells that contain a point. A point within rounding of a side lies on it, and is in all
+cells there.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from vemcvx.vem import Space, solid_places
 class Location:
     """The cells and weights of p points: point points[i] lies in the closed cell cells[i], i < k."""
 
-    points: Ints  # (k,) by point, then by cell
+    points: Ints  # (k,) sorted by point, then by cell
     cells: Ints
-    starts: Ints  # (p,) the nodes of the side that a point lies on; -1 inside of cells and outside of the mesh
+    starts: Ints  # (p,) the first node of the side on which a point lies; -1 inside cells and outside the mesh
     ends: Ints
-    along: Floats  # (p,) how much of that side lies before the point, 0 ... 1
+    along: Floats  # (p,) the fraction of this side before the point, 0 ... 1
 
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
-    """Find the finite points (p, 2) in the mesh; those outside are in no cell."""
+    """Find the finite points (p, 2) in the mesh; a point outside is in no cell."""
     owner, a, b = cell_of_corner(mesh.offsets), mesh.vertices, next_vertex(mesh.offsets, mesh.vertices)
     reach = ROUNDING * mesh.diameters[owner] + TOLERANCE * np.abs(mesh.points).max()
     low, high = (f(mesh.points[a], mesh.points[b]) for f in (np.minimum, np.maximum))
@@ -48,12 +48,12 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     order = np.lexsort([distance, i])
     order = order[distance[order] <= reach[s[order]]]
     i, s, along = i[order], s[order], along[order]
-    # Pairs of a point and a closed cell that holds it, by point, then by cell.
+    # Pairs of a point and a closed cell that contains it, sorted by point, then by cell.
     inside = holding(outlines(mesh.points, mesh.offsets, mesh.vertices), points)
     on = i * mesh.n_cells + owner[s]
     pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)
     if mesh.interfaces:
-        # A point on an interface counts with the first body, unless only cells of second ones hold it.
+        # A point on an interface belongs to the first body, unless only cells of second bodies contain it.
         seconds = np.concatenate([joint.partners[:, ::-1] for joint in mesh.interfaces.values()]) @ [mesh.n_nodes, 1]
         second = np.isin(pairs, on[np.isin(a[s] * mesh.n_nodes + b[s], seconds)])
         kept = ~(second & np.isin(pairs // mesh.n_cells, pairs[~second] // mesh.n_cells))
@@ -68,22 +68,22 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """p points of a body: by which matrices values there come from those at nodes, and on cells."""
+    """The matrices from values at nodes, or on cells, to values at p points of a body."""
 
     nodes: sp.csr_matrix
     cells: sp.csr_matrix
 
     def at_nodes(self, values: Floats) -> Floats:
-        """(S, p, ...) of values (S, n_nodes, ...)."""
+        """Return values (S, p, ...) at the points from nodal values (S, n_nodes, ...)."""
         return np.stack([self.nodes @ row for row in values])
 
     def at_cells(self, values: Floats) -> Floats:
-        """(p, ...) of values (n_cells, ...)."""
+        """Return values (p, ...) at the points from values on cells (n_cells, ...)."""
         return self.cells @ values
 
 
 def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
-    """The places of points (p, dim) in the body; SceneError for what is none, or outside. `subject` asked."""
+    """Return the places of points (p, dim); raise SceneError, in the name of `subject`, if one is outside the body."""
     x = _points(points, mesh.points.shape[1], subject)
     if isinstance(mesh, PolyhedralMesh):
         nodes, cells = solid_places(Space(mesh), mesh, x)
@@ -96,13 +96,13 @@ def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
         more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""
         raise SceneError(
             f"{subject}: point {first} at {x[first]} lies outside the body{more}; the nearest node of the mesh is "
-            f"{node} at {mesh.points[node]}. Give points of the {kind} that the mesh is made of."
+            f"{node} at {mesh.points[node]}. Give points inside the {kind} of the mesh."
         )
     return Places(nodes, cells)
 
 
 def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Values at the points x (p, 2) from values at nodes, and from values on cells."""
+    """Return the matrices to values at the points x (p, 2) from values at nodes, and from values on cells."""
     found = locate(mesh, x)
     shares = 1.0 / np.bincount(found.points, minlength=len(x))[found.points]
     cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))
@@ -110,14 +110,14 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
     ends = np.concatenate([found.starts[on], found.ends[on]])
     edges = sp.csr_matrix((part, (row, ends)), shape=(len(x), mesh.n_nodes))
-    inner, first = np.unique(found.points, return_index=True)  # Inside, one cell holds the point.
+    inner, first = np.unique(found.points, return_index=True)  # Inside, one cell contains the point.
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
     return sp.csr_matrix(edges + Space(mesh).project_values(x, inner, cell)), cells
 
 
 def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
-    wanted = f"points (p, {dim}), one a row, such as {[[0.5] * dim]}"
+    wanted = f"points (p, {dim}), one per row, such as {[[0.5] * dim]}"
     x = as_real_array(points, subject, wanted)
     if x.ndim != 2 or x.shape[1] != dim:
         raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
@@ -128,7 +128,7 @@ ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
 
 
 def check_field(field: object, subject: str) -> None:
-    """Raise SceneError unless a field is one that histories have anywhere in the body."""
+    """Raise SceneError unless `field` names a field in the body."""
     if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
         known = ", ".join(map(repr, ON_CELLS))
         raise SceneError(f"{subject}: there is no field {field!r}; there are 'displacement', {known}.")
@@ -142,7 +142,7 @@ class Profile(NamedTuple):
     arc : (count,) array
         Distance from the start, length.
     values : (S, count, ...) array
-        One row a stored step.
+        One row per stored step.
     """
 
     arc: Floats
@@ -150,7 +150,7 @@ class Profile(NamedTuple):
 
 
 def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
-    """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
+    """Return a field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
     check_field(field, "along")
     if not is_whole(count) or not 2 <= count <= 10**7:
         raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")

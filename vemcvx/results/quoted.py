@@ -1,4 +1,4 @@
-"""Numbers that one quotes of a run: extremes over its history, and energies with their estimated errors."""
+"""Numbers to quote from a run: extremes over its history, and quantities with their estimated errors."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class Extreme:
     unit : str
         In words, such as "force/length²".
     place : (dim,)
-        The node, or the centroid of the cell, where it was reached first.
+        The node, or the centroid of the cell, where the value was reached first.
     time : float
         The instant.
     step : int
-        The step that ends there.
+        The step that ends at this instant.
     unbounded : str
-        Why the value may mean nothing but on this mesh: it sits at a corner or a point load
-        (:mod:`vemcvx.results.corners`), or grew from mesh to mesh; empty if nothing is known against it.
+        Why the value may depend on the mesh: it is at a corner or a point load (:mod:`vemcvx.results.corners`), or grew
+        from mesh to mesh; empty if no reason is known.
     """
 
     key: str
@@ -45,16 +45,16 @@ class Extreme:
     unbounded: str = ""
 
 
-ON_CONTACT = "friction", "pressure", "pressure_recovered"  # Keys of the extremes of forces on nodes of contact.
+ON_CONTACT = "friction", "pressure", "pressure_recovered"  # Keys of the extremes of forces at contact nodes.
 SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", *ON_CONTACT
-"""Keys of the extremes that may have no limit."""
+"""Keys of the extremes that may grow without limit as the mesh is refined."""
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """The sentence that the value on the last mesh has grown since cells were larger; empty where it has not.
+    """Return a sentence if the value on the last mesh has grown since cells were larger; else an empty string.
 
-    `sizes` are of the cells where the values stand, from the coarsest mesh on. The last value is compared with that of
-    the last mesh whose cells were at least half as large again, and told if it grew faster than h^-.05.
+    `sizes` are those of the cells at the values, from the coarsest mesh on. The last value is compared with the value
+    on the finest mesh with cells at least 1.5 times as large. It has grown if it increased faster than h^-.05.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:
@@ -72,15 +72,19 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Of second order in the steps, of first where slip turns in space (:mod:`vemcvx.estimate.quantities`).
+        Of second order in the steps, or first if slip turns in space (:mod:`vemcvx.estimate.quantities`).
     steps, mesh : float
-        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space where a
-        cell is not star-shaped about its centroid, so that no mesh is refined.
+        The estimated errors of the value due to time steps and mesh. `mesh` is NaN if a cell in space is not
+        star-shaped about its centroid, because such a mesh cannot be refined.
     unit : str
-        In words.
+        In words, such as "energy".
     unbounded : str
-        Why the largest wear may be a number of this mesh alone, which grows as the mesh is refined; empty where no
-        reason is known.
+        Why the largest wear may grow as the mesh is refined; empty if no reason is known.
+
+    Examples
+    --------
+    >>> vx.Quantity(value=2.0, steps=0.01, mesh=0.03, unit="energy").words
+    '2, estimated error 0.04, 2.00% (steps 0.01, mesh 0.03)'
     """
 
     value: float
@@ -91,19 +95,19 @@ class Quantity:
 
     @property
     def error(self) -> float:
-        """The sum of the two; that of the steps alone where nothing is known of the mesh."""
+        """The sum of the errors of steps and mesh; the error of the steps alone if that of the mesh is unknown."""
         return self.steps if np.isnan(self.mesh) else self.steps + self.mesh
 
     @property
     def relative(self) -> float:
-        """The error as a part of the value; 0 where both are zero, 1 where the value alone is."""
+        """The error relative to the value; 0 if both are zero, 1 if only the value is zero."""
         return self.error / (abs(self.value) or self.error or 1.0)
 
     @property
     def words(self) -> str:
-        """The value with its error and the parts of that."""
+        """The value with its error, and the parts of the error."""
         but = f"; {self.unbounded}" if self.unbounded else ""
         if np.isnan(self.mesh):
-            return f"{self.value:.6g}, error of steps estimated {self.steps:.2g}, that of the mesh is not known{but}"
+            return f"{self.value:.6g}, estimated error of steps {self.steps:.2g}, error of the mesh unknown{but}"
         parts = f"(steps {self.steps:.2g}, mesh {self.mesh:.2g}){but}"
-        return f"{self.value:.6g}, error estimated {self.error:.2g}, {self.relative:.2%} {parts}"
+        return f"{self.value:.6g}, estimated error {self.error:.2g}, {self.relative:.2%} {parts}"

@@ -1,4 +1,4 @@
-"""Results at stored instants: displacements, forces, stresses; and how they come from a march in free unknowns."""
+"""Results at stored instants, computed from a march in free unknowns: displacements, forces and stresses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
-from vemcvx.results.corners import Corners, Sides, sides_of
+from vemcvx.results.corners import Corners, Sides, find_sides
 from vemcvx.results.forces import BoundaryForces, boundary_forces, force, moment, reaction, resultants
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
@@ -43,12 +43,12 @@ from vemcvx.vem import (
 log = logging.getLogger("vemcvx")
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
-"""By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
+"""By dimension: the measure per which contact forces are given, and their unit."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Results:
-    """The arrays of a simulation: what a :class:`vemcvx.History`, whose docstring says all of them, is made of."""
+    """The arrays of a simulation, which :class:`vemcvx.History` documents and extends by methods."""
 
     mesh: Mesh
     scene: Scene | None
@@ -84,90 +84,90 @@ class Results:
 
     @property
     def stored(self) -> Ints:
-        """(S,) numbers of the stored steps; 0 is the initial instant."""
+        """The numbers (S,) of the stored steps; 0 is the initial instant."""
         return self.trajectory.stored
 
     @property
     def times(self) -> Floats:
-        """(S,) stored instants."""
+        """The stored instants (S,)."""
         return self.trajectory.times[self.stored]
 
     @property
     def energy(self) -> Floats:
-        """(S,) 1/2 a^h(u, u): what the body stores, and springs with it, where no stress precedes strain."""
+        """The stored energy (S,) of body and springs, 1/2 a^h(u, u) if there is no stress at zero strain."""
         return self.trajectory.energy[self.stored]
 
     @property
     def dissipated(self) -> Floats:
-        """(S,) energy lost to friction since the initial instant, and to dashpots (:class:`vemcvx.Viscosity`)."""
+        """The energy (S,) lost since the initial instant to friction and dashpots (:class:`vemcvx.Viscosity`)."""
         return self.trajectory.dissipated[self.stored]
 
     @property
     def work(self) -> Floats:
-        """(S,) sum of end-of-step forces and reactions times increments since the initial instant.
+        """The work (S,) since the initial instant: the sum of end-of-step forces and reactions times increments.
 
-        Obstacles whose gap changes work, too, and ground that moves. What is left of it after `energy` and `dissipated`
-        is never negative: 1/2 a^h(du, du) of every step, and pressures times the gaps that they closed.
+        It includes the work of obstacles with changing gaps and of moving ground. `work` minus the change of `energy`
+        minus `dissipated` is never negative: it is 1/2 a^h(du, du) of every step, plus pressures times closed gaps.
         """
         return self.trajectory.work[self.stored]
 
     @property
     def dissipated_second_order(self) -> Floats:
-        """(S,) energy lost to friction, with the bounds of both ends of every step: of second order in its length.
+        """The energy (S,) lost since the initial instant, of second order: with friction bounds at both ends of a step.
 
-        Where slip turns in space it is of first. Quote it, and `work_second_order`, rather than `dissipated` and
-        `work`: these make up the balance of backward Euler and are of first order, even where the states at the
-        instants are exact. What dashpots lose is in both alike, of first order.
+        Quote it and `work_second_order`, rather than `dissipated` and `work`. These form the energy balance of backward
+        Euler and are of first order in the step, even if the states at the instants are exact. Losses in dashpots are
+        of first order in both, and so is friction whose slip turns in space.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
     @property
     def work_second_order(self) -> Floats:
-        """(S,) work of forces, reactions and obstacles by the balance of energies, of second order likewise."""
+        """The work (S,) of forces, reactions and obstacles from the energy balance, also of second order."""
         return self.trajectory.work_second_order[self.stored]
 
     @property
     def certificate(self) -> Floats:
-        """(S,) certified relative energy error of each stored step, given the step before."""
+        """The certified relative energy error (S,) of each stored step, given the step before."""
         return self.trajectory.certificate[self.stored]
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction" where that follows the answer.
+        """The kind of `certificate`: "bound", or "for the given friction" if friction depends on the answer.
 
-        Under Coulomb's law, and laws of slip, it bounds the distance to the solution of the program whose bounds of
-        friction are those of the answer's own pressure and slip.
+        Under Coulomb's law and laws of slip it bounds the distance to the solution of another program. The friction
+        bounds of this program are fixed by the pressure and slip of the answer.
         """
         return self.trajectory.certificate_kind
 
     @property
     def certificate_floor(self) -> Floats:
-        """(S,) what round-off alone may account for in `certificate`."""
+        """The part (S,) of `certificate` that round-off alone may cause."""
         return self.trajectory.certificate_floor[self.stored]
 
     @property
     def certified(self) -> Floats:
-        """(S,) the bound on the relative energy error of a step, rounding included: certificate and floor together."""
+        """The bound (S,) on the relative energy error of a step, rounding included: certificate plus floor."""
         return self.trajectory.certified[self.stored]
 
     @property
     def certified_total(self) -> Floats:
-        """(S,) `certified`, the errors of all steps so far added up."""
+        """The bound (S,) `certified`, with the errors of all steps so far added up."""
         return self.trajectory.certified_total[self.stored]
 
     @property
     def certificate_total(self) -> Floats:
-        """(S,) certified relative energy error, the errors of all steps so far added up."""
+        """The certified relative energy error (S,), with the errors of all steps so far added up."""
         return self.trajectory.certificate_total[self.stored]
 
     @property
     def iterations(self) -> Ints:
-        """(S,) iterations of the solver."""
+        """The iterations (S,) of the solver."""
         return self.trajectory.iterations[self.stored]
 
     @property
     def safeguards(self) -> Ints:
-        """(S,) calls of the safeguard, where Newton's active sets came back: projected gradients, at last Clarabel."""
+        """The calls (S,) of Newton's safeguard against cycling active sets: projected gradients, then Clarabel."""
         return self.trajectory.safeguards[self.stored]
 
     @property
@@ -180,11 +180,11 @@ class Results:
         return Space(self.mesh)
 
     def reaction(self, name: str) -> Floats:
-        """(S, dim) total force of supports on a boundary of the body.
+        """Return the total force (S, dim) of supports on a boundary of the body.
 
-        Forces go with the effect that causes them: a block pulled by its side over a floor shows all friction as
-        reaction of that side, and `force` of the floor has it, too. A node that one support holds on two boundaries
-        shares its force between them: see :mod:`vemcvx.results.forces`.
+        Forces belong to the effect that causes them. If a block is pulled by its side over a floor, the reaction of
+        that side balances the friction, which is the `force` of the floor. If one support holds a node on two
+        boundaries, the force is shared between them: see :mod:`vemcvx.results.forces`.
 
         Raises
         ------
@@ -194,43 +194,43 @@ class Results:
         return reaction(self, name)
 
     def force(self, of: str | Effect | type[Effect]) -> Floats:
-        """(S, dim) total force of an effect on the body, or of all but supports on a boundary.
+        """Return the total force (S, dim) of an effect on the body, or of all effects but supports on a boundary.
 
         Parameters
         ----------
         of : str, effect or class of effects
             The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, loads
-            included; or a class such as ``vx.TrescaFriction``, for that of all effects of this class. At an interface
-            it is the force on the body that is named first.
+            included; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface it is
+            the force on the body named first.
 
         Raises
         ------
         SceneError
-            There is no such boundary or effect; or two effects act on the same sides, whose force is one.
+            There is no such boundary or effect, or two effects act on the same sides and their forces are not separate.
         """
         return force(self, of)
 
     def moment(self, of: str | Effect | type[Effect], about: ArrayLike | None = None) -> Floats:
-        """(S,) the moment on the body, in space (S, 3), of an effect, or of all that acts on a boundary but loads.
+        """Return the moment (S,), in space (S, 3), of an effect on the body, or of all effects but loads on a boundary.
 
         Parameters
         ----------
         of : str, effect or class of effects
-            As of `force`; on a boundary supports count, too.
+            As for `force`; on a boundary the moment of supports is included.
         about : (dim,) point, optional
             By default the origin. Moments are positive counter-clockwise.
 
         Raises
         ------
         SceneError
-            As of `force`, or for loads.
+            As for `force`, or the effect is a load.
         """
         return moment(self, of, about)
 
     def stress(self, step: int) -> Floats:
-        """(n_cells, 3) stresses (xx, yy, xy) of Pi u, and those at zero strain, at a stored step; tension positive.
+        """Return the stresses (n_cells, 3) of Pi u at a stored step: xx, yy, xy, tension positive.
 
-        In space (n_cells, 6): xx, yy, zz, xy, yz, xz.
+        In space they are (n_cells, 6): xx, yy, zz, xy, yz, xz. Stresses at zero strain are included.
 
         Raises
         ------
@@ -240,38 +240,38 @@ class Results:
         return self.on_cells(step)["stress"]
 
     def out_of_plane_stress(self, step: int) -> Floats:
-        """(n_cells,) stress zz across the plane at a stored step; tension positive.
+        """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        0 in plane stress. In plane strain lam (e_xx + e_yy) = nu (xx + yy), of an orthotropic material as its E3, nu13
-        and nu23 say, minus what blocked eigenstrains cost there (E alpha theta of a body free in the plane). A
-        Prestress has no component across the plane and counts as 0 there.
+        It is 0 in plane stress. In plane strain it is lam (e_xx + e_yy) = nu (xx + yy), or follows from E3, nu13 and
+        nu23 of an orthotropic material, minus the stress of blocked eigenstrains (E alpha theta if the body is free in
+        the plane). A Prestress has no component zz.
 
         Raises
         ------
         SceneError
-            That step was not stored, the material does not say, or the body is in space, where `stress` has it.
+            That step was not stored, the material does not give this stress, or the body is in space: use `stress`.
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         self.row(step)
         if self.out_of_plane is None:
             raise SceneError(
-                "history: the stress across the plane is not determined, because a material gives its law in the plane "
+                "history: the stress normal to the plane is unknown, because a material gives its law in the plane "
                 "only (Material.out_of_plane); principal_stresses(step) and stress(step) do not need it."
             )
         return self.on_cells(step)["out_of_plane_stress"]
 
     def von_mises(self, step: int) -> Floats:
-        """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
+        """Return von Mises' equivalent stress (n_cells,) at a stored step, with the stress normal to the plane.
 
-        See :mod:`vemcvx.vem.tensors` for the formula, `out_of_plane_stress` for that component and its errors.
+        See :mod:`vemcvx.vem.tensors` for the formula, and `out_of_plane_stress` for this component and its errors.
         """
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
 
     def principal_stresses(self, step: int) -> Floats:
-        """(n_cells, 2) principal stresses in the plane at a stored step, the larger one first; tension positive.
+        """Return the principal stresses (n_cells, 2) in the plane at a stored step, the larger first; tension positive.
 
-        In space (n_cells, 3), the largest first.
+        In space they are (n_cells, 3), the largest first.
 
         Raises
         ------
@@ -281,10 +281,10 @@ class Results:
         return self.on_cells(step)["principal_stresses"]
 
     def on_cells(self, step: int) -> dict[str, Floats]:
-        """The fields of a stored step on cells, from one strain, each as the method of its name gives it.
+        """Return all fields of a stored step on cells by name, computed from one strain.
 
-        Stress, principal stresses, the strain energy per area 1/2 eps : C eps, and, where it is determined, the stress
-        across the plane and von Mises' stress.
+        They are stress, principal stresses, the strain energy per area 1/2 eps : C eps and, if they are known, the
+        stress normal to the plane and von Mises' stress.
 
         Raises
         ------
@@ -308,13 +308,13 @@ class Results:
 
     @cached_property
     def extremes(self) -> tuple[quoted.Extreme, ...]:
-        """The largest displacement, stresses, slip, friction and pressure over all stored steps, where and when.
+        """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
-        Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
-        pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. `Extreme.unbounded` says of those at corners and point loads that they may grow without
-        limit as the mesh is refined (:mod:`vemcvx.results.corners`), unless half of the field is within a percent of
-        them: no corner is loaded then. Found once, when first asked for.
+        Displacements are at nodes; stresses (of Pi u) at centroids of cells; slip, friction and pressure (raw and
+        recovered) at contact nodes. The smallest principal stress is the largest compression. `Extreme.unbounded` warns
+        of values at corners and point loads that may grow without limit as the mesh is refined
+        (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value: then no
+        corner is loaded. Computed at the first access.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -322,31 +322,25 @@ class Results:
             # Slip is bounded at all corners, and friction where its bound is given.
             bounded = one.key == "slip" or (one.key == "friction" and given)
             near, row = [] if even or bounded else _near(self, corners, one.key, k), self.row(one.step)
-            said = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
-            found.append(replace(one, unbounded="; ".join(filter(None, (said, grew.get(one.key, ""))))))
+            words = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
+            found.append(replace(one, unbounded="; ".join(filter(None, (words, grew.get(one.key, ""))))))
         return tuple(found)
 
     @cached_property
     def resultants(self) -> dict[str, Floats]:
-        """The forces (S, dim) on every named boundary on which something acts, such as "reaction of right".
-
-        Found once, when first asked for.
-        """
+        """The forces (S, dim) on every named boundary with a force, under names such as "reaction of right"."""
         return resultants(self)
 
     @cached_property
     def peak(self) -> int:
-        """The stored step of the largest elastic energy, which pictures and tables show by default.
-
-        It is the last one whose energy is within a percent of the largest.
-        """
+        """The stored step that pictures and tables show by default: the last with 99 % of the largest energy."""
         return int(self.stored[last_of_largest(self.energy)])
 
     @cached_property
     def turns(self) -> Ints:
-        """Stored steps at which the motion turns back: that of a step is against that of the step before.
+        """The stored steps at which the motion reverses: the next increment points against the one before.
 
-        Motions below the accuracy of a step do not count. Found once, when first asked for.
+        Increments below the accuracy of a step do not count.
         """
         u, before, found = self.displacement, np.zeros(()), list[int]()
         least = self.trajectory.accuracy * max(float(np.linalg.norm(row)) for row in u)
@@ -359,9 +353,9 @@ class Results:
         return np.array(found, dtype=np.int64)
 
     def telling(self, most: int) -> Ints:
-        """Return at most so many stored steps, 2 or more, that tell the course of a run, the peak among them.
+        """Return at most `most` (2 or more) stored steps that outline the course of a run, the peak among them.
 
-        They are the first turn, the last turns and the last step; where nothing turns back, steps evenly apart.
+        They are the first and the last turns and the last step, or evenly spaced steps if the motion never reverses.
         """
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
@@ -370,7 +364,7 @@ class Results:
         return chosen if self.peak in chosen else np.union1d(chosen[int(len(chosen) == most) :], self.peak)
 
     def row(self, step: int | None) -> int:
-        """The row of a step in the arrays; negative steps count from the end, and None is the peak."""
+        """Return the row of a step in the arrays; negative steps count from the end, and None is the peak."""
         step = self.peak if step is None else step
         wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
         stored: list[int] = self.stored.tolist()
@@ -381,19 +375,19 @@ class Results:
 
 
 ALIKE = 0.99
-"""Part of the largest value above which others are as large."""
+"""Fraction of the largest value above which a value counts as equally large."""
 
 
 def last_of_largest(sizes: ArrayLike) -> int:
-    """Return the last place in sizes (S,) of a value within a percent of the largest."""
+    """Return the last position in `sizes` (S,) of a value within a percent of the largest."""
     values = np.nan_to_num(sizes)
     return int(np.flatnonzero(values >= ALIKE * values.max())[-1])
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """The extremes, each with its node or cell, and whether half of the field at its instant is within a percent."""
+    """Yield the extremes, each with its node or cell, and True if half of the field then is within a percent of it."""
     found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
-    # Squares beyond the largest number are infinite, as are the extremes then.
+    # Squares may overflow; the extremes are infinite then.
     with np.errstate(over="ignore", invalid="ignore"):
         for row, step in enumerate(history.stored.tolist()):
             for key, (name, unit, values, points) in _fields(history, row, step):
@@ -407,7 +401,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """The nodes of a cell and of those around it, or a contact node and those next to it, at which an extreme is."""
+    """Return the nodes of an extreme's cell and of the cells around it, or its contact node and the adjacent ones."""
     mesh = history.mesh
     if key == "displacement":
         return [k]
@@ -424,12 +418,12 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
-    """Every field that has extremes, at a stored step: its key, and its name, unit, values and places."""
+    """Yield the key of every field that has extremes, with its name, unit, values and places at a stored step."""
     mesh, contact = history.mesh, history.contact
     size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
     yield "displacement", ("largest displacement", "length", size, mesh.points)
     cells = history.on_cells(step)
-    # A material of the plane that does not give the stress across it has no von Mises stress.
+    # A plane material that does not give the stress normal to the plane has no von Mises stress.
     if "von_mises" in cells:
         yield "von_mises", ("largest von Mises stress", stress, cells["von_mises"], mesh.centroids)
     principal = cells["principal_stresses"]
@@ -453,11 +447,11 @@ RECORDS: dict[str, type] = {
     "sides.": Sides,
     "stabilisation.": VertexWeights,
 }
-"""Records whose arrays make up a history, under the first part of the names that their arrays have in files."""
+"""Records whose arrays make up a history, by the prefix of their arrays' names in files."""
 
 
-def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]:
-    """Give every array of a history with its name and what there is to say of it."""
+def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]:
+    """Yield the name of every array of a history, the array, and its description."""
     for prefix, kind in RECORDS.items():
         record = attrgetter(prefix[:-1])(history) if prefix else history
         for name, of in array_fields(type(record)).items() if isinstance(record, kind) else ():
@@ -466,7 +460,7 @@ def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]
 
 
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
-    """Return the results of a posed scene."""
+    """Return the results of a posed scene, from its march and the `assembled` seconds."""
     _warn_of_friction_where_open(posed, trajectory)
     times, material, prestress = trajectory.times[trajectory.stored].tolist(), posed.material, posed.prestress
 
@@ -482,7 +476,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
     for row, t in enumerate(times):
         u[row] = displacement(posed, trajectory.state[row], t).reshape(shape)
         u[row] = centred(u[row])
-        stressed = posed.A @ u[row].ravel() + _damped(posed, trajectory, row)
+        stressed = posed.A @ u[row].ravel() + _damping_force(posed, trajectory, row)
         forces[row] = (stressed - posed.force(t)).reshape(shape)
     across, blocked, blocked_across = material.out_of_plane, None, None
     if prestress is not None:
@@ -509,12 +503,12 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         out_of_plane_prestress=blocked_across,
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + untouched,
-        sides=sides_of(posed),
+        sides=find_sides(posed),
     )
 
 
 def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that takes from nodal values (n_nodes, dim) the mean displacement and mean rotation of Pi u.
+    """Return a function that subtracts from nodal values (n_nodes, dim) the mean displacement and rotation of Pi u.
 
     The rotation is the antisymmetric part of the gradient.
     """
@@ -526,13 +520,13 @@ def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
 
 
 def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
-    """u (n_u,) from the free unknowns y (n,) at the instant `t`."""
+    """Return u (n_u,) for the free unknowns y (n,) at the instant `t`."""
     u: Floats = posed.supports.P @ y
     return u if posed.supports.still else u + posed.supports.motion(t)
 
 
 def warn_of_lost_work(run: Trajectory) -> None:
-    """Log a warning where end-of-step forces times increments are far above the work that friction lets be done."""
+    """Log a warning if the first-order work of friction differs clearly from the second-order work."""
     works = run.work_second_order
     first, second = float(run.work[-1]), float(works[-1])
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
@@ -540,16 +534,16 @@ def warn_of_lost_work(run: Trajectory) -> None:
     if lost <= SAME * size or abs(first - second) <= WORTH_A_WORD * size:
         return
     log.warning(
-        "time steps: displacements and stresses are not affected; for work and friction energy quote "
-        f"history.work_second_order, {second:.6g}, and dissipated_second_order, {better:.6g}, or take more steps: the "
-        f"sums of backward Euler, {first:.6g} and {lost:.6g}, are of first order."
+        f"time steps: history.work, {first:.6g}, and dissipated, {lost:.6g}, are of first order in the step. Quote "
+        f"history.work_second_order, {second:.6g}, and dissipated_second_order, {better:.6g}, or take more steps. "
+        "Displacements and stresses are not affected."
     )
 
 
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
-    """Log a warning of the largest principal strain and its place, if small strains are left.
+    """Log a warning with the largest principal strain and its place if strains are not small.
 
-    It looks at about CHUNK_SIZE cells, at the stored instant of the largest energy.
+    It examines about CHUNK_SIZE cells at the stored instant of the largest energy.
     """
     space, row = posed.space, int(np.argmax(results.energy))
     groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // CHUNK_SIZE)) for group in space.groups]
@@ -558,44 +552,44 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     tensor[:, space.dim :] *= 0.5
     size = np.abs(principal(tensor)).max(axis=1)
     k, volumes = int(np.argmax(size)), mesh.measures[cells]
-    # At a singular corner some strain is large, if only the mesh is fine.
+    # At a singular corner some strain is large on any fine mesh.
     if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
         place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
         log.warning(
-            f"small strains are left: a strain of {size[k]:.2g} at {place}, t = {t:.6g}. "
+            f"strains are not small: found {size[k]:.2g} at {place}, t = {t:.6g}. "
             "The linear model does not hold there; compare the units of stiffness, loads, supports and mesh."
         )
 
 
 def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> None:
-    """Say how much of friction's work is done where contact is open, if nobody has said that it is meant to be."""
+    """Warn of friction work done where contact is open, unless the scene allows it."""
     terms, obstacles = posed.terms, posed.obstacles
-    asked = [friction for friction in terms.frictions if friction.in_the_air]
-    if not asked or len(obstacles.nodes) == 0:
+    unsettled = [friction for friction in terms.frictions if friction.in_the_air]
+    if not unsettled or len(obstacles.nodes) == 0:
         return
     first, place = distinct_pairs(obstacles.nodes, obstacles.partners)
     at = obstacles[first].find(terms)
-    # The last column is of terms without an obstacle.
+    # The last column belongs to terms without an obstacle.
     pressed = sum_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
-    # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
-    # Answers are a solver's: of the largest pressure 1e-6 counts as touch, and as much of friction's work counts.
+    # Contact must be open before and after the step: a step in which it closes or opens may rub while closed.
+    # 1e-6 of the largest pressure counts as contact, and 1e-6 of the friction work as work: solvers are inexact.
     closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
-    gone &= ContactRows.from_parts(asked, terms.normals.shape[1]).find(terms) >= 0
+    gone &= ContactRows.from_parts(unsettled, terms.normals.shape[1]).find(terms) >= 0
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > 1e-6 * total:
         warnings.warn(
-            f"{asked[0].subject}: its bound is given, and {lost / total:.0%} of all friction work is done in the air, "
-            "where contact is open. Say while_closed=True to rub where there is touch, or while_closed=False if this "
-            "is meant.",
+            f"{unsettled[0].subject}: {lost / total:.0%} of all friction work is done in the air, where contact is "
+            "open, because its bound does not depend on pressure. Set while_closed=True for friction only in contact, "
+            "or while_closed=False if this is intended.",
             SceneWarning,
             stacklevel=4,
         )
 
 
-def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """The forces of dashpots on the nodes (n_u,), at the rates of the step that led to a row."""
+def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
+    """Return the forces (n_u,) of dashpots on the nodes, at the velocities of the step that ends at a row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -609,7 +603,7 @@ def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | flo
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
 ) -> Iterator[SolvedProgram]:
-    """The programs, which now say what scene and mesh they are of, and whose cells K is made of."""
+    """Yield the programs with their origin (scene, mesh, solver) and, if not condensed, the rows of K's energy."""
     for program in programs:
         rows = None if condense else posed.energy_rows
         origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
@@ -617,19 +611,19 @@ def with_origin(
 
 
 def size_of(mesh: Mesh) -> dict[str, Any]:
-    """The numbers of cells and nodes, and h, as files have them."""
+    """Return the numbers of cells and nodes, and h, by their names in files."""
     return {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
 
 
 def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool = True) -> Iterator[SolvedProgram]:
-    """The programs of these steps, with one factorisation.
+    """Return the programs of these steps, with one factorisation.
 
-    HistoryError where the history has no scene, no such step, or has not stored the states before and after one.
+    Raise HistoryError if the history has no scene, lacks a step, or has not stored the states before and after it.
     """
     if history.scene is None:
         raise HistoryError(
-            "program: the history was read from files, which do not keep the functions of a scene, or joined; take a "
-            "stage, simulate again, or take vemcvx.programs(scene, mesh, times)."
+            "program: the scene of the history is unknown, because it was read from files or joined. Use a stage of "
+            "it, simulate again, or call vemcvx.programs(scene, mesh, times)."
         )
     with suppress_scene_warnings():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())

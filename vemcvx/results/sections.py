@@ -1,12 +1,12 @@
 """Forces and moments across a plane through the body, and means of fields over cells.
 
-Strains and stresses at zero strain act on nodes with the forces q = A u + T sigma_0, where A is the stiffness without
-springs and T sigma_0 the virtual work of stresses. The sum of q . w over the nodes ahead of a plane, w a translation or
-a rotation, is the virtual work of the stresses in chi w, chi being 1 on these nodes and 0 on all others: the force or
-the moment of what is ahead of the plane on what is behind it. Only cells that the plane cuts contribute, and the sum is
-in balance with all other forces on either side, whatever the mesh. What loads such cells acts where their nodes are.
+Stresses act on nodes with the forces q = A u + T sigma_0, where A is the stiffness without springs and T sigma_0 the
+virtual work of stresses at zero strain. Let w be a translation or a rotation, and chi be 1 at the nodes ahead of a
+plane, 0 at all others. The sum of q . w over the nodes ahead is the virtual work of the stresses in chi w: the force or
+moment that the part ahead exerts on the part behind. Only cells cut by the plane contribute. On every mesh the sum
+balances all other forces on either side; loads on cut cells act at their nodes.
 
-The mean displacement of cells is that of Pi u, exact for linear u.
+The mean displacement of cells is the mean of Pi u, exact for linear u.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from vemcvx.vem import Space, mean_weights, stiffness_of, stress_load
 
 
 class Section(NamedTuple):
-    """The resultants of what is ahead of a plane on what is behind it."""
+    """The resultants that the part ahead of a plane exerts on the part behind it."""
 
     force: Floats
     """(S, dim)"""
     moment: Floats
-    """(S,), in space (S, 3), about the point by which the plane was given"""
+    """(S,), in space (S, 3), about the point that defines the plane"""
 
 
 def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None) -> Section:
@@ -68,9 +68,9 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
 def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
     """Return the forces q (S, n_nodes, dim) of the cells (n_cells,) on the nodes."""
     if history.trajectory.velocity is not None:
-        raise SceneError("section: found viscosity, whose stresses no history keeps; use history.force instead.")
+        raise SceneError("section: a history does not keep the stresses of viscosity; use history.force instead.")
     if history.stabilisation is None:
-        raise HistoryError("section: files do not keep a stabilisation of one's own; simulate the scene again.")
+        raise HistoryError("section: files do not keep a user-defined stabilisation; simulate the scene again.")
     A = stiffness_of(space, history.moduli * some, history.stabilisation).whole()
     q = np.stack([A @ u.ravel() for u in history.displacement])
     if history.prestress is not None:

@@ -1,8 +1,8 @@
-"""Stages as one history: the stored instants of all of them, one after the other.
+"""Stages as one history: the stored instants of all stages, one after the other.
 
-A stage begins where the stage before it ended, so that its own initial instant is left out. Fields, forces and energies
-are those of the stages; an effect acts in its own stage only. What a stage counts from its own initial instant where
-friction acts, slip, wear and the way slipped, goes on everywhere:
+A stage begins where the stage before it ended, so that its initial instant is left out. Fields, forces and energies
+are those of the stages; an effect acts in its own stage only. Slip, wear and accumulated slip, which each stage counts
+from its initial instant, continue:
 
     value in the joined history = value in the stage + last value before it - value at the beginning of the stage.
 """
@@ -21,18 +21,19 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.results.results import Results
 
 COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"
-"""What of contact a run counts from its own initial instant."""
-OF_EFFECTS = "acting", "loads"
+"""Arrays of contact that a run counts from its own initial instant."""
+PER_EFFECT = "acting", "loads"
 """Sizes of arrays that have a row for each effect and place."""
 
 
 def join(stages: Sequence[Results]) -> Results:
-    """Return stages as one history; HistoryError where one does not go on from the one before."""
+    """Return stages as one history; raise HistoryError if a stage does not continue the stage before it."""
     for k, (before, after) in enumerate(pairwise(stages), start=2):
         if why := _difference(before, after):
             raise HistoryError(
-                f"joined: stage {k} does not go on from stage {k - 1}: {why}. Simulate it on the same mesh with "
-                f"initial= the history of stage {k - 1}, at times that begin where that ended, and store all steps."
+                f"joined: stage {k} does not continue stage {k - 1}: {why}. Simulate it on the same mesh with "
+                f"initial= the history of stage {k - 1}, at times that begin where stage {k - 1} ended, and store all "
+                "steps."
             )
     first, runs = stages[0], [stage.trajectory for stage in stages]
     shifts = accumulate((len(stage.effects) for stage in stages[:-1]), initial=0)
@@ -46,7 +47,7 @@ def join(stages: Sequence[Results]) -> Results:
     each = np.array([stage.contact.friction_lengths for stage in stages])
     contact["friction_lengths"] = rubbing = each.max(axis=0)
     if ((each > 0) & (each != rubbing)).any():
-        raise HistoryError("joined: friction acts on other edges at the ends of contact in one stage than in another.")
+        raise HistoryError("joined: at the ends of contact, friction acts on different edges in different stages.")
     solver, linear = (" / ".join(dict.fromkeys(getattr(run, name) for run in runs)) for name in ("solver", "linear"))
     seconds = {name: sum(stage.seconds[name] for stage in stages) for name in first.seconds}
     held = [stage.sides and stage.sides.held.tolist() for stage in stages]
@@ -61,7 +62,7 @@ def join(stages: Sequence[Results]) -> Results:
         out_of_plane=first.out_of_plane,
         seconds=seconds,
         inactive=tuple(f"stage {k}: {words}" for k, stage in enumerate(stages, 1) for words in stage.inactive),
-        # Corners are known where all stages hold the boundary alike.
+        # Corners are known if the supports of the boundary are the same in all stages.
         sides=first.sides if held.count(held[0]) == len(held) else None,
         stabilisation=first.stabilisation,
         **_in_time(stages, ("displacement", "forces", "prestress", "out_of_plane_prestress")),
@@ -69,44 +70,44 @@ def join(stages: Sequence[Results]) -> Results:
 
 
 def _difference(before: Results, after: Results) -> str:
-    """Return in words why a stage does not go on from the one before, "" where it does."""
+    """Return in words why a stage does not continue the stage before it; "" if it does."""
     alike = {"mesh": ("points", "centroids"), "contact": ("nodes", "partners", "normals", "lengths")}
     for name, arrays in alike.items():
         one, other = getattr(before, name), getattr(after, name)
         if not all(np.array_equal(getattr(one, array), getattr(other, array)) for array in arrays):
-            return "it is on another mesh" if name == "mesh" else "other places are in contact"
+            return "it is on another mesh" if name == "mesh" else "its contact nodes are different"
     if not np.array_equal(before.moduli, after.moduli):
-        return "its material is another"
+        return "its material is different"
     if after.stored[0] > 0:
         return "its initial instant was not stored"
     begun, ended = float(after.times[0]), float(before.times[-1])
     if abs(begun - ended) > SAME * float(after.times[-1] - before.times[0]):
-        return f"it begins at t = {begun:.6g}, and the other ended at t = {ended:.6g}"
+        return f"it begins at t = {begun:.6g}, but the stage before it ended at t = {ended:.6g}"
     off = float(np.abs(after.displacement[0] - before.displacement[-1]).max())
     if off > SAME * float(np.abs(before.displacement).max()):
         return f"its displacement at t = {begun:.6g} is off by {off:.3g}"
     for name in ("dissipated", "work"):
         here, there = float(getattr(after, name)[0]), float(getattr(before, name)[-1])
         if here != there:
-            return f"`{name}` begins at {here:.6g}, and the other ended with {there:.6g}"
+            return f"`{name}` begins at {here:.6g}, but the stage before it ended with {there:.6g}"
     return ""
 
 
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the arrays of records, or those of these names, one after the other, without initial rows but the first.
+    """Return the arrays of records (or those in `names`), joined in time without the initial rows of later stages.
 
-    Rows of effects stand beside each other, and are zero in other stages. Where a stage has no array its rows are zero;
-    where its array is smaller, such as one over unknowns, rows are filled with NaN (False).
+    Columns of effects are placed side by side, and are zero in other stages. If a stage has no array, its rows are
+    zero. If its array has fewer columns, such as one over unknowns, rows are filled up with NaN (or False).
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():
         arrays = [getattr(record, name) for record in records]
-        if sizes[0] in OF_EFFECTS:
+        if sizes[0] in PER_EFFECT:
             found[name] = np.concatenate(arrays)
         if sizes[0] not in ("S", "N") or (names and name not in names) or all(array is None for array in arrays):
             continue
         shape = np.max([array.shape[1:] for array in arrays if array is not None], axis=0).astype(int)
-        apart, rows = any(size in OF_EFFECTS for size in sizes), list[Any]()
+        apart, rows = any(size in PER_EFFECT for size in sizes), list[Any]()
         first, count = 0, sum(array.shape[1] for array in arrays) if apart else 0
         for record, array in zip(records, arrays, strict=True):
             own = np.zeros((len(record.stored), *shape)) if array is None else array

@@ -1,4 +1,4 @@
-"""Results as tables, as CSV, for pandas and xarray, all by the list of arrays in their records, and in a few words."""
+"""Results as tables: CSV files, and objects of pandas and xarray; the records of arrays define the columns."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vemcvx.base.table import Table
 from vemcvx.meshes import PolygonMesh
 from vemcvx.results.arc import contact_path
 from vemcvx.results.probe import places
-from vemcvx.results.results import Results, labelled
+from vemcvx.results.results import Results, list_arrays
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -26,9 +26,9 @@ TABLES = "steps", "contact", "probes"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
-ERRORS = "dissipated_error", "work_error"  # Columns of every step where a history has estimates.
+ERRORS = "dissipated_error", "work_error"  # Columns of every step if a history has estimates.
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
-"""Names of sizes in datasets; others keep theirs, in the singular, and numbers are "of_2" and so on."""
+"""Names of sizes in datasets; other sizes keep their name, and a number such as 2 becomes "of_2"."""
 
 
 def table(history: Results, name: object, points: ArrayLike | None = None) -> Columns:
@@ -36,7 +36,7 @@ def table(history: Results, name: object, points: ArrayLike | None = None) -> Co
     if not isinstance(name, str) or name not in TABLES:
         raise HistoryError(f"table: found {brief(name)}; there are 'steps', 'contact' and, with points, 'probes'.")
     if (name == "probes") != (points is not None):
-        raise HistoryError("table: points go with 'probes', and only with that: table('probes', [[0.5, 0.5]]).")
+        raise HistoryError("table: give points with 'probes', and only then: table('probes', [[0.5, 0.5]]).")
     if points is not None:
         return _probes(history, points)
     return _steps(history) if name == "steps" else _contact(history)
@@ -57,7 +57,7 @@ def _steps(history: Results) -> Columns:
 
 
 def _contact(history: Results) -> Columns:
-    """Every array of contact; those that do not change in time are repeated at every step, named after one node."""
+    """Return every array of contact; arrays constant in time repeat at every step, with names in the singular."""
     contact, steps = history.contact, len(history.stored)
     columns = _when(history, len(contact.nodes)) | _along(history)
     for name, of in array_fields(type(contact)).items():
@@ -71,7 +71,7 @@ def _contact(history: Results) -> Columns:
 
 
 def _along(history: Results) -> Columns:
-    """Return the number of the piece of contact and the arc length on it, a row a node and step; {} in space."""
+    """Return the piece of contact and the arc length on it, for each step and node; {} in space."""
     mesh, nodes = history.mesh, history.contact.nodes
     if not isinstance(mesh, PolygonMesh):
         return {}
@@ -94,14 +94,14 @@ def _when(history: Results, count: int) -> Columns:
 
 
 def _by_axis(name: str, values: Floats | Ints) -> Columns:
-    """A column of numbers, or one for each component of vectors."""
+    """Return a column of numbers, or one column for each component of vectors."""
     if values.ndim == 1:
         return {name: values}
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
 
 
 def write_tables(history: Results, place: Callable[[str], Path], points: ArrayLike | None) -> list[str]:
-    """Write the tables that have rows as CSV files, flags as 1 and 0; return the names of the files."""
+    """Write the nonempty tables as CSV files, booleans as 1 and 0; return the names of the files."""
     wanted = {"steps": True, "contact": len(history.contact.nodes) > 0, "probes": points is not None}
     names = [name for name, has_rows in wanted.items() if has_rows]
     for name in names:
@@ -122,13 +122,13 @@ def frame(columns: Columns) -> DataFrame:
 
 
 def dataset(history: Results) -> Dataset:
-    """Return every array of a history, labelled: see :meth:`vemcvx.History.to_xarray`."""
+    """Return every array of a history as a labelled dataset: see :meth:`vemcvx.History.to_xarray`."""
     try:
         from xarray import Dataset
     except ImportError:
         raise VemcvxError("to_xarray needs xarray, which is not installed: pip install 'vemcvx[xarray]'") from None
     arrays = {}
-    for name, values, of in labelled(history):
+    for name, values, of in list_arrays(history):
         sizes = [f"of_{size}" if size.isdecimal() else DIMENSIONS.get(size, size) for size in of.sizes]
         arrays[name] = sizes, values, {"units": of.unit, "long_name": of.meaning}
     axes = list("xyz")[: history.mesh.points.shape[1]]

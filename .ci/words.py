@@ -58,9 +58,9 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 def exports(module: str) -> set[str]:
     """Return the names that a public module exports."""
     if module == "vemcvx":
-        stub = ast.parse((ROOT / "vemcvx" / "__init__.pyi").read_text())
+        stub = ast.parse((ROOT / "vemcvx" / "__init__.pyi").read_text(encoding="utf-8"))
         return {one.asname or one.name for node in stub.body if isinstance(node, ast.ImportFrom) for one in node.names}
-    for node in ast.parse((ROOT / "vemcvx" / module / "__init__.py").read_text()).body:
+    for node in ast.parse((ROOT / "vemcvx" / module / "__init__.py").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
             return {str(name.value) for name in ast.walk(node.value) if isinstance(name, ast.Constant)}
     return set()

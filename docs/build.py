@@ -67,7 +67,7 @@ def kernel(folder: Path) -> None:
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     given = {"argv": argv, "display_name": "Python 3", "language": "python", "env": {"OPENBLAS_NUM_THREADS": "1"}}
     (folder / "kernels" / "python3").mkdir(parents=True, exist_ok=True)
-    (folder / "kernels" / "python3" / "kernel.json").write_text(json.dumps(given))
+    (folder / "kernels" / "python3" / "kernel.json").write_text(json.dumps(given), encoding="utf-8")
     os.environ["JUPYTER_PATH"] = str(folder)
     logging.getLogger("traitlets").setLevel(logging.WARNING)
 

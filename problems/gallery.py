@@ -93,7 +93,7 @@ def drawn(name, folder):
 
 def title(name):
     """The first line of what a problem says of itself."""
-    return ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text())).splitlines()[0]
+    return ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text(encoding="utf-8"))).splitlines()[0]
 
 
 def page(folder):
@@ -108,7 +108,7 @@ def page(folder):
         if (HERE / f"{path.stem}.py").exists():
             file = f"[`{path.stem}.py`](../{path.stem}.py)"
             lines += [f"![{path.stem}]({path.name})", "", f"{file}: {title(path.stem)}", ""]
-    (folder / "README.md").write_text("\n".join(lines))
+    (folder / "README.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 def main(names, folder):

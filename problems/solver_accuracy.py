@@ -219,7 +219,7 @@ def printed(rows):
 
 
 def write_table(rows, path):
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow([field.name for field in fields(Row)])
         table.writerows(astuple(row) for row in rows)

@@ -64,8 +64,8 @@ def test_pipes_get_whole_lines(tmp_path, monkeypatch):
 
 def test_an_interrupt_ends_in_one_sentence(tmp_path):
     file = tmp_path / "stopped.py"
-    body = "os.kill(os.getpid(), signal.SIGINT)\n    time.sleep(60)"
-    file.write_text(f"import os, signal, time\n\ndef scene(*given):\n    {body}\n\nmesh = times = scene\n")
+    body = "signal.raise_signal(signal.SIGINT)\n    time.sleep(60)"
+    file.write_text(f"import signal, time\n\ndef scene(*given):\n    {body}\n\nmesh = times = scene\n")
     code, shown = call("run", str(file))
     assert code == 130
     assert shown.count("\n") == 1

@@ -71,7 +71,7 @@ def killed(tmp_path_factory):
             assert process.poll() is None
             time.sleep(0.02)
     finally:
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(process.pid, signal.SIGKILL) if os.name == "posix" else process.kill()
         process.wait()
     before = journal(folder)
     with (folder / "journal.jsonl").open("a") as stream:

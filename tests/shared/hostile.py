@@ -23,10 +23,12 @@ SECONDS = 30
 STRANGE = (b"1000000000000", b"-1", b"nan", b"inf", b"1e400", b"99999999999999999999", b"", b"\xff\xfe", b"300000000")
 READER = textwrap.dedent(
     """
-    import resource, sys, warnings
+    import sys, warnings
     from pathlib import Path
-    resource.setrlimit(resource.RLIMIT_AS, (4 * int(sys.argv[1]),) * 2)
-    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]),) * 2)
+    if sys.platform == "linux":  # Elsewhere memory is not limited, and the clock alone ends a reader that hangs.
+        import resource
+        resource.setrlimit(resource.RLIMIT_AS, (4 * int(sys.argv[1]),) * 2)
+        resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]),) * 2)
     import vemcvx as vx
     from vemcvx.results.files import read_archive
     warnings.simplefilter("ignore")
@@ -38,7 +40,8 @@ READER = textwrap.dedent(
         except vx.VemcvxError as error:
             print(error)
             assert str(error).startswith(path), error
-        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < int(sys.argv[1]) / 1024, path
+        if sys.platform == "linux":
+            assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < int(sys.argv[1]) / 1024, path
     print("done")
     """
 )

@@ -1,7 +1,6 @@
 """Runs that are interrupted, killed or too large for memory: what was completed stays, and can be gone on with."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -97,7 +96,7 @@ def test_a_killed_run_goes_on(tmp_path):
         time.sleep(0.02)
         there = checkpoint.exists() and checkpoint.stat().st_size == 168  # a header, and five numbers
         done = int(np.load(checkpoint)[0]) if there else 0
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     process.wait()
     done = int(np.load(checkpoint)[0])
     assert 0 < done < 24

@@ -43,10 +43,6 @@ def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere(
         assert (ROOT / target).exists(), target
 
 
-def test_the_page_is_read_in_one_sitting():
-    assert len(TEXT.splitlines()) <= 250
-
-
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A function that puts the file of a recipe into the package, for one test, and returns what its line defines."""

@@ -17,7 +17,7 @@ from vemcvx.cli import app
 
 
 def name(path):
-    return str(path.relative_to(SITE).with_suffix(""))
+    return path.relative_to(SITE).with_suffix("").as_posix()
 
 
 RUN = [path for path in PAGES if cells(path.read_text())]

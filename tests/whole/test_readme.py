@@ -9,6 +9,7 @@ import pytest
 from texts import README, ROOT, page
 
 import vemcvx as vx
+from vemcvx.cli.supplied import problem_files
 
 TEXT = README.read_text()
 
@@ -42,13 +43,40 @@ def test_commands_are_single_lines_of_which_ci_runs_one():
     assert picked.stdout.splitlines() == [commands[1]]
 
 
+def steps(name):
+    """Return the actions and the commands of a workflow of GitHub, in order."""
+    yaml = pytest.importorskip("yaml")
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / f"{name}.yml").read_text(encoding="utf-8"))["jobs"]
+    return [step.get("uses") or step["run"] for job in jobs.values() for step in job.get("steps", [])]
+
+
+def test_the_workflow_runs_the_commands_and_builds_the_site():
+    commands = re.findall(r"^ {4}python3 (-m venv .*)$", TEXT, re.MULTILINE)
+    (site,) = re.findall(r"^`(pip install .*docs/build.py site)`", TEXT, re.MULTILINE)
+    wanted = [f"python {command}".replace(".venv/bin/", ".venv/${{ matrix.bin }}/") for command in commands]
+    assert [step for step in steps("tests") if "venv" in step or "docs" in step] == [*wanted, site]
+
+
+def test_a_release_runs_the_main_job_from_the_wheel_before_it_is_published():
+    (main,) = re.findall(r"vemcvx run problems/(feng_han_huang)\.py (.*)$", TEXT, re.MULTILINE)
+    made, checked, job, published = (
+        [word in step for step in steps("release")].index(True)
+        for word in (
+            "python -m build",
+            "twine check",
+            f'vemcvx" run {" ".join(main)}\n',
+            "pypa/gh-action-pypi-publish@",
+        )
+    )
+    assert made < checked < job < published
+
+
 def test_links_lead_somewhere():
     for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
         assert (ROOT / target).exists(), target
 
 
-def test_it_is_two_screens_with_a_table_of_ten_rows():
-    assert len(TEXT.splitlines()) <= 150
+def test_it_has_a_table_of_ten_rows_and_five_limits():
     assert len(re.findall(r"^\| \*\*", TEXT, re.MULTILINE)) == 10
     limits = TEXT[TEXT.index("## Limits") : TEXT.index("## Citing")]
     assert limits.count("\n- ") == 5
@@ -56,16 +84,18 @@ def test_it_is_two_screens_with_a_table_of_ten_rows():
 
 def test_what_it_counts_is_as_many():
     effects = re.findall(r"^\| `\w+` \|", page("effects"), re.MULTILINE)
-    assert f"{len(effects)} effects" in TEXT
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert all(f"{len(effects)} effects" in text for text in (TEXT, changes))
     families = re.findall(r"^`vx.meshes.([^`(]*)` take `", page("meshes"), re.MULTILINE)
     names = ", ".join(families).split(", ")
     assert len(names) == 13
     assert all(callable(getattr(vx.meshes, name)) for name in names)
     assert {*vx.meshes.FAMILIES, *vx.meshes.SPACE_FAMILIES} <= set(names)
-    assert "thirteen families" in TEXT
+    assert all("thirteen families" in text for text in (TEXT, changes))
     lessons = [path for path in (ROOT / "problems" / "lessons").glob("*.py") if "solutions" not in path.stem]
     assert len(lessons) == 10
     assert "ten [lessons]" in TEXT
+    assert f"{len(problem_files())} problem files" in changes
     commands = re.findall(r"^\| `vemcvx ", page("howto/command_line"), re.MULTILINE)
     assert len(commands) == 11
     assert "eleven commands" in TEXT

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,8 @@ def test_it_runs_its_tests(unpacked):
 def test_the_citation_is_of_this_version():
     told = dict(re.findall(r'^([a-z-]+): "?([^"\n]+)"?$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
     assert told["version"] == vx.__version__
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["version"] == vx.__version__
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", told["date-released"])
 
 

@@ -90,7 +90,7 @@ def test_tables_and_words_are_no_formulas():
 
 
 def test_the_command_stands_where_contributors_look():
-    assert f"python {SCRIPT.relative_to(ROOT)} " in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert f"python {SCRIPT.relative_to(ROOT).as_posix()} " in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 def test_checks_find_what_they_look_for(tmp_path, monkeypatch):

@@ -169,7 +169,7 @@ def test_no_folder_leads_back_to_itself():
 def test_heavy_packages_have_their_doors():
     for path in modules().values():
         for package in {other.split(".")[0] for other in imported(path, checking=False)} & set(HEAVY):
-            assert str(path.relative_to(ROOT)) in HEAVY[package], f"{path} imports {package}; only {HEAVY[package]} may"
+            assert path.relative_to(ROOT).as_posix() in HEAVY[package], f"{path} imports {package}"
 
 
 def test_only_meshes_and_virtual_elements_ask_for_the_dimension():
@@ -177,6 +177,11 @@ def test_only_meshes_and_virtual_elements_ask_for_the_dimension():
         if part(name) not in ("meshes", "vem"):
             asked = re.findall(r"\b(?:dim|shape\[-?1\])\s*[=!<>]=?\s*[236]\b", path.read_text())
             assert not asked, f"{name}: {asked}"
+
+
+@pytest.mark.parametrize(("name", "most"), {"README": 150, "CONTRIBUTING": 250, "CHANGELOG": 100}.items())
+def test_texts_are_read_in_one_sitting(name, most):
+    assert len((ROOT.parent / f"{name}.md").read_text(encoding="utf-8").splitlines()) <= most
 
 
 def test_files_are_short():
@@ -242,7 +247,7 @@ INTERNALS = {
 
 def test_tests_of_internals_stand_in_their_folder():
     tests = Path(__file__).parents[1]
-    found = {str(path.relative_to(tests)) for path in tests.rglob("test_*.py") if path.parent.name != "unit"}
+    found = {path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py") if path.parent.name != "unit"}
     assert {name for name in found if uses_internals(tests / name)} <= INTERNALS
 
 

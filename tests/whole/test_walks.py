@@ -58,7 +58,7 @@ def traced(run, has=None, since=None):
         code = frame.f_code
         if event in ("call", "return") and code.co_filename.startswith(str(ROOT)):
             here[0] = here[0] or code.co_qualname == since
-            place = str(Path(code.co_filename).relative_to(ROOT)), code.co_qualname
+            place = Path(code.co_filename).relative_to(ROOT).as_posix(), code.co_qualname
             if here[0] and place not in seen:
                 own = frame.f_locals.get("self")
                 values = [answer, *frame.f_locals.values(), *getattr(own, "__dict__", {}).values()]
@@ -172,7 +172,7 @@ def test_the_example_of_the_readme_enters_few_files():
 
     def profile(frame, event, answer):
         if event == "call" and frame.f_code.co_name != "<module>" and frame.f_code.co_filename.startswith(str(ROOT)):
-            entered.add(str(Path(frame.f_code.co_filename).relative_to(ROOT)))
+            entered.add(Path(frame.f_code.co_filename).relative_to(ROOT).as_posix())
 
     sys.setprofile(profile)
     try:

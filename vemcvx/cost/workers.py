@@ -92,7 +92,7 @@ def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, 
     answer: tuple[Any, Exception | None]
     try:
         # The messages and progress bars of parallel runs would overwrite each other.
-        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
             answer = function(*given), None
     except VemcvxError as error:
         # The parent process cannot unpickle error classes that a user's file defines.
@@ -112,5 +112,5 @@ def _describe_end(code: int) -> str:
     """Describe how a process ended."""
     if code >= 0:
         return f"ended with exit code {code}"
-    hint = ", as the system does to a process that takes too much memory" if -code == signal.SIGKILL else ""
+    hint = ", as the system does to a process that takes too much memory" if code == -9 else ""  # SIGKILL
     return f"killed by signal {-code}{hint}"

@@ -54,7 +54,7 @@ def _head(program: StepProgram) -> str:
 
 def _read(path: Path) -> tuple[list[int], dict[str, str]]:
     """Return the numbers in the first line of a file, and its sections by name."""
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     found = re.match("[#*] " + HEAD.replace("{}", r"(\d+)") + "\n", text)
     if found is None:
         raise ProgramError(f"found no first line {HEAD!r}; only files written by write_program() can be read.")

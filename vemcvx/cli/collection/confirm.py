@@ -148,7 +148,7 @@ def proved(program: Program, status: str, vector: Any) -> bool:
 
 def main(folder: Path) -> int:
     """Confirm the whole folder, and say so; 0 where every optimum was confirmed."""
-    instances = json.loads((folder / "manifest.json").read_text())["instances"]
+    instances = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["instances"]
     right: dict[str, bool] = {}
     errors, proofs = [], 0
     for instance in instances:

@@ -94,7 +94,7 @@ def write_abaqus(path: Path, grid: Grid) -> None:
         lines += [f"*ELEMENT, TYPE={WRITTEN[kind]}"] * (kind != last)
         lines.append(", ".join(map(str, (number, *row.tolist()))))
         last = kind
-    path.write_text("\n".join([*lines, ""]))
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 @dataclass

@@ -71,7 +71,7 @@ TOP = 1_743
 TESTS = 27_636
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 40_020
+ALL_TESTS = 40_070
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

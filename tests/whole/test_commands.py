@@ -125,10 +125,6 @@ HOW = {
     'pip install ".[multigrid]"': As(),
     'pip install ".[pandas,xarray]"': As(),
     "vemcvx run FILE --target 0.02": As(f"vemcvx run {PAPER} --target 0.1 --steps 2"),
-    "vemcvx run FILE --mesh bracket.msh --report": As(
-        "python -c \"import vemcvx as vx; vx.meshes.squares(8).write('bracket.msh')\" && "
-        f"vemcvx run {PAPER} --mesh bracket.msh --steps 4 --report"
-    ),
     "vemcvx lesson": As(),
     "vemcvx lesson 6 --notebook": As("cd results && vemcvx lesson 6 --notebook"),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),

@@ -151,6 +151,9 @@ HOW = {
     'pip install ".[petsc]"': Not(
         "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's"
     ),
+    "pip install pre-commit && pre-commit install": As(
+        "git init -q . && pip install pre-commit && pre-commit install && rm -rf .git"
+    ),
     "python problems/gallery.py NAME": Not(
         "NAME is that of a new problem; test_problem_pictures.py draws all there are"
     ),

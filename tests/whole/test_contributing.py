@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING.md and its pages, followed word for word: an effect, a family of meshes, a solver."""
+"""Follow the recipes of CONTRIBUTING.md and its pages word for word: an effect, a family of meshes, a solver."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from vemcvx.testing import linear_suite
 
 ROOT = Path(__file__).parents[2]
 TEXT, EFFECT_PAGE, SOLVER_PAGE = CONTRIBUTING.read_text(), page("howto/own_effect"), page("howto/own_solver")
-BLOCKS = blocks(TEXT, "python")
+BLOCKS = blocks(EFFECT_PAGE, "python") + blocks(page("howto/own_mesh_family"), "python")
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "mine.py")}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "test_mine.py")}
 ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
-"""Each recipe is a file, whose path its first line says, and a line; that of effects has two entries in tests, too.
-The recipe of a solver stands on its page."""
+"""Each recipe is a file, whose first line is its path, and a line of code, on a page of its own.
+An effect also has two entries in tests, which CONTRIBUTING.md shows."""
 
 
 def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere():

@@ -108,7 +108,8 @@ TOPICS = {
         "Pictures",
         "Of results; each function returns matplotlib's axes or figure.",
         "plots.deformed_mesh plots.stressed_body plots.deformed_body plots.contact_face plots.along_contact "
-        "plots.friction_traction plots.friction_disc plots.stick_slip_map plots.hysteresis_loop plots.energy_ledger "
+        "plots.friction_traction plots.friction_disc plots.stick_slip_map plots.hysteresis_loop "
+        "plots.forces_over_time plots.energy_ledger "
         "plots.wear plots.error_map plots.animate plots.write_plots",
         modules="plots.style",
     ),

@@ -67,6 +67,7 @@ def test_run_writes_what_it_says(tmp_path):
         "energy_ledger.png",
         "friction_traction.png",
         "hysteresis_loop.png",
+        "forces_over_time.png",
         "stick_slip_map.png",
     ]
     files = [

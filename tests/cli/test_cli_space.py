@@ -74,7 +74,14 @@ def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     missing = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
     assert f"left out {missing}" in said
     files = {path.name for path in out.iterdir()}
-    pictures = {"contact_face.png", "friction_disc.png", "hysteresis_loop.png", "energy_ledger.png", "report.html"}
+    pictures = {
+        "contact_face.png",
+        "friction_disc.png",
+        "hysteresis_loop.png",
+        "forces_over_time.png",
+        "energy_ledger.png",
+        "report.html",
+    }
     assert files >= pictures | {"history.pvd", "step_0002.vtu", "contact.csv", "summary.json"}
     page = html.unescape((out / "report.html").read_text())
     assert f"Left out: {missing}." in page

@@ -15,6 +15,7 @@ from vemcvx.plots import (
     along_contact,
     deformed_mesh,
     energy_ledger,
+    forces_over_time,
     friction_traction,
     hysteresis_loop,
     stick_slip_map,
@@ -38,6 +39,7 @@ WRITTEN = {
     "wear",
     "energy_ledger",
     "hysteresis_loop",
+    "forces_over_time",
 }
 """Names of the files that a plane history with contact, under forces, has."""
 
@@ -79,7 +81,7 @@ def lines(ax):
 @pytest.mark.long
 def test_the_mesh_is_drawn_where_it_moves_to(history):
     ax = deformed_mesh(history).axes[0]
-    u, mesh = history.displacement[-1], history.mesh
+    u, mesh = history.displacement[history.row(None)], history.mesh
     factor = magnification(ax)
     assert 0.05 < factor * np.linalg.norm(history.displacement, axis=2).max() <= 0.15
     cells = ax.collections[0]
@@ -231,7 +233,7 @@ def test_what_there_is_to_show_is_written(history, loose, tmp_path, suffix, begi
     assert {path.name for path in written} == {f"{name}{suffix}" for name in WRITTEN}
     assert all(path.read_bytes().startswith(begins) for path in written)
     # They are known as ours, and replaced; others' are not.
-    fewer = {f"{name}{suffix}" for name in ("deformed_mesh", "stressed_body", "energy_ledger")}
+    fewer = {f"{name}{suffix}" for name in ("deformed_mesh", "stressed_body", "forces_over_time", "energy_ledger")}
     assert {path.name for path in write_plots(loose, tmp_path, suffix)} == fewer
     assert {path.name for path in tmp_path.iterdir()} == fewer
     start = vx.simulate(loose.scene, loose.mesh, [0.0])
@@ -280,7 +282,7 @@ def test_magnified_as_asked_with_the_units_and_limits_of_the_reader(history):
     units = {"length": "mm", "force": "N", "time": "s"}
     figure = new_figure()
     axes = figure.subplots(2, 3).ravel()
-    deformed_mesh(history, ax=axes[0], magnify=0.5, limits=(0, 7), units=units)
+    deformed_mesh(history, -1, ax=axes[0], magnify=0.5, limits=(0, 7), units=units)
     assert axes[0].collections[0].get_paths()[0].vertices[0] == pytest.approx(
         (history.mesh.points + 0.5 * history.displacement[-1])[history.mesh.cells[0][0]]
     )
@@ -475,14 +477,29 @@ def test_the_loop_is_the_reaction_against_the_motion_of_what_is_prescribed(rubbe
     assert "bottom" in hysteresis_loop(rubbed, "bottom").axes[0].get_title()
 
 
+def test_forces_over_time_are_the_resultants_and_the_largest_comes_first(rubbed):
+    lines = forces_over_time(rubbed, units={"force": "N"}).axes[0].lines
+    largest = {name: np.abs(values).max(axis=0) for name, values in rubbed.resultants.items()}
+    top = max(values.max() for values in largest.values())
+    assert len(lines) == min(8, sum(int((values > 0.01 * top).sum()) for values in largest.values()))
+    for line in lines:
+        name, axis = line.get_label().split(", $x_")
+        assert np.array_equal(line.get_ydata(), rubbed.resultants[name][:, int(axis[0]) - 1])
+    assert np.abs(lines[0].get_ydata()).max() == top
+    free = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="bottom"))
+    with pytest.raises(vx.HistoryError, match="forces_over_time: no force acts"):
+        forces_over_time(vx.simulate(free, vx.meshes.squares(2), [0.0, 1.0]))
+
+
 @pytest.mark.long
 def test_a_loop_needs_something_that_moves(history, rubbed, tmp_path):
     words = r"hysteresis_loop: nothing here says what moves; name a boundary, on=, of '"
     assert "Load of left along $x_1$" in hysteresis_loop(history).axes[0].get_title()
-    read = vx.read_history(rubbed.write(tmp_path / "read"))
+    loaded = vx.read_history(history.write(tmp_path / "loaded"))
     with pytest.raises(vx.HistoryError, match=words):
-        hysteresis_loop(read)
-    lines = hysteresis_loop(read, "top").axes[0].lines
+        hysteresis_loop(loaded)
+    read = vx.read_history(rubbed.write(tmp_path / "read"))
+    lines = hysteresis_loop(read).axes[0].lines
     assert np.array_equal(lines[0].get_xydata(), hysteresis_loop(rubbed).axes[0].lines[0].get_xydata())
     with pytest.raises(vx.SceneError, match="hysteresis_loop: .*'lid'"):
         hysteresis_loop(read, "lid")
@@ -496,7 +513,7 @@ def test_stresses_that_engineers_quote(rubbed):
         "min_principal": rubbed.principal_stresses(-1)[:, 1],
     }
     for stress, values in found.items():
-        ax = stressed_body(rubbed, stress=stress).axes[0]
+        ax = stressed_body(rubbed, -1, stress=stress).axes[0]
         assert np.array_equal(ax.collections[0].get_array(), values)
     low, high = stressed_body(rubbed, stress="von_mises").axes[0].collections[0].get_clim()
     assert low == 0.0 < high

@@ -202,7 +202,7 @@ def test_without_pyvista_bodies_are_left_out_and_said(history, without_pyvista, 
         deformed_body(history)
     assert list(left_out(history)) == ["deformed_body"]
     names = {path.stem for path in write_plots(history, tmp_path)}
-    assert names == {"contact_face", "friction_disc", "energy_ledger", "hysteresis_loop"}
+    assert names == {"contact_face", "friction_disc", "energy_ledger", "forces_over_time", "hysteresis_loop"}
 
 
 def inked(image):

@@ -7,6 +7,7 @@ from scenes import mostly_long
 import pressed_then_sheared as pressed
 import slip_weakening as weak
 import vemcvx as vx
+from vemcvx.results import loop_of
 
 
 def blocks(n):
@@ -123,6 +124,9 @@ def test_stages_joined_are_one_run_in_closed_form(tmp_path):
     assert both.work_second_order[begun:] == pytest.approx(energy + lost, rel=1e-8)
     pulls = both.reaction("top")
     assert pulls[begun:, 0] == pytest.approx(pressed.MU * gamma * pressed.LENGTH, abs=1e-7)
+    loop = loop_of(both)  # that of the stage in which the top is moved
+    assert (loop.on, loop.axis) == ("top", 0)
+    assert np.array_equal(loop.force, pulls[:, 0])
     contact = both.contact
     assert contact.wear[-1] @ contact.friction_lengths == pytest.approx(lost[-1], rel=1e-8)
     table = both.table("steps")

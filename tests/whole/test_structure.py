@@ -62,16 +62,16 @@ HEAVY = {
 
 LINES = {"program": 2_317, "solvers": 1_430, "stepping": 1_800, "linear": 940, "scene": 2_015, "effects": 2_403}
 LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_146}
-LINES |= {"bound": 3_273, "results": 2_837, "estimate": 2_286, "plots": 1_918}
+LINES |= {"bound": 3_273, "results": 2_846, "estimate": 2_286, "plots": 1_947}
 LINES |= {"cost": 677, "cli": 3_719}
 LINES |= {"meshes": 7_410, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_743
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_636
+TESTS = 27_664
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 40_070
+ALL_TESTS = 40_072
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

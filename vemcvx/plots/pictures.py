@@ -168,8 +168,7 @@ def hysteresis_loop(
     Raises
     ------
     HistoryError
-        `between` is no such array; or no boundary is named, and nothing is driven in the scene, which files do not
-        keep.
+        `between` is no such array; or no boundary is named, and no support moves and no load changes.
     """
     if (loop := loop_of(history, on)) is None:
         names = ", ".join(map(repr, history.mesh.boundaries))
@@ -195,6 +194,43 @@ def hysteresis_loop(
     return named(
         ax, x, f"{y}{thickness}", f"{loop.kind.capitalize()} of {name} along $x_{axis + 1}$ against its motion"
     )
+
+
+def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
+    """Draw the forces on named boundaries over time, one curve a component.
+
+    The curves are the eight largest of `History.resultants`; those below a hundredth of the largest are left out.
+
+    Parameters
+    ----------
+    history, ax, units : as of `friction_traction`
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    HistoryError
+        No force acts on a named boundary.
+    """
+    curves = {
+        f"{name}, $x_{axis + 1}$": values[:, axis]
+        for name, values in history.resultants.items()
+        for axis in range(values.shape[1])
+    }
+    sizes = {name: float(np.abs(values).max()) for name, values in curves.items()}
+    most = max(sizes.values(), default=0.0)
+    if most == 0:
+        raise HistoryError("forces_over_time: no force acts on a boundary that has a name.")
+    shown = [name for name in sorted(sizes, key=lambda one: -sizes[one]) if sizes[name] > 0.01 * most]
+    ax = axes_or_new(ax, 6.0, 4.4)
+    for name, colour, mark in zip(shown, style.SERIES, style.MARKERS, strict=False):
+        ax.plot(history.times, curves[name], marker=mark, color=colour, linewidth=1.4, markersize=3, label=name)
+    light_grid(ax)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
+    thickness = ", per thickness" if _plane(history) else ""
+    return named(ax, label("t", "time", units), f"{label('force', 'force', units)}{thickness}", "Forces on boundaries")
 
 
 def _stressed_page(history: Results, units: Units | None = None) -> Figure:
@@ -232,6 +268,7 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "friction_disc": (faces.friction_disc, lambda h: _faces(h) and (h.contact.bound[h.row(None)] > 0).any()),
     "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and loop_of(h) is not None),
+    "forces_over_time": (forces_over_time, lambda h: _moves(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _moves),
 }
 """By the names of their files: what draws them in given units, and whether a history has something to show for it."""

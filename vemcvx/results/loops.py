@@ -27,8 +27,8 @@ class Loop:
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
     """Return the loop of a boundary along the axis on which its way to and fro is longest.
 
-    By default of the prescribed displacements that of the longest way; else of the loads the largest, on which scenes
-    must be known; None where none is driven.
+    By default of the prescribed displacements that of the longest way; else of the loads the largest, where the scene
+    is known; None where none is driven.
     """
     ways = _driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
@@ -84,7 +84,16 @@ def _moved(history: Results) -> list[PrescribedDisplacement | Rigid]:
 
 
 def _driven(history: Results) -> dict[str, Floats]:
-    """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name."""
-    names = [name for effect in _moved(history) for name in _names(effect)]
+    """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name.
+
+    Files and joined stages have no scene: there a boundary is driven along the axes of its reaction.
+    """
+    names, along = [name for effect in _moved(history) for name in _names(effect)], {}
+    if history.scene is None:
+        held = {
+            name.removeprefix("reaction of "): R for name, R in history.resultants.items() if "reaction of " in name
+        }
+        names, along = list(held), {name: np.abs(R).max(axis=0) > 1e-9 * np.abs(R).max() for name, R in held.items()}
     rounding = 1e-9 * float(np.abs(history.displacement).max())
-    return {name: way for name in names if np.ptp(way := _motion(history, name), axis=0).max() > rounding}
+    ways = {name: _motion(history, name) * along.get(name, 1.0) for name in names}
+    return {name: way for name, way in ways.items() if np.ptp(way, axis=0).max() > rounding}

@@ -68,10 +68,10 @@ LINES |= {"meshes": 7_410, "meshes/io": 1_549, "vem": 2_581}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_743
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_664
+TESTS = 27_750
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
-ALL_TESTS = 40_072
+ALL_TESTS = 40_300
 """Most lines of all tests, of which 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

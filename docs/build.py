@@ -1,14 +1,8 @@
 """Build the site: python docs/build.py DIR [--work FOLDER].
 
-Sphinx with MyST-NB runs the lessons and the code of the pages, and reads the docstrings; furo is the theme. They were
-chosen over MkDocs because MyST-NB takes notebooks and code in pages alike, a reference that leads nowhere fails the
-build, and numpydoc is the style of the docstrings. All have BSD or MIT licences; MathJax, which is shipped inside, has
-Apache 2.0.
-
-Sources are in `docs`, whose `conf.py` has the conventions; what they show stays where it lives: lessons, problem
-files and pictures in `problems`, docstrings in `vemcvx`, CHANGELOG.md. Warnings are errors, and pages are checked when
-they are built: every link and anchor, words for every picture, headings in order, and nothing that a browser would load
-from another host.
+Lessons and the code of pages are run first; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
+MyST-NB takes notebooks and code in pages alike, and a reference without a target fails the build (MkDocs lacks both).
+All have BSD or MIT licences; MathJax, which is shipped inside, has Apache 2.0. `README.md` has the conventions.
 
 With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
 """
@@ -21,31 +15,33 @@ import json
 import logging
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
-from unittest.mock import MagicMock
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path[:0] = [str(ROOT), str(HERE)]
-os.environ["PYTHONPATH"] = str(ROOT)  # for the kernels that run cells
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
+PROCESSES = 2
+"""Kernels that run at a time, and processes of Sphinx."""
 
 
-def say(doing: str) -> None:
-    """Print what is done, and after how many seconds it began."""
-    print(f"site: {time.perf_counter() - START:4.0f} s  {doing}", flush=True)
+def report(task: str) -> None:
+    """Print a task, and the seconds since the start."""
+    print(f"site: {time.perf_counter() - START:4.0f} s  {task}", flush=True)
 
 
-def staged(sources: Path) -> None:
-    """Put together Sphinx's folder of sources: pages of `docs`, and those written from what lives elsewhere."""
-    from generator import gallery, lessons, live, reference
+def collect_sources(sources: Path) -> None:
+    """Fill Sphinx's folder of sources with the pages of `docs` and with those written from lessons and problems."""
+    from generator import gallery, lessons
 
-    say("collects pages and pictures")
+    report("collects pages and pictures")
     shutil.copytree(HERE, sources, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", "build.py"))
     shutil.copytree(ROOT / "problems" / "pictures", sources / "pictures", dirs_exist_ok=True)
     (sources / "pictures" / "README.md").unlink()
@@ -53,61 +49,87 @@ def staged(sources: Path) -> None:
         shutil.copy2(ROOT / text, sources / text)
     sys.path.insert(0, str(ROOT / "problems"))
     (sources / "deviations.txt").write_text(importlib.import_module("paper_figures").deviations(), encoding="utf-8")
-    writers = {"learn": lessons.write, "gallery": gallery.write, "reference": reference.write}
-    for name, write in (writers | {"_static/live": live.write}).items():
-        say(f"writes {name}")
-        write(sources / name)
+    lessons.write(sources / "learn")
+    gallery.write(sources / "gallery")
     math = Path(find_spec("sphinx-mathjax-offline").origin).parent / "static" / "mathjax"
-    (sources / "_static" / "mathjax").mkdir(exist_ok=True)
+    for folder in ("mathjax", "live"):
+        (sources / "_static" / folder).mkdir(exist_ok=True)
     shutil.copy2(math / "tex-svg-full.js", sources / "_static" / "mathjax")
 
 
-def kernel(folder: Path) -> None:
-    """Give the cells this Python, one thread, and no log but errors: Jupyter finds it before any other."""
+def write_kernel(folder: Path) -> None:
+    """Give the cells this Python, one thread, and no log but errors: Jupyter finds this kernel before any other."""
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
-    given = {"argv": argv, "display_name": "Python 3", "language": "python", "env": {"OPENBLAS_NUM_THREADS": "1"}}
+    threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}
     (folder / "kernels" / "python3").mkdir(parents=True, exist_ok=True)
-    (folder / "kernels" / "python3" / "kernel.json").write_text(json.dumps(given), encoding="utf-8")
+    (folder / "kernels" / "python3" / "kernel.json").write_text(json.dumps(spec), encoding="utf-8")
     os.environ["JUPYTER_PATH"] = str(folder)
     logging.getLogger("traitlets").setLevel(logging.WARNING)
 
 
-def built(sources: Path, pages: Path, work: Path, cached: bool) -> int:
-    """Run Sphinx on the sources; its exit code."""
-    from sphinx.cmd.build import main
+def run_code(sources: Path, folder: Path) -> None:
+    """Write the live pages, and run the cells that are not in the cache, from which Sphinx takes them."""
+    from generator.gallery import LIVE
+    from jupyter_cache import get_cache
+    from jupyter_cache.executors.utils import create_cache_bundle, single_nb_execution
 
-    say("runs Sphinx, and the cells of lessons and pages")
-    # Notebooks are run by two processes; the cache is one file, which they would write to at once.
-    cells = ["-D", "nb_execution_mode=cache", "-D", f"nb_execution_cache_path={work / 'cells'}"]
-    how = ["-b", "html", "-a", "-W", "--keep-going", "-n", "-d", str(work / "doctrees")]
-    return int(main([*how, *(cells if cached else ["-j", "2"]), str(sources), str(pages)]))
+    def run_page(page: Any) -> Any:
+        with tempfile.TemporaryDirectory() as empty:
+            result = single_nb_execution(page.nb, empty, timeout=300, allow_errors=False)
+        report(f"ran {Path(page.uri).relative_to(sources)} in {result.time:.0f} s")
+        return create_cache_bundle(page, None, None, result.time, result.exc_string)
+
+    def write_live(name: str) -> None:
+        page = sources / "_static" / "live" / f"{name}.html"
+        if not page.is_file():
+            command = [sys.executable, "-m", "vemcvx", "app", name, "--step", str(LIVE[name]), "--html", str(page)]
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            report(f"wrote the live page of {name}")
+
+    cache, uris = get_cache(folder), []
+    marked = [page for page in sources.rglob("*.md") if page.read_text(encoding="utf-8").startswith("---\nfile_format")]
+    for path in (*sorted((sources / "learn").glob("*.ipynb")), *marked):
+        reader = {"name": "myst_nb_md" if path.suffix == ".md" else "nbformat", "type": "plugin"}
+        uris += [cache.add_nb_to_project(str(path), read_data=reader).uri]
+    pages = [cache.get_project_notebook(record.pk) for record in cache.list_unexecuted(filter_uris=uris)]
+    report(f"runs the cells of {len(pages)} pages")
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        live = pool.map(write_live, LIVE)
+        for bundle in pool.map(run_page, pages):
+            if bundle.traceback:
+                sys.exit(f"{bundle.uri}\n{bundle.traceback}\nsite: a cell failed.")
+            cache.cache_notebook_bundle(bundle, check_validity=False, overwrite=True)
+        list(live)
 
 
 def main() -> None:
-    """Build the site, and check it; the exit code is 1 where anything is at fault."""
+    """Build the site and check it; the exit code is 1 if there is a fault."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("--work", type=Path, metavar="FOLDER")
-    asked = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="vemcvx-site-") as passing:
-        work = (asked.work or Path(passing)).resolve()
-        staged(work / "sources")
-        kernel(work / "jupyter")
-        ended = built(work / "sources", asked.folder.resolve(), work, asked.work is not None)
-        if ended:
-            sys.exit(f"site: Sphinx found the faults above and ended with {ended}.")
+    options = parser.parse_args()
     from generator import checks, slides
+    from sphinx.cmd.build import main as run_sphinx
 
-    say("writes slides")
-    slides.write(asked.folder)
-    say("checks pages")
-    faults = checks.faults(asked.folder)
-    if faults:
+    with tempfile.TemporaryDirectory(prefix="vemcvx-site-") as passing:
+        work = (options.work or Path(passing)).resolve()
+        collect_sources(work / "sources")
+        write_kernel(work / "jupyter")
+        run_code(work / "sources", work / "cells")
+        report("runs Sphinx")
+        flags = ["-b", "html", "-a", "-W", "--keep-going", "-j", str(PROCESSES), "-d", str(work / "doctrees")]
+        flags += ["-D", f"nb_execution_cache_path={work / 'cells'}"]
+        if code := run_sphinx([*flags, str(work / "sources"), str(options.folder.resolve())]):
+            sys.exit(f"site: Sphinx found the faults above and ended with {code}.")
+    report("writes slides")
+    slides.write(options.folder)
+    report("checks pages")
+    if faults := checks.find_faults(options.folder.resolve()):
         sys.exit("\n".join(faults) + f"\nsite: {len(faults)} faults.")
-    say(f"{asked.folder} is built")
+    report(f"{options.folder} is built")
 
 
 if __name__ == "__main__":
-    if find_spec("pytest") is None:
-        sys.modules["pytest"] = MagicMock()  # `vemcvx.testing` is described without pytest, which only runs it
+    sys.path[:0] = [str(ROOT), str(HERE)]
     main()

@@ -1,4 +1,4 @@
-"""A ball in a socket, which is pressed from all sides and then pushed aside: it lifts off behind.
+r"""A ball in a socket, which is pressed from all sides and then pushed aside: it lifts off behind.
 
 Ball and socket are the lower halves of tetrahedra of cubes that were blown up to balls. Cells of both are as wide, so
 that they approximate the sphere by one polyhedron: surfaces that do not coincide are no interface.
@@ -7,7 +7,10 @@ Up to t = 1 all is pressed by p, as in `cone_clutch.py`: both bodies are in the 
 its shape. Then the grip, a square in the top of the ball, moves aside. The pressure rises in front and falls behind,
 until the joint lifts off there; where the ball slides along the socket, friction holds it back. At each instant
 
-    sum of pressure and friction on the ball - p (area of the top) e_3 + reaction of the grip = 0,
+$$
+\text{sum of pressure and friction on the ball } - p (\text{area of the top}) e_3 + \text{ reaction of the grip } =
+0,
+$$
 
 to rounding.
 

@@ -1,11 +1,13 @@
-"""A cantilever bent by a force until its end meets a stop: from then on it is a propped beam.
+r"""A cantilever bent by a force until its end meets a stop: from then on it is a propped beam.
 
 The beam (0, L) x (0, H), plane stress, nu = 0, is clamped at x = 0, bears the force P t on its top at x = L/2, and
 has a stop below its end at the distance `gap`. As Timoshenko's beam, I = H^3 / 12, G = E / 2, with 5/6 for the shear
 of a rectangle,
 
-    end by P:          P (5 L^3 / (48 E I) + L / (2 k)),     k = 5/6 G H,
-    end by R upwards:  R (L^3 / (3 E I) + L / k),
+$$
+\text{end by } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\
+\text{end by } R \text{ upwards}: \qquad R (L^3 / (3 E I) + L / k),
+$$
 
 so the stop is met when the first is the gap, and then R is what brings their difference back to it: 5/16 of what P
 exceeds that load by, if shear is left out. A point force bears on a node: within about H of it, no beam.

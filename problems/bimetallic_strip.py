@@ -1,10 +1,12 @@
-"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, 1925).
+r"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, 1925).
 
 Half of a strip of length 2 L, x = 0 being its middle, of two layers of heights h1 (below) and h2, Young's moduli E1, E2
 and expansions alpha1, alpha2, is heated by theta. Sections stay plane and bear neither force nor moment:
 
-    kappa = 6 E1 E2 h1 h2 (h1 + h2) (alpha1 - alpha2) theta
-            / (E1^2 h1^4 + 4 E1 E2 h1^3 h2 + 6 E1 E2 h1^2 h2^2 + 4 E1 E2 h1 h2^3 + E2^2 h2^4),
+$$
+\kappa = 6 E_1 E_2 h_1 h_2 (h_1 + h_2) (\alpha_1 - \alpha_2) \theta \\
+\quad / (E_1^2 h_1^4 + 4 E_1 E_2 h_1^3 h_2 + 6 E_1 E_2 h_1^2 h_2^2 + 4 E_1 E_2 h_1 h_2^3 + E_2^2 h_2^4),
+$$
 
 and the end deflects by kappa L^2 / 2 against the middle, exactly in plane stress away from the free end; within about
 one height of it the stresses differ, an error of the order (H / L)^2. Nothing is in contact; a soft foundation holds

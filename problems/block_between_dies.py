@@ -1,10 +1,10 @@
-"""A block between inclined dies that close along their normals: one pressure on all of them, and on the floor.
+r"""A block between inclined dies that close along their normals: one pressure on all of them, and on the floor.
 
 A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies, none of them parallel to an
 axis, lie on its other sides and close along their own normals n, each by e t times its distance n . (x - c) from a
 point c of the floor. Then
 
-    u = -e t (x - c),      sigma = -p I,     p = 2 (lam + mu) e t = E e t / ((1 + nu) (1 - 2 nu)),
+$$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 
 whatever the angles: n . (x - c) is the same all along a straight side, and what has no shear anywhere needs none from
 a smooth die. Each die bears p times its length, and so does the floor, which only pushes. The field is linear: exact

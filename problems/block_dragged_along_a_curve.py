@@ -1,13 +1,13 @@
-"""A block dragged along a figure of eight: its friction has one size, and turns with the way.
+r"""A block dragged along a figure of eight: its friction has one size, and turns with the way.
 
 A block 2 x 2 x 1/2, E = 1000, nu = 1/4, is pressed on a rigid floor with Coulomb friction, coefficient mu, by a plate
 that is bonded to its top. The plate goes down by a five-hundredth of the height and is then dragged along
 
-    U(t) = R (sin t, sin(2 t) / 2),    0 <= t <= 2 pi.
+$$ U(t) = R (\sin t, \sin(2 t) / 2), \qquad 0 \le t \le 2 \pi. $$
 
 In full slip the friction of the whole sole, which bears the force P, is
 
-    F = -mu P U' / |U'|,
+$$ F = -\mu P U' / |U'|, $$
 
 against the velocity; in a step of backward Euler, against the step U_n - U_{n-1}. One thing is small beside that: the
 sole lags behind the plate by the shear of the block, r = mu p H / G with p = P / 4, and friction opposes the velocity

@@ -1,9 +1,9 @@
-"""A block pushed askew over a rough floor: the problem of Feng, Han and Huang (Section 4) in space.
+r"""A block pushed askew over a rough floor: the problem of Feng, Han and Huang (Section 4) in space.
 
 The unit cube, E = 200, nu = .3, is clamped on its right side, x_1 = 1, and rests on a rigid floor, x_3 = 0, in
 bilateral contact with Tresca friction, bound g = 4. On its left side acts the traction
 
-    f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -.01 t),    0 <= t <= 1,
+$$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1, $$
 
 the paper's load on each slice, and a push aside. (With `aside` = 0 the problem is the same at x_2 and 1 - x_2.) In
 space |v_tau| is the length of a vector of two components, and friction opposes the slip whatever its direction.

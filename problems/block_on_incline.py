@@ -1,10 +1,10 @@
-"""A block pushed up an inclined plane: Coulomb friction on one-sided contact, and the oldest formula of friction.
+r"""A block pushed up an inclined plane: Coulomb friction on one-sided contact, and the oldest formula of friction.
 
 The block (0, 2) x (0, 1), turned by the angle a of the plane, tan a = .1, is heavy (weight G) and rests on the plane
 under nothing but its weight, with the coefficient of friction mu = .3. Its lower side end is pushed horizontally, by
 a displacement that grows. When uphill motion impends, the horizontal force F satisfies
 
-    F / G = (tan a + mu) / (1 - mu tan a) = 0.412371,
+$$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371, $$
 
 whatever the shape, the material or the mesh: friction is mu times the pressure at every point, so all forces add up to
 those on a point. Beyond that load there is no equilibrium, which is why the displacement is given and not the force.

@@ -1,15 +1,18 @@
-"""An orthotropic block, rubbed over a floor: it slides more easily one way than the other.
+r"""An orthotropic block, rubbed over a floor: it slides more easily one way than the other.
 
 The block (0, 2) x (0, 1/2), plane stress, is wood: E1 along a grain that rises at the angle `grain` from x, E2 across
 it. Its top is pressed down by D and then moved by U(t), back and forth; Coulomb friction, coefficient mu, resists
 below. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of Composite Materials*, 1999, 2.6) couples shear to
 pressure by C26: with e = D / H, in the uniform state u = (a + gamma y, -e y) the floor bears
 
-    tau = C66 gamma - C26 e,    p = C22 e - C26 gamma,
+$$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma, $$
 
 so that a shear along the grain's rise relieves the floor and one against it loads it. |tau| = mu p at
 
-    gamma+ = e (mu C22 + C26) / (C66 + mu C26),    gamma- = -e (mu C22 - C26) / (C66 - mu C26),
+$$
+\gamma^+ = e (\mu C_{22} + C_{26}) / (C_{66} + \mu C_{26}),
+\qquad \gamma^{-} = -e (\mu C_{22} - C_{26}) / (C_{66} - \mu C_{26}),
+$$
 
 and step by step gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The sides bear the
 tractions of this state; it is linear, so virtual elements reproduce it, and the force of friction, on every mesh.

@@ -1,4 +1,4 @@
-"""A bolted flange on a shaking base: friction that slips sideways does not hold a torque, and the joint unscrews.
+r"""A bolted flange on a shaking base: friction that slips sideways does not hold a torque, and the joint unscrews.
 
 A ring of steel, radii 30 and 60 mm, 12 mm high, is pressed on a rigid base by four bolts. Their shanks hold it, like
 springs spread over the top, against moving sideways and turning; a torque M of three quarters of what friction could
@@ -6,7 +6,7 @@ bear acts on it from the start. At rest friction bears it: the ring does not tur
 cycle in each unit of time, far enough that all of the sole slips. A slipping sole gives its friction to the shaking;
 what is left against the torque is less, and in every cycle the ring turns on, until the springs alone bear the torque:
 
-    angle = M / (k J),     J = int r^2 over the top, k the stiffness of the springs
+$$ \text{angle} = M / (k J), \qquad J = \int r^2 \text{ over the top}, k \text{ the stiffness of the springs} $$
 
 (Junker, SAE 690055, 1969, found that joints unscrew under transverse slip, not under axial loads.) At each instant the
 torques of load, springs and friction are in equilibrium, to rounding. SI units.

@@ -1,12 +1,16 @@
-"""Two plates lapped and clamped together by two bolts, in space: the joint slips at mu times their tension, and bears.
+r"""Two plates lapped and clamped together by two bolts, in space: the joint slips at mu times their tension, and bears.
 
 The bolts go through holes of both plates, which they fit in the lower one and have the clearance c in the upper one;
 half of all, y > 0, is computed. Up to t = 1 they are tightened: by turns of the nuts that would bring heads and plates
 into each other by delta, which is posed as the gap -delta t under the heads. Then the end of the upper plate is moved
 along x. Heads, nuts and walls are greased, so that bolts bear no shear before walls do, and at each instant
 
-    pull = friction between the plates + pressure of the bolts on the walls of the upper plate,   friction <= mu N,
-    N, which presses the plates together = tension of the bolts + what the ends of the plates bear across,
+$$
+\text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
+plate}, \qquad \text{friction } \le \mu N, \\
+N, \text{ which presses the plates together } = \text{ tension of the bolts } + \text{ what the ends of the plates
+bear across},
+$$
 
 to rounding. At friction = mu N the plates slip by c at one pull, and the bolts bear what comes on top of it.
 

@@ -1,12 +1,14 @@
-"""A rubber pad, clamped below and squeezed by a smooth plate: what cannot flow out presses back.
+r"""A rubber pad, clamped below and squeezed by a smooth plate: what cannot flow out presses back.
 
 Half of a pad |x| < a, 0 < y < h (x = 0 is a line of symmetry, x = a is free), nearly incompressible, plane strain. It
 is bonded to its base, u = 0, and a smooth plate presses its top down by d. What the plate displaces must flow out
 past the clamp: lubrication's parabola across the thickness, with the volume that compression saves, gives the
 pressure
 
-    p'' = 3 mu p / (h^2 lam) - 3 mu d / h^3,   p(a) = 0:
-    p = lam d/h (1 - cosh(b x) / cosh(b a)),   b^2 = 3 mu / (lam h^2),
+$$
+p'' = 3 \mu p / (h^2 \lambda) - 3 \mu d / h^3, \qquad p(a) = 0: \\
+p = \lambda d / h (1 - \cosh(b x) / \cosh(b a)), \qquad b^2 = 3 \mu / (\lambda h^2),
+$$
 
 (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959; with compressibility Chalhoub and Kelly, J. Eng. Mech. 117, 1991;
 one side bonded: the pressure of a pad of twice the height between two clamps). A free pad would bear 4 mu d/h: the

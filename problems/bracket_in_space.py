@@ -1,9 +1,12 @@
-"""An L-shaped bracket in space: stress is infinite along its re-entrant edge, and adaptive meshes win back the order.
+r"""An L-shaped bracket in space: stress is infinite along its re-entrant edge, and adaptive meshes win back the order.
 
 Under the field that Williams found in a corner of 270 degrees with free sides (J. Appl. Mech. 19, 1952), displacements
 
-    2 mu u_r   = r^a (-(a + 1) cos (a + 1) f + C (kappa - a) cos (a - 1) f),
-    2 mu u_phi = r^a ( (a + 1) sin (a + 1) f + C (kappa + a) sin (a - 1) f),   C = -cos (a + 1) b / cos (a - 1) b,
+$$
+2 \mu u_r = r^a (-(a + 1) \cos(a + 1) f + C (\kappa - a) \cos(a - 1) f), \\
+2 \mu u_\phi = r^a ((a + 1) \sin(a + 1) f + C (\kappa + a) \sin(a - 1) f),
+\qquad C = -\cos(a + 1) b / \cos(a - 1) b,
+$$
 
 with f from the bisector of the body, b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin 2 a b = a. It is
 prescribed on the sides that are far from the edge; the ends slide in their planes, and strains are known everywhere.

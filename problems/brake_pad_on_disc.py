@@ -1,4 +1,4 @@
-"""A pad that brakes a disc: pressed while the disc turns, relieved while it turns back; a cycle wears it by so much.
+r"""A pad that brakes a disc: pressed while the disc turns, relieved while it turns back; a cycle wears it by so much.
 
 The disc is a ring a < r < b on a rigid hub, which turns by the small angle phi(t). A pad lies on its rim, |x| < b sin
 alpha; its sides are guided along y, its flat top is pressed by P(t), and nothing but Coulomb's friction and one-sided
@@ -10,7 +10,7 @@ pad's balance along y, 2 b sin(alpha) P = integral of p (cos theta - mu sin thet
 middle, leaves N to p(theta); if that is p_0 cos theta, as of a lining that has been worn to fit (Shigley and Mischke,
 *Mechanical Engineering Design*, brakes with symmetrical shoes),
 
-    N = 2 b sin(alpha) P (4 sin alpha) / (2 alpha + sin 2 alpha),
+$$ N = 2 b \sin(\alpha) P (4 \sin \alpha) / (2 \alpha + \sin 2 \alpha), $$
 
 which is within 0.2 % of N for a uniform p, and an elastic pad is near. Friction dissipates in every step, and from
 the second cycle on alike in each.

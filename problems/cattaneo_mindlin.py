@@ -1,10 +1,10 @@
-"""Partial slip under a cylinder, pressed and then dragged: the contact sticks inside and slips at its edges.
+r"""Partial slip under a cylinder, pressed and then dragged: the contact sticks inside and slips at its edges.
 
 After Hertz' P a tangential force Q < mu P acts. Where Dundurs' beta vanishes (a rigid obstacle and a body with nu =
 1/2: pressure then causes no slip), the solution of Cattaneo (1938) and Mindlin (1949) is a difference of two
 half-ellipses:
 
-    |traction| = mu p0 ( sqrt(1 - x^2/a^2) - c/a sqrt(1 - x^2/c^2) ),     c / a = sqrt(1 - Q / (mu P)),
+$$ |\text{traction}| = \mu p_0 (\sqrt{1-x^2/a^2} - \tfrac ca \sqrt{1-x^2/c^2}), \qquad c / a = \sqrt{1-Q/(\mu P)}, $$
 
 with stick in |x| < c (Johnson, *Contact Mechanics*, 7.2). The top of a wide block is pressed down on the obstacle and
 then moved sideways without turning; P and Q are measured. (The block is finite:

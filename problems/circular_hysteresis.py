@@ -1,17 +1,17 @@
-"""A block whose top moves in circles over a rough floor: friction that turns, in closed form, exact on every mesh.
+r"""A block whose top moves in circles over a rough floor: friction that turns, in closed form, exact on every mesh.
 
 The block (0, 2) x (0, 1) x (0, 1/2), E = 1000, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its
 top is moved by U(t) = (U_1, U_2, 0): straight to a circle of radius R while t < 1, then round it, one turn in each unit
 of time. The sides carry the shear tractions of a block that shears uniformly. Then so it does: u = (a + gamma z, 0)
 with vectors a, gamma in the plane of the floor and, step by step,
 
-    gamma_n = P((U_n - a_{n-1}) / H),    a_n = U_n - gamma_n H,
+$$ \gamma_n = P((U_n - a_{n-1}) / H), \qquad a_n = U_n - \gamma_n H, $$
 
 P the projection on the disc of radius g / mu: a play operator. With r = g H / mu < R the sole comes to follow on the
 circle of radius sqrt(R^2 - r^2), and drags behind at a right angle; a turn dissipates 2 pi g A sqrt(R^2 - r^2). In
 steps of the angle alpha its radius is
 
-    rho = sqrt(R^2 - r^2 cos^2(alpha/2)) - r sin(alpha/2),
+$$ \rho = \sqrt{R^2-r^2 \cos^2(\alpha/2)} - r \sin(\alpha / 2), $$
 
 and a turn of N steps dissipates 2 N g A rho sin(alpha/2). The field is linear, so virtual elements reproduce it on any
 mesh. (Two absolute values, one for each axis, in place of the disc bear up to sqrt(2) g, at 45 degrees.)

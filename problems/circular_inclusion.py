@@ -1,10 +1,12 @@
-"""A round fibre in a softer matrix: two materials, and a stress that is the same everywhere inside the fibre.
+r"""A round fibre in a softer matrix: two materials, and a stress that is the same everywhere inside the fibre.
 
 A large plate (plane strain, E1, nu1) with a bonded round inclusion of radius R (E2, nu2) is pulled by S along x. With
 kappa = 3 - 4 nu and m = mu2 / mu1, outside it is the field of :mod:`plate_with_hole` with
 
-    a = S R^2 / 2 (1 - m) / (1 + m kappa1),    b = R^2 (2 d - S / 2),    c = a R^2,
-    d = m S (kappa1 + 1) / (4 (kappa2 - 1 + 2 m)),
+$$
+a = S R^2 / 2 (1 - m) / (1 + m \kappa_1), \qquad b = R^2 (2 d - S / 2), \qquad c = a R^2, \\
+d = m S (\kappa_1 + 1) / (4 (\kappa_2 - 1 + 2 m)),
+$$
 
 and inside sigma_xx + sigma_yy = 4 d, sigma_yy - sigma_xx = -S m (1 + kappa1) / (1 + m kappa1), sigma_xy = 0, at every
 point (Goodier, Trans. ASME 55, 1933; Eshelby 1957 for all ellipses; m = 0 is Kirsch's hole). The mesh ends at r = 4

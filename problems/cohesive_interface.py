@@ -1,11 +1,14 @@
-"""A cohesive interface that softens, an effect of one's own: two glued blocks are pulled apart, and closed again.
+r"""A cohesive interface that softens, an effect of one's own: two glued blocks are pulled apart, and closed again.
 
 The blocks have heights H_1, H_2 and the moduli M_1, M_2 of uniaxial strain, and meshes that do not match; their sides
 do not bulge. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between them is rigid up to
 its strength c and flows from there on, across the interface and along it; each place loses strength with the way A that
 it has flowed: c(A) = max(c_0 (1 - A / A_c), 0). The stress sigma and the opening a >= 0, which contact keeps so, are
 
-    sigma = (U - a) / C,   C = H_1 / M_1 + H_2 / M_2;     da = (|sigma| - c(A)) / (1 / C - c_0 / A_c)   where it flows.
+$$
+\sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2; \qquad da = (|\sigma| - c(A)) / (1 / C - c_0 / A_c)
+\qquad \text{where it flows}.
+$$
 
 A step has one solution, and the blocks do not snap apart, if c_0 / A_c < 1 / C: the glue softens slowly enough. Once it
 has lost all strength they carry nothing, until they touch.

@@ -1,4 +1,4 @@
-"""A plug in a conical socket, pressed from all sides and twisted: the torque at which the joint slips.
+r"""A plug in a conical socket, pressed from all sides and twisted: the torque at which the joint slips.
 
 The joint is the part R_1 < r < R_2 of a cone whose side leans by alpha from the axis; both bodies are of one material.
 Up to t = 1 all sides are pressed by p: the rim of the socket and the top of the plug are moved by -p (1 - 2 nu) / E x,
@@ -6,7 +6,7 @@ all else bears p, and both bodies are in the stress -p, and the joint, too, what
 is turned by the angle theta (t - 1) about the axis while the rim stays. Turning round bodies does not press them,
 places slip in circles, and full slip has the torque
 
-    T = mu p int r dA = 2/3 pi mu p (R_2^3 - R_1^3) / sin alpha,
+$$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
 
 of a cone clutch under uniform pressure (Shigley, *Mechanical Engineering Design*, 16-9, with the axial force
 p pi (R_2^2 - R_1^2)). Both have 4n sectors, for the nodes of one on the chords of the other would wedge the joint as it

@@ -1,14 +1,14 @@
-"""The dovetail root of a blade in its slot: pulled more on one end of the slot than on the other, and let go.
+r"""The dovetail root of a blade in its slot: pulled more on one end of the slot than on the other, and let go.
 
 The root is a trapezoid in a slot along z, whose flanks lean by b from the pull; half of it, x > 0, is computed. Of the
 whole blade the top bears P(t) (1 + c z / l), -l < z < l: one end of the slot is pressed harder. Forces balance exactly,
 with N the normal force of a flank and T that of friction, towards the slot's floor as it slides out:
 
-    N sin b + T cos b = P / 2,      moment of the flank's forces about x = -c l P / 6.
+$$ N \sin b + T \cos b = P / 2, \qquad \text{moment of the flank's forces about } x = -c l P / 6. $$
 
 Friction is at most mu N, so that N stays between the lines of full slip,
 
-    P / (2 (sin b + mu cos b)) <= N <= P / (2 (sin b - mu cos b)),
+$$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)), $$
 
 on the first while the root slides out and on the second while it slides in, as far as places slip straight along the
 flank. Between them it sticks, and N hardly falls with the pull (which wears the roots of turbine blades).

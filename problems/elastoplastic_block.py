@@ -1,18 +1,27 @@
-"""A block that yields after von Mises: the same abstract problem with second-order cones.
+r"""A block that yields after von Mises: the same abstract problem with second-order cones.
 
 The truss of :mod:`elastoplastic_truss` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7). The plastic
 strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
 
-    N_1 = diag(1, -1, 0) / sqrt 2,    N_2 = diag(1, 1, -2) / sqrt 6,    N_3 = (e_x e_y' + e_y e_x') / sqrt 2,
+$$
+N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}(1, 1, -2) / \sqrt{6},
+\qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
+$$
 
 with strains out of the plane that no displacement has. With the deviator s = 2 mu (dev eps - P),
 
-    stored  1/2 (eps - P) : C (eps - P) + H/2 |P|^2,      |s - H P| <= R = sqrt(2/3) sigma_y,      loss  R |P'|.
+$$
+\text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
+\qquad |s - H P| \le R = \sqrt{2/3} \sigma_y, \qquad \text{loss} \qquad R |P'|.
+$$
 
 On virtual elements P is constant on cells and meets the strain of Pi u, eps = dev eps + volume: y = (u, p),
 
-    a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 mu (p . N : eps(Pi v) + q . N : eps(Pi u)) + |K| (2 mu + H) p . q,
-    j(v, q) = sum_K |K| R |q_K|,           lam_K = |K| (s - H P) in the basis,
+$$
+a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
++ H) p\cdot q, \\
+j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
+$$
 
 one cone of three components a cell. Nothing of this is in the library: K is put together below from its matrices.
 
@@ -20,7 +29,7 @@ one cone of three components a cell. Nothing of this is in the library: K is put
 If S_yy = -S_xx, then S_zz and p_2 are zero, the load alone sets s = sqrt 2 (S_xx, 0, S_xy), and each step is the
 *return mapping*
 
-    P_n = P_{n-1} + (1 - R / |q|)_+ q / H,      q = s_n - H P_{n-1}.
+$$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
 Under shear alone, S_xy = tau, it is the play of :mod:`spring_slider_chain`: p_3 = play_R(sqrt 2 tau) / H, and
 gamma = tau / mu + sqrt 2 p_3 has no error in time; where the direction turns, it is backward Euler's.

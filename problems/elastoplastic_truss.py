@@ -1,14 +1,17 @@
-"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1.
+r"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1.
 
 Bars with strain e = G u (elongation over length), plastic strain p, and a stored energy per volume
 
-    E/2 (e - p)^2 + H/2 p^2,        sigma = E (e - p),
+$$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p), $$
 
 flow while |sigma - H p| = sigma_y and then in its direction; each unit of |p'| dissipates sigma_y. With V = A L,
 y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and Reddy, Plasticity (2nd ed., 2013),
 chapter 7, the paper's reference [8]:
 
-    K = [[G'DG, -G'D], [-DG, D + diag(V H)]],      j(v, q) = sum_b V_b sigma_y,b |q_b|,      load = (forces, 0).
+$$
+K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b V_b \sigma_{y,b} |q_b|,
+\qquad \text{load } = (\text{forces}, 0).
+$$
 
 The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite: it is the assumption of ellipticity.
 (Isotropic hardening adds accumulated plastic strain k with |p'| <= k': then j is a seminorm on a cone and infinite
@@ -22,9 +25,11 @@ sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
 it, c = cos theta. Their strains are v / L and c^2 v / L, so F(v) is a sum of two such elements and v(F)
 its inverse, again a sum of plays (L = A = 1):
 
-    k_0 = E (1 + 2 c^3),  k_1 = E_t + 2 c^3 E,  k_2 = E_t (1 + 2 c^3),
-    F_1 = k_0 r,  F_2 = F_1 + k_1 (r / c^2 - r),
-    v = F / k_0 + (1/k_1 - 1/k_0) play_{F_1}(F) + (1/k_2 - 1/k_1) play_{F_2}(F).
+$$
+k_0 = E (1 + 2 c^3), \qquad k_1 = E_t + 2 c^3 E, \qquad k_2 = E_t (1 + 2 c^3), \\
+F_1 = k_0 r, \qquad F_2 = F_1 + k_1 (r / c^2 - r), \\
+v = F / k_0 + (1 / k_1 - 1 / k_0) \operatorname{play}_{F_1}(F) + (1 / k_2 - 1 / k_1) \operatorname{play}_{F_2}(F).
+$$
 
 Between F_1 and F_2 only the bar in the middle flows; unloaded, it is left compressed between its neighbours.
 Backward Euler makes no error as long as F is monotone between instants.

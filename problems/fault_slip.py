@@ -1,8 +1,8 @@
-"""A fault that slips by a given amount: the stress that it loses, and hands to the rock ahead of it.
+r"""A fault that slips by a given amount: the stress that it loses, and hands to the rock ahead of it.
 
 A block |x|, |y| < 10 a in plane strain is held by nothing. The fault |x| < a, y = 0 stays closed and slips by
 
-    s = 4 (1 - nu^2) / E tau (a^2 - x^2)^{1/2},
+$$ s = \frac{4 (1 - \nu^2)}{E} \tau(a^2 - x^2)^{1/2}, $$
 
 the slip of a crack in an infinite body that loses the shear stress tau (Starr 1928). The shear stress on the fault
 therefore falls by tau. In a block of 10 a this is right to 1 %, but for cells next to the tips.

@@ -1,10 +1,10 @@
-"""A block pushed over a rough obstacle: Section 4 of Feng, Han and Huang.
+r"""A block pushed over a rough obstacle: Section 4 of Feng, Han and Huang.
 
 The unit square is the cross-section of an elastic body in plane strain, E = 200, nu = .3. It is clamped on its right
 side, x_1 = 1, and rests on a rigid obstacle below, x_2 = 0, in bilateral contact: it can slide there but not lift off.
 Sliding is resisted by Tresca friction with the bound g = 4. Its top is free; on its left side acts the traction
 
-    f_2(x, t) = (8 (1.25 - x_2) t, -.01 t),    0 <= t <= 1,
+$$ f_2(x, t) = (8 (1.25 - x_2) t, -0.01 t), \qquad 0 \le t \le 1, $$
 
 which pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and
 u_0 = 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.

@@ -1,10 +1,10 @@
-"""A block sheared back and forth over a rough floor: stick, slip and reversal in closed form, exact on every mesh.
+r"""A block sheared back and forth over a rough floor: stick, slip and reversal in closed form, exact on every mesh.
 
 The block (0, 2) x (0, 1/2), E = 1000, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its top is
 moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5, and its sides carry the shear tractions +-mu gamma of a block that
 shears uniformly. Then so it does: u = (a + gamma y, 0) with, step by step,
 
-    gamma_n = clip((U_n - a_{n-1}) / H, +-g / mu),    a_n = U_n - gamma_n H.
+$$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm g / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
 It sticks (a constant) while mu |gamma| < g and slips as a whole otherwise; a closed loop of amplitude U0 > g H / mu
 dissipates 4 g L (U0 - g H / mu). The field is linear, so virtual elements reproduce it on any mesh: whatever differs

@@ -1,8 +1,8 @@
-"""A parabolic cylinder pressed on an elastic block: Hertz' line contact, to be compared in pressure and half-width.
+r"""A parabolic cylinder pressed on an elastic block: Hertz' line contact, to be compared in pressure and half-width.
 
 The obstacle lies x^2 / 2R below the lower side of the block, plane strain, and is rigid. Under the force P per length,
 
-    a^2 = 4 P R (1 - nu^2) / (pi E),   p(x) = p0 sqrt(1 - x^2 / a^2),   p0 = 2 P / (pi a)
+$$ a^2 = 4 P R (1 - \nu^2) / (\pi E), \qquad p(x) = p_0 \sqrt{1-x^2/a^2}, \qquad p_0 = 2 P / (\pi a) $$
 
 (Johnson, *Contact Mechanics*, 4.2). The block is 40 half-widths high and wide, so that it is nearly a half-space; one
 half of it is computed, and its mesh is graded from a/n at the contact outwards. The top is pressed down and P is

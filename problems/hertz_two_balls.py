@@ -1,11 +1,14 @@
-"""Two elastic balls pressed together: Hertz' point contact with both bodies meshed in space.
+r"""Two elastic balls pressed together: Hertz' point contact with both bodies meshed in space.
 
 Radii R_1, R_2 and materials E_i, nu_i. In small strains the surfaces near the contact are one flat interface with the
 gap (x_1^2 + x_2^2) / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-spaces; this is Hertz' own model, and it is
 posed here as such. Under the force P,
 
-    1/E* = (1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2,   a^3 = 3 P R / (4 E*),   p(r) = p0 sqrt(1 - r^2 / a^2),
-    p0 = 3 P / (2 pi a^2)
+$$
+1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^3 = 3 P R / (4 E^*),
+\qquad p(r) = p_0 \sqrt{1-r^2/a^2}, \\
+p_0 = 3 P / (2 \pi a^2)
+$$
 
 (Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that reaches 10 a, of which a quarter is computed; cells
 are even up to 1.25 a and grow outwards from there. The top is pressed down and P is measured; there is no friction. The

@@ -1,11 +1,14 @@
-"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed, and what both of them give.
+r"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed, and what both of them give.
 
 Radii R_1, R_2 and materials E_i, nu_i, plane strain. In small strains the two arcs near the contact are one flat
 interface with the gap x^2 / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-planes; this is Hertz' own model, and it
 is posed here as such. Under the force P per length,
 
-    1/E* = (1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2,   a^2 = 4 P R / (pi E*),   p(x) = p0 sqrt(1 - x^2 / a^2),
-    p0 = 2 P / (pi a)
+$$
+1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^2 = 4 P R / (\pi E^*),
+\qquad p(x) = p_0 \sqrt{1-x^2/a^2}, \\
+p_0 = 2 P / (\pi a)
+$$
 
 (Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block 40 half-widths wide and 20 high, of which one half is
 computed; meshes are graded from a/n at the contact outwards, and those of the two bodies do not match: the upper one

@@ -1,11 +1,11 @@
-"""A silo carries its filling by friction on the walls: the floor feels no more than the lowest part of it.
+r"""A silo carries its filling by friction on the walls: the floor feels no more than the lowest part of it.
 
 Half of a plane silo of half-width B and height H: x = 0 is the middle, x = B a rigid rough wall, coefficient mu, y =
 0 a smooth floor. The filling is elastic, plane strain, and its weight w per area grows from zero. Held between walls,
 it presses on them with K times its vertical stress s, K = nu / (1 - nu); it settles everywhere, so friction hangs up
 mu K s on all the wall, and the slice of height dz at the depth z below the top bears (Janssen, Z. VDI 39, 1895)
 
-    B ds/dz = w B - mu K s,      s = w l (1 - exp(-z / l)),      l = B / (mu K),
+$$ B ds / dz = w B - \mu K s, \qquad s = w l (1 - \exp(-z / l)), \qquad l = B / (\mu K), $$
 
 instead of w z, and presses on the wall with K s. The walls bear w B H - B s(H). A slice that stays plane is a model:
 friction shears it, an error O((B / l)^2) in the stresses, and the floor, which lets nothing slip past, holds the wall

@@ -1,10 +1,13 @@
-"""A bolt is tightened, locked, pulled until its joint opens, and released: the joint diagram.
+r"""A bolt is tightened, locked, pulled until its joint opens, and released: the joint diagram.
 
 A bolt of the stiffness k_b clamps a sleeve of the stiffness k_c between a base and a cap, all of steel. A tension F_V
 tightens the bolt, which is then locked at the length that it has; then a force F pulls at the cap. While cap and sleeve
 touch, both give way by the same, so that the bolt bears a part of the pull only, and beyond that all of it:
 
-    bolt:  F_V + F k_b / (k_b + k_c)    as long as    F < F_V (1 + k_b / k_c),    then F,
+$$
+\text{bolt}: \qquad F_V + F k_b / (k_b + k_c) \qquad \text{as long as} \qquad F \lt F_V (1 + k_b / k_c),
+\qquad \text{then } F,
+$$
 
 and the sleeve is pressed by the rest. When the pull is gone the bolt has F_V again. Stresses are uniaxial (nu = 0), so
 that the answer is exact on every mesh. The cap is rigid. The bolt is cut across its cells, by `vx.meshes.cut`.

@@ -1,9 +1,9 @@
-"""A viscous strip under a steady pull: creep towards the elastic answer, and friction that holds part of it back.
+r"""A viscous strip under a steady pull: creep towards the elastic answer, and friction that holds part of it back.
 
 The strip (0, 4) x (0, 1), E = 10, nu = 1/4, has dashpots of relaxation time tau beside its springs, b = tau a. A pull
 p acts at its right end from t = 0 on, steadily. Without friction every displacement is the elastic one times
 
-    1 - exp(-t / tau),    step by step  s_n = (1 + tau/k s_{n-1}) / (1 + tau/k)
+$$ 1 - \exp(-t / \tau), \qquad \text{step by step} \qquad s_n = (1 + \tau / k s_{n-1}) / (1 + \tau / k) $$
 
 (backward Euler; exact on every mesh, because the field is linear). With friction below, bound g, the far end stays
 where the near one slips: the end creeps less far, and what friction and dashpots lose is in the ledger.

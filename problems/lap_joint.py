@@ -1,4 +1,4 @@
-"""A lap joint: two strips glued by a soft layer, pulled apart; the glue bears its load at the ends (Volkersen).
+r"""A lap joint: two strips glued by a soft layer, pulled apart; the glue bears its load at the ends (Volkersen).
 
 Strips of height t, length l and moduli E, nu = 0, are joined by a layer of thickness t_g and shear modulus G_g. All
 three are bodies of their own, with meshes that do not match, bonded by bilateral contact and friction that never
@@ -6,8 +6,10 @@ slips. The lower strip is held at its left end, the upper one pulled at its righ
 are on rollers, because the theory knows no bending. With the shear stress q of the glue, shearing strips as in a
 parabola (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 left them rigid in shear),
 
-    q'' = k^2 q,   k^2 = (1/E_1 t + 1/E_2 t) / C,   C = t_g / G_g + t / 3 G_1 + t / 3 G_2,
-    q(x) = F / (C k sinh k l) (cosh(k x) / E_2 t + cosh(k (l - x)) / E_1 t),   integral of q = F.
+$$
+q'' = k^2 q, \qquad k^2 = (1 / E_1 t + 1 / E_2 t) / C, \qquad C = t_g / G_g + t / 3 G_1 + t / 3 G_2, \\
+q(x) = F / (C k \sinh k l) (\cosh(k x) / E_2 t + \cosh(k (l - x)) / E_1 t), \qquad \text{integral of } q = F.
+$$
 
 The glue gives a hundred times more than the strips, and so is a shear spring but for about t from its free ends.
 

@@ -1,10 +1,12 @@
-"""A tube under pressure in a rigid housing: it widens, closes the gap, and leans on the housing.
+r"""A tube under pressure in a rigid housing: it widens, closes the gap, and leans on the housing.
 
 A quarter of a thick tube a < r < b in plane strain, the pressure p(t) inside, and a rigid housing at the distance
 `gap` outside. Lame (1852): with p inside and q outside,
 
-    sigma_r = A - B/r^2,    sigma_theta = A + B/r^2,    u_r = (1 + nu)/E ((1 - 2 nu) A r + B/r),
-    A = (p a^2 - q b^2) / (b^2 - a^2),    B = (p - q) a^2 b^2 / (b^2 - a^2).
+$$
+\sigma_r = A - B / r^2, \qquad \sigma_\theta = A + B / r^2, \qquad u_r = (1 + \nu) / E ((1 - 2 \nu) A r + B / r), \\
+A = (p a^2 - q b^2) / (b^2 - a^2), \qquad B = (p - q) a^2 b^2 / (b^2 - a^2).
+$$
 
 q = 0 until u_r(b) = gap; from then on u_r(b) = gap, and q grows in proportion to the rest of p. On a mesh the circle
 is a polygon, an error O(h^2).

@@ -1,10 +1,10 @@
-"""A pin with clearance in a lug, in space: a load that turns once round, and what friction does meanwhile.
+r"""A pin with clearance in a lug, in space: a load that turns once round, and what friction does meanwhile.
 
 The lug is a ring a < r < b, held at its rim; the pin is loose in it by the clearance delta a. One half of the thickness
 is computed. A shear stress q on the end of the pin rises along x_1, for t < 1, and then turns once about the axis. The
 contact turns with it, and the joint bears the load at each instant, to rounding,
 
-    sum of pressure and friction on the pin = -q A (cos phi, sin phi),
+$$ \text{sum of pressure and friction on the pin } = -q A (\cos \phi, \sin \phi), $$
 
 with A the area of the polygon in the place of the circle. The answer to a load that begins turned by sectors is the
 answer turned by sectors. Nothing but friction holds the pin against turning about its axis; the pin creeps a little in

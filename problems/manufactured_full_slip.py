@@ -1,8 +1,8 @@
-"""A block that slips everywhere, in closed form for every Poisson ratio up to 1/2: what incompressibility costs.
+r"""A block that slips everywhere, in closed form for every Poisson ratio up to 1/2: what incompressibility costs.
 
 On the unit square, with mu = 1 and c = 1 / (1 + lambda),
 
-    u = t e^{xy} / 6 (x (1 + c), y (c - 1)),
+$$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)), $$
 
 whose divergence is 1 / lambda of its gradient: stresses stay bounded as lambda grows. On y = 0 the normal
 displacement vanishes and the whole contact slips to the right against the bound g(x) = t mu x^2 (lambda + 2) / (6

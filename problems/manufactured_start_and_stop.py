@@ -1,8 +1,8 @@
-"""A block that is found slipping, and stops in the middle of a step: u_0 != 0, and an error of the steps beside h.
+r"""A block that is found slipping, and stops in the middle of a step: u_0 != 0, and an error of the steps beside h.
 
 The displacement is that of :mod:`manufactured_full_slip` in another course of time,
 
-    u = phi(t) w(x),     phi(t) = 1/2 + min(t, 1/2),     0 <= t <= 1,
+$$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
 in units of 1e-3 of a length. At t = 0 the block is strained and slips, at the bound of friction: u_0 = w / 2 is no
 state of rest, and obeys (2.1), for loads and friction at the bound balance its stresses. At t = 1/2 it stops. Then the

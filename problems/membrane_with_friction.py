@@ -1,6 +1,9 @@
-"""A membrane that rubs: Problem 2.1 with the Laplacian, on scalar virtual elements assembled here.
+r"""A membrane that rubs: Problem 2.1 with the Laplacian, on scalar virtual elements assembled here.
 
-    -Laplace u + lambda = f,    |lambda| <= g,    lambda = g sign(u') wherever u' is not 0,
+$$
+-\Delta u + \lambda = f, \qquad |\lambda| \le g,
+\qquad \lambda = g \operatorname{sign}(u') \text{ wherever } u' \ne 0,
+$$
 
 with u = 0 on one part of the boundary and grad u . n = q(t) on another; friction lambda acts per area (a membrane on a
 rough table) or per length of a part of the boundary (there grad u . n + lambda = q). Tension is one. In the weak form
@@ -9,14 +12,14 @@ a(u, v) = int grad u . grad v and j(v) = int g |v|, a scalar problem: nothing he
 **Virtual elements** (Ahmad et al., Comput. Math. Appl. 66, 2013; Beirao da Veiga et al., M3AS 23, 2013). With the mean
 gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`,
 
-    K_ij = |K| G_i . G_j + ((I - Pi)'(I - Pi))_ij        (dofi-dofi),
+$$ K_{ij} = |K| G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}), $$
 
 a force per area gives each vertex of K an equal part of int_K f, and so does the bound g.
 
 **Exact on every mesh: a strip pulled at its rough edge.** (0, L) x (0, H), u = 0 above, below both pulled by q(t)
 and held by friction, sides free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
 
-    a_n = clip(a_{n-1}, H (q_n - g), H (q_n + g)).
+$$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
 It sticks, slips and reverses; u is linear, so virtual elements reproduce it. A closed loop between q = +-Q loses
 4 g L H (Q - g).
@@ -25,7 +28,7 @@ It sticks, slips and reverses; u is linear, so virtual elements reproduce it. A 
 free, friction g per area. The tension T = -du/dx passes from x on what friction leaves: it is the chain of
 :mod:`spring_slider_chain` with blocks of no length,
 
-    T(x, t) = play_{g x}(q)(t),       u(x, t) = int_x^L T,       lambda = -dT/dx.
+$$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
 On first loading the zone x < q/g slips, u = (q - g x)_+^2 / 2g. A reversal by dq turns the zone x < dq/2g around,
 and u changes by (dq - 2 g x)_+^2 / 4g; further out the friction of the first loading stays locked in. A closed loop of

@@ -1,19 +1,21 @@
-"""Why backward Euler: the midpoint rule beside it, on slips that are known in closed form.
+r"""Why backward Euler: the midpoint rule beside it, on slips that are known in closed form.
 
 Quasistatic friction is a play operator in the energy norm: with C = {z : a(z, v) <= j(v) for all v}, the displacements
 whose forces friction can hold, u_l(t) the answer of the body without friction, and z = u_l - u,
 
-    u' in N_C(z),     backward Euler (2.34):  z_n = P_C(z_{n-1} + u_l,n - u_l,n-1),
+$$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}), $$
 
 P_C the projection on C in |.|_a, a convex program a step. The midpoint rule asks for the inequality at the mean m =
 (u_{n-1} + u_n) / 2 of a step, with the load of its middle. With e = m - u_{n-1} = d / 2 and j(d) = 2 j(e),
 
-    min over d of  a(d, d) / 4 + a(u_{n-1}, d) - l(d) + j(d)
-        =  twice the min over e of  a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e):
+$$
+\min_d \; a(d, d) / 4 + a(u_{n-1}, d) - l(d) + j(d) \\
+\qquad = 2 \min_e \; a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e):
+$$
 
 it is a convex program a step, too, the same one as backward Euler's to the middle, and then a reflection,
 
-    m = backward Euler from u_{n-1} to t_{n-1/2},     u_n = 2 m - u_{n-1}.
+$$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
 In z its map is 2 P_C - 1, which is nonexpansive as P_C is: errors of the algebra do not grow either. But
 

@@ -1,11 +1,11 @@
-"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
+r"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
 
 Bearings of two blocks each, one on the other, stand in a row between the ground and a plate that moves by U(t) =
 U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. The halves of a bearing rub on each other with the bound g_i, in proportion to the
 load that it bears; their sides are free along x only, so that both shear uniformly, as in `two_blocks_in_series.py`:
 step by step, with C = H_1 / mu_1 + H_2 / mu_2,
 
-    q_i = clip((U - a_i) / C, +-g_i),    a_i = U - C q_i  the slip.
+$$ q_i = \operatorname{clip}((U - a_i) / C, \pm g_i), \qquad a_i = U - C q_i \qquad \text{the slip}. $$
 
 So bearing i begins to slide at U_i = g_i C, and the force on the plate, L sum q_i, is that of springs and sliders in
 parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) at first, F1 - 2 F((U1 - U) / 2) after a turn

@@ -1,9 +1,9 @@
-"""A long plate on an elastic foundation, loaded at a point: Winkler's beam, and asperities in its place.
+r"""A long plate on an elastic foundation, loaded at a point: Winkler's beam, and asperities in its place.
 
 A thin strip of height H on springs k per length, with the force P on the middle of its top, is a beam on Winkler's
 foundation (Hetenyi 1946): with D = E H^3 / 12 (plane stress, unit thickness) and b = (k / 4D)^(1/4), its deflection is
 
-    w(x) = P b / (2 k) exp(-b|x|) (cos b|x| + sin b|x|).
+$$ w(x) = P b / (2 k) \exp(-b|x|) (\cos b|x| + \sin b|x|). $$
 
 Springs pull as well as push: where w < 0 they hold the plate down. With `asperities=True` NormalCompliance of the same
 stiffness takes their place, which only pushes: the ends lift off (ask for 1e-6: so soft a bed leaves no more digits).

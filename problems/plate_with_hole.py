@@ -1,11 +1,15 @@
-"""A plate with a hole, pulled: a quarter of it stands for the whole, and the rim bears three times the pull.
+r"""A plate with a hole, pulled: a quarter of it stands for the whole, and the rim bears three times the pull.
 
 A hole of radius R in a large plate under the pull S along x (Kirsch, Z. VDI 42, 1898). With z = x + iy and kappa = (3
 - nu) / (1 + nu) in plane stress (Muskhelishvili 1953),
 
-    phi = S/4 z + a/z,    psi = -S/2 z + b/z + c/z^3,    a = S R^2 / 2,    b = -S R^2 / 2,    c = S R^4 / 2,
-    2 mu (u + iv) = kappa phi - z conj(phi') - conj(psi),
-    sigma_xx + sigma_yy = 4 Re phi',    sigma_yy - sigma_xx + 2i sigma_xy = 2 (conj(z) phi'' + psi').
+$$
+\phi = \tfrac S4 z + a / z, \qquad \psi = -\tfrac S2 z + b / z + c / z^3, \qquad a = S R^2 / 2,
+\qquad b = -S R^2 / 2, \qquad c = S R^4 / 2, \\
+2 \mu (u + iv) = \kappa \phi - z \operatorname{conj}(\phi') - \operatorname{conj}(\psi), \\
+\sigma_{xx} + \sigma_{yy} = 4 \operatorname{Re} \phi',
+\qquad \sigma_{yy} - \sigma_{xx} + 2i \sigma_{xy} = 2 (\operatorname{conj}(z) \phi'' + \psi').
+$$
 
 The plate is cut off at r = 5 R, where it is pulled by the stresses of that solution; so both axes are lines of
 symmetry. Above the hole, sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4): 3 S on the rim. What rollers on that line bear is

@@ -1,11 +1,11 @@
-"""A ring pressed over another that is too large for it: the pressure between them is Lame's.
+r"""A ring pressed over another that is too large for it: the pressure between them is Lame's.
 
 Two rings a < r < b and b < r < c, plane stress, a quarter of them; the outer radius of the inner ring exceeds the
 inner radius of the outer one by the interference delta, which is posed as the gap -delta t between them. With the
 pressure p on its outer radius the inner ring shrinks, and with p on its inner radius the outer one widens, by (Lame
 1852; Timoshenko and Goodier, *Theory of Elasticity*, 28)
 
-    b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - nu_1),    b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + nu_2),
+$$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2), $$
 
 which together are delta. The surfaces are free to slide. Meshes do not match: the two polygons of the circle r = b
 are up to b (pi / 4n)^2 / 8 apart, and the outer ring takes the outline of the inner one (`tolerance=`); nodes that it

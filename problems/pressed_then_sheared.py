@@ -1,4 +1,4 @@
-"""A block pressed on a rough floor, then sheared to and fro: two stages, in closed form, exact on every mesh.
+r"""A block pressed on a rough floor, then sheared to and fro: two stages, in closed form, exact on every mesh.
 
 The block (0, 2) x (0, 1/2), E = 1000, nu = 0, rests on a floor with Coulomb friction, coefficient f. In the first
 stage, 0 <= t <= 1, a pressure that grows to P presses its top: u_y = -t P y / E, and friction does nothing. In the
@@ -6,7 +6,7 @@ second one the pressure stays and the top is moved along the floor by U(t) = U0 
 sides carry the shear tractions +-mu gamma of a block that shears uniformly by gamma, with mu = E / 2, and slips as a
 whole by a:
 
-    gamma_n = clip((U_n - a_{n-1}) / H, +-f P / mu),    a_n = U_n - gamma_n H.
+$$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm f P / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
 A closed loop of amplitude U0 > f P H / mu dissipates 4 f P L (U0 - f P H / mu). The first stage has stored
 P^2 L H / 2E by then, which stays. Both stages together are one history, `vx.joined`.

@@ -1,10 +1,10 @@
-"""A crack in prestressed rock, under the pressure of a fluid: it opens where the fluid bears more than the rock.
+r"""A crack in prestressed rock, under the pressure of a fluid: it opens where the fluid bears more than the rock.
 
 A block |x|, |y| < 10 a in plane strain has the stress -S_H along x and -S across the crack |x| < a, y = 0; the same
 pressures act on its sides, so that nothing needs to hold it. The fluid presses both faces of the crack apart with p(t).
 The faces touch with the pressure S - p until p = S. Beyond that the crack in an infinite body opens by (Sneddon 1946)
 
-    4 (1 - nu^2) / E (p - S) (a^2 - x^2)^{1/2}.
+$$ \frac{4 (1 - \nu^2)}{E} (p - S) (a^2 - x^2)^{1/2}. $$
 
 In a block of 10 a it opens by 1 % more, and the mesh takes O(h) from it.
 

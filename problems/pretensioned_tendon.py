@@ -1,12 +1,15 @@
-"""A tendon, tensioned, bonded and released: friction keeps its stress, but for a length at the end.
+r"""A tendon, tensioned, bonded and released: friction keeps its stress, but for a length at the end.
 
 Half of a tendon (x = 0 is its middle, a line of symmetry) of length L and height H, plane stress, nu = 0, bears the
 prestress s0, held by a jack at x = L; then it is laid on a bed with the friction bound g per length, and the jack
 lets go: the pull at the end falls to 0, rises to 0.6 s0, and falls again, at t = 0, 1, 2, 3. As a rod, with s the
 distance from the end and T the pull at it (force), the force N in it is
 
-    N = min(N0, T + g s)    on the first release, N0 = s0 H: all of it is back at the transfer length N0 / g,
-    u_1 = N0^2 / (2 E H g)    the draw-in of the end.
+$$
+N = \min(N_0, T + g s)
+\qquad \text{on the first release}, N_0 = s_0 H: \text{ all of it is back at the transfer length } N_0 / g, \\
+u_1 = N_0^2 / (2 E H g) \qquad \text{the draw-in of the end}.
+$$
 
 A pull Q on the end turns friction around on the length Q / 2g, N = Q - g s there, and takes Q^2 / (4 E H g) back; the
 second release returns to u_1. That is how pretensioned concrete anchors its wires, with the draw-in as its test

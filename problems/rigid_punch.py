@@ -1,9 +1,12 @@
-"""A rigid punch whose force moves off its middle: it tilts, and its pressure has a closed form.
+r"""A rigid punch whose force moves off its middle: it tilts, and its pressure has a closed form.
 
 A flat punch of half width a, which is rigid, is pressed without friction on an elastic half-plane, plane strain, with
 the force P at the distance e from its middle. It sinks and turns until its reaction is in balance (Sadowsky 1928),
 
-    p(x) = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)),   e <= a / 2,   turn = 4 (1 - nu^2) P e / (pi E a^2) clockwise:
+$$
+p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
+\qquad \text{turn } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}:
+$$
 
 beyond e = a / 2 it lifts off on one side. Here the force stands in the middle until t = 1/4, and then moves to a / 2.
 The half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a part of a / depth; the

@@ -1,10 +1,10 @@
-"""A block on a rough layer: asperities carry it like springs, and soften what a punch does to it.
+r"""A block on a rough layer: asperities carry it like springs, and soften what a punch does to it.
 
 A column of height H, plane stress, is pressed down by D on a rough layer `gap` below it whose pressure is c times its
 depth (Martins and Oden 1987). Uniaxial stress is exact on every mesh: nothing happens up to the gap, then column and
 layer yield in series,
 
-    p = (D - gap) / (H / E + 1 / c),      the layer by p / c;
+$$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{the layer by } p / c; $$
 
 c large is the rigid floor. With `radius=R` and the mesh `punch_mesh` it is the block of :mod:`hertz_contact` on a
 rough cylinder: the layer spreads Hertz' pressure, lowers its peak and has no edge where the pressure rises steeply

@@ -1,10 +1,10 @@
-"""Two blocks in space with a skew joint: a friction spring, whose loop is in closed form.
+r"""Two blocks in space with a skew joint: a friction spring, whose loop is in closed form.
 
 A column of square section is cut by a plane whose normal leans by theta from the vertical, across both of its sides.
 The upper block is loaded by a vertical force P(t) and slides down the slope against springs at its sides, which bear
 the horizontal force S. With phi = atan mu, equilibrium of the upper block says that it slides
 
-    down while S = P tan(theta - phi),    up while S = P tan(theta + phi),
+$$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \tan(\theta + \phi), $$
 
 and sticks between: S_n = clip(S_{n-1}, P_n tan(theta - phi), P_n tan(theta + phi)), as stiff blocks have it. (Ring
 springs of railway buffers work so: S and the way are in proportion, and in every cycle two thirds of the work are lost

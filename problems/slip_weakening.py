@@ -1,14 +1,17 @@
-"""Friction that weakens with slip, an effect of one's own: a block sheared to and fro over a floor.
+r"""Friction that weakens with slip, an effect of one's own: a block sheared to and fro over a floor.
 
 The block (0, L) x (0, H) has the shear modulus mu. Its top moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5, its
 sides are free along x only, so that it shears uniformly. The friction bound falls with the slip A that a place has made
 so far, to and fro, from its peak to what is left:
 
-    g(A) = max(g_p - k A, g_r).
+$$ g(A) = \max(g_p - k A, g_r). $$
 
 With the slip a of the block and its friction q = mu (U - a) / H it sticks while |q| < g(A), and slips with |q| = g(A):
 
-    da = (|mu (U - a) / H| - g(A)) / (mu / H - k)      until g = g_r, and with k = 0 from there.
+$$
+da = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k)
+\qquad \text{until } g = g_r, \text{ and with } k = 0 \text{ from there}.
+$$
 
 This is stable, and a step has one solution, if k < mu / H: else the block would jump. The effect states k as
 `softening`, and `vemcvx show` compares it with the stiffness of the block.

@@ -1,4 +1,4 @@
-"""What accuracy costs in the algebra alone: asked, certified, true, for every solver, of one step of the paper's scene.
+r"""What accuracy costs in the algebra alone: asked, certified, true, for every solver, on one step of the paper.
 
 Two steps of problems/feng_han_huang.py are solved again and again. *growing*: the load grows from 3/4 to 1 of its full
 size, some nodes slip on. *return*: the load, once full and then taken back to 1/2, is full again; all that had slipped
@@ -8,7 +8,7 @@ marched through its loops, has degenerate steps and a closed form.
 
 Every answer u is held against Newton's u*, which is certified to rounding:
 
-    |u - u*|_K <= sqrt(2 gap) + sqrt(2 floor), of u, plus the same of u*,
+$$ |u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}, \text{ of } u, \text{ plus the same of } u^*, $$
 
 relative to the largest |u_m*|_K so far, K the full stiffness. A row where that fails is printed as WRONG and the
 command exits with 1. Seconds, of processor time in one thread, are those of a step in the middle of a run: before each

@@ -1,13 +1,13 @@
-"""A sphere pressed into an elastic block, and dragged: Hertz' point contact, and Cattaneo's and Mindlin's partial slip.
+r"""A sphere pressed into an elastic block and dragged: Hertz' point contact, Cattaneo's and Mindlin's partial slip.
 
 The obstacle lies (x_1^2 + x_2^2) / 2R below the lower side of the block and is rigid. Under the force P,
 
-    a^3 = 3 P R (1 - nu^2) / (4 E),   p(r) = p0 sqrt(1 - r^2 / a^2),   p0 = 3 P / (2 pi a^2)
+$$ a^3 = 3 P R (1 - \nu^2) / (4 E), \qquad p(r) = p_0 \sqrt{1-r^2/a^2}, \qquad p_0 = 3 P / (2 \pi a^2) $$
 
 (Johnson, *Contact Mechanics*, 4.2). Then a tangential force Q < mu P acts: with Coulomb friction, and where pressure
 causes no slip (a rigid obstacle and nu = 1/2; nearly so here, where nu = .45),
 
-    |traction| = mu p0 ( sqrt(1 - r^2/a^2) - c/a sqrt(1 - r^2/c^2) ),     c / a = (1 - Q / (mu P))^(1/3),
+$$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), \quad c / a = (1 - Q / \mu P)^{1/3}, $$
 
 with stick in r < c (7.2; the small parts of slip across the direction of Q are left out there, and are in what is
 computed). The block reaches 6 a to all sides and is not quite a half-space: pressing widens it. Friction therefore

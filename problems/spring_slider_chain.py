@@ -1,8 +1,11 @@
-"""Springs and sliders: the plays and stops of Prandtl and Ishlinskii as a variational inequality.
+r"""Springs and sliders: the plays and stops of Prandtl and Ishlinskii as a variational inequality.
 
 The *play* of half width r follows an input x as a finger in a ring follows the ring, and the *stop* is the rest:
 
-    p_n = clip(p_{n-1}, x_n - r, x_n + r),        stop_r = x - play_r       (x monotone between two instants).
+$$
+p_n = \operatorname{clip}(p_{n-1}, x_n - r, x_n + r),
+\qquad \operatorname{stop}_r = x - \operatorname{play}_r \qquad (x \text{ monotone between two instants}).
+$$
 
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
@@ -14,12 +17,14 @@ Three systems (K, load, Norms), Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i
    leaves: T_i = play_{w_i}(T_{i-1}), because u_i moves when T_i does, in the same direction. Hence, with
    r_j = w_1 + ... + w_j,
 
-       T_j = play_{r_j}(F),      u_i = sum_{j >= i} T_j / k_j,      lam_i = T_{i-1} - T_i.
+   $$ T_j = \operatorname{play}_{r_j}(F), \qquad u_i = \sum_{j \ge i} T_j / k_j, \qquad \lambda_i = T_{i-1} - T_i. $$
 
 2. **Parallel elements under a given strain e(t).** Element i is a spring E_i in series with a slider of yield stress
    y_i, and E_0 is a spring alone: energy 1/2 sum E_i (e - p_i)^2, so K = diag(E), load = E e(t), and
 
-       p_i = play_{y_i / E_i}(e),      lam_i = E_i (e - p_i),      sigma = E_0 e + sum_i lam_i.
+   $$
+   p_i = \operatorname{play}_{y_i/E_i}(e), \qquad \lambda_i = E_i (e - p_i), \qquad \sigma = E_0 e + \sum_i \lambda_i.
+   $$
 
 3. **The same elements under a given stress.** Now e is an unknown too, K = [[E_0 + sum E, -E'], [-E, diag(E)]], an
    arrow; e is touched by no norm and eliminated, which leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank one.
@@ -33,7 +38,7 @@ no larger excursion has passed since, the state is what it was there, and the lo
 closed loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop with
 inputs dF apart takes, for the force and the displacement of the chain, the area
 
-    sum_j 2 r_j (dF - 2 r_j)_+ / k_j = sum_i w_i (path of block i).
+$$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 
     python problems/spring_slider_chain.py --picture spring_slider_chain.png
 """

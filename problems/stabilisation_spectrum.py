@@ -1,14 +1,14 @@
-"""How far the stabilisation is from the energy that it stands for, cell by cell: a robustness chart.
+r"""How far the stabilisation is from the energy that it stands for, cell by cell: a robustness chart.
 
 On the virtual functions with Pi v = 0, whose components are harmonic in the cell and linear on its edges, a_K^h keeps
 the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
 
-    a_mu(v, v) = 2 mu int |eps(v)|^2,     a_lam(v, v) = lam int |div v|^2.
+$$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 
 The chart prints the least and the greatest ratio S / a_mu over all such v. Neither depends on mu, on the size of the
 cell or on nu; bounded ratios make a_K^h equivalent to a form that is elastic in shear and sees the mean dilatation,
 
-    a_mu(v, v) + lam |K| (mean of div v)^2.
+$$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
 That form is what does not lock: the last column, the least S / (a_mu + a_lam) at nu = .499999, goes to zero with 1 /
 lam *because* the dilatation within a cell is left free. On a rectangle 2a x 2b the only such v are (xy, 0) and (0,

@@ -1,10 +1,13 @@
-"""A strip held at one end on a belt that runs to and fro: what slips, and what it takes to hold the strip.
+r"""A strip held at one end on a belt that runs to and fro: what slips, and what it takes to hold the strip.
 
 The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
 x = 0; the belt has run by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. As a rod, it slips over a length l next to its
 hold, where friction pulls it along, and is carried with the belt beyond:
 
-    E H u'' = -g,  u(0) = 0,  u(l) = U,  u'(l) = 0:     u = U - g (l - x)^2 / (2 E H),    l = (2 E H U / g)^{1/2},
+$$
+E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U - g (l - x)^2 / (2 E H),
+\qquad l = (2 E H U / g)^{1/2},
+$$
 
 so the hold takes F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt turns at U1,
 friction turns from the hold on, and F = F1 - 2 F((U1 - U) / 2), no less than -g L: Masing's rule (1926). Up to U1 > U*

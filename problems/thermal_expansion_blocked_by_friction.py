@@ -1,21 +1,24 @@
-"""A bar on a rough floor, heated and cooled: it expands from its ends only, and does not come back altogether.
+r"""A bar on a rough floor, heated and cooled: it expands from its ends only, and does not come back altogether.
 
 Half of a bar of length 2 L and height H, x = 0 being its middle (a plane of symmetry) and x = L its free end, lies on a
 floor with the friction bound g per length. Its temperature theta is the same everywhere and goes 0, T, 0, T at t = 0,
 1, 2, 3; plane stress, nu = 0. As a rod, with s the distance from the end, the force N(s) (compression positive) on its
 section and the displacement u of the end obey
 
-    N' = +-g where it slips,   N = E H alpha theta where it never slipped,   u = int (alpha theta - N / (E H)) ds.
+$$
+N' = \pm g \text{ where it slips}, \qquad N = E H \alpha \theta \text{ where it never slipped},
+\qquad u = \int (\alpha \theta - N / (E H)) ds.
+$$
 
 Heated: friction builds up the force N = g s over the length l = E H alpha T / g, beyond which the bar is locked with
 the stress -E alpha T; the end moves by
 
-    u_1 = alpha T l - g l^2 / (2 E H) = E H (alpha T)^2 / (2 g).
+$$ u_1 = \alpha T l - g l^2 / (2 E H) = E H (\alpha T)^2 / (2 g). $$
 
 Cooled: near the end the slip reverses, N = -g s, up to where this is E H alpha T below the N of before, g s: a length
 l / 2. The change of N over it is -2 g s, and the end returns by
 
-    alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (alpha T)^2 / (4 g) = u_1 / 2;
+$$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2; $$
 
 half of the expansion stays, with compression up to g l / 2 locked in. Heated again, the end returns to u_1, whatever
 the number of cycles. What is lost to friction in the first heating is int g u(s) ds = g^2 l^3 / (6 E H), with

@@ -1,11 +1,14 @@
-"""A tube shrunk on another one in space: the pressure between them is Lame's, and they slide along each other.
+r"""A tube shrunk on another one in space: the pressure between them is Lame's, and they slide along each other.
 
 Two tubes a < r < b and b < r < c of length L, a quarter of them; the outer radius of the inner one exceeds the inner
 radius of the outer one by the interference delta, which is posed as the gap -delta t. Ends are free and the joint is
 smooth, so that both tubes are in plane stress: radial and hoop stresses are those of :mod:`press_fit` (Lame 1852;
 Timoshenko and Goodier, *Theory of Elasticity*, 28), and the tubes change their lengths,
 
-    e_z = -nu (sigma_r + sigma_theta) / E,   sigma_r + sigma_theta = -2 p b^2 / (b^2 - a^2),   2 p b^2 / (c^2 - b^2),
+$$
+e_z = -\nu(\sigma_r + \sigma_\theta) / E, \qquad \sigma_r + \sigma_\theta = -2 p b^2 / (b^2 - a^2),
+\qquad 2 p b^2 / (c^2 - b^2),
+$$
 
 the inner one by growing, the outer one by shrinking: they slide on each other by the difference times z. Both have 3n
 sectors in the quarter, so that they approximate the circle r = b by the same polygon; layers do not match: n/2, 3n/4.

@@ -1,11 +1,13 @@
-"""A round pad pressed on a floor and twisted: it slips from its edge inwards, up to the torque 2/3 mu P R.
+r"""A round pad pressed on a floor and twisted: it slips from its edge inwards, up to the torque 2/3 mu P R.
 
 The pad, of radius R and height H = R/4, E = 1000, is pressed by the uniform pressure p on its top, which then turns by
 the angle t w about the axis. The floor is rigid, with Coulomb friction. With nu = 0 pressing does not widen the pad and
 twisting does not press it, so that the pressure on the floor stays p. A thin pad bears the shear G r t w / H up to the
 bound, at the radius c = mu p H / (G t w), outside of which it slips:
 
-    T = pi mu p (4 R^3 - c^3) / 6   for c < R,     T = pi G t w R^4 / (2 H)   before,
+$$
+T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{before},
+$$
 
 and in full slip, when c tends to 0, whatever the pad, T = 2/3 mu P R with P = p pi R^2. (All but the axis: it does not
 move. At the end of these steps c < R/5, and c^3 is less than .2 % of 4 R^3.) With n = 6 the torque of full slip is

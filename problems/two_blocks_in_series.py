@@ -1,11 +1,11 @@
-"""Two blocks that rub on each other, sheared back and forth: the loop of friction in closed form, exact on every mesh.
+r"""Two blocks that rub on each other, sheared back and forth: the loop of friction in closed form, exact on every mesh.
 
 Blocks of shear moduli mu_1, mu_2 and heights H_1, H_2 lie on each other, with the same length and meshes that do not
 match. The lower one is clamped below, the top of the upper one moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5;
 their sides are free along x only, so that both shear uniformly. Bilateral contact and Tresca friction, bound g,
 between them. Both carry the friction traction q, so that the slip of the upper over the lower block is
 
-    a = U - C q,    C = H_1 / mu_1 + H_2 / mu_2,
+$$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2, $$
 
 and step by step q_n = clip((U_n - a_{n-1}) / C, +-g): springs in series with a slider. A closed loop of amplitude
 U0 > g C dissipates 4 g (U0 - g C) per length. Traces of both sides are linear on the common edges, so virtual elements

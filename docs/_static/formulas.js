@@ -9,4 +9,9 @@ const marked = () => {
 };
 addEventListener("load", () => window.MathJax?.startup?.promise.then(marked));
 addEventListener("resize", marked);
+// Pictures of two panels side by side: narrow windows scroll them, cards show the left panel.
+addEventListener("load", () => {
+  for (const one of document.querySelectorAll("article img"))
+    one.classList.toggle("wide", one.naturalWidth > 1.9 * one.naturalHeight);
+});
 document.addEventListener("toggle", marked, true); // an answer has no width before it is open

@@ -6,7 +6,7 @@ import json
 import re
 from pathlib import Path
 
-from generator.gallery import names
+from generator.gallery import list_problems
 from vemcvx.cli.supplied import as_notebook, lessons
 
 INDEX = """# Learn
@@ -79,4 +79,4 @@ def _linked(line: str, number: int) -> str:
 
 
 def _problem(name: str) -> str | None:
-    return f"[`{name}.py`](../gallery/{name}.md)" if name in names() else None
+    return f"[`{name}.py`](../gallery/{name}.md)" if name in list_problems() else None

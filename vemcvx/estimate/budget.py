@@ -1,6 +1,6 @@
-"""The error of a run by source: the algebra, the mesh, and the steps.
+r"""The error of a run by source: the algebra, the mesh, and the steps.
 
-    total = algebra + space + time
+$$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 
 algebra is certified: the sum of the duality gaps of the steps (:attr:`vemcvx.History.certificate_total`). space is
 estimated by residuals of states on each cell (:mod:`.residual`). time is the distance from the same run with finer

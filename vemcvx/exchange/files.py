@@ -5,7 +5,7 @@
 .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, bit by bit
 .cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
 .mps     MPS with a quadratic objective, which HiGHS reads under this  absolute values, bounds, soft limits
-         suffix; .qps is the same file for solvers that expect this suffix
+         suffix; .qps is the same file for solvers that expect .qps
 .hdf5    FCLIB's local problem, or its global problem if the program   steps with Coulomb's law; cannot be read back
          is not condensed (extra ``fclib``)
 =======  ============================================================  ======================================

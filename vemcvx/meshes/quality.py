@@ -1,16 +1,16 @@
-"""The shape of cells: the constants that Assumption 3.3 of the paper asks of them, cell by cell.
+r"""The shape of cells: the constants that Assumption 3.3 of the paper asks of them, cell by cell.
 
 Assumption 3.3 wants every cell K cut into triangles, shape regular and of a size comparable to h_K, each edge of K a
 side of one. It holds with constants that depend on two ratios alone (L. Chen and J. Huang, Some error analysis on
 virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with small edges
 or faces, 2018), which are
 
-    star    rho_K / h_K,    rho_K the radius of the largest ball from all of whose points all of K is seen,
-    edge    the shortest edge / h_K.
+- star: rho_K / h_K, with rho_K the radius of the largest ball from all of whose points all of K is seen;
+- edge: the shortest edge / h_K.
 
 All of K is seen from x if x is on the inner side of all edges (faces), so that
 
-    rho_K = max over x of min over e of n_e . (a_e - x),     n_e outwards, a_e on e,
+$$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ outwards, } a_e \text{ on } e, $$
 
 which is the radius of the inscribed circle (sphere) where K is convex, and less than zero where K is not star-shaped:
 star is 0 then. In x and rho this is a linear program with a row n_e . x + rho <= n_e . a_e for every side; HiGHS solves

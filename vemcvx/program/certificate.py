@@ -1,13 +1,14 @@
-"""The certificate: a bound on the distance of any answer from the solution.
+r"""The certificate: a bound on the distance of any answer from the solution.
 
 For the program of a step (``StepProgram``), any d within its bounds, any lam with |lam_i| <= w_i and p >= 0, let s =
 B d - b, z = D d - e and r = g - B'lam - D'p - K d. Then
 
-    gap = 1/2 r'K^{-1}r + sum_i (w_i |s_i| - lam_i . s_i) + sum_j ( (z_j)_+^2 / (2 c_j) + c_j p_j^2 / 2 - p_j z_j )
+$$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
++ \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) $$
 
 is primal minus dual objective, and
 
-    Theorem 1.  1/2 |d - d*|_K^2 <= gap.
+$$ \textbf{Theorem 1.} \quad \tfrac12 |d - d^*|_K^2 \le \text{gap}. $$
 
 Proof. Write the terms as h(Ad) with their conjugates h*. The conjugate of w|s| is 0 for |lam| <= w. The conjugate of
 (z_+)^2 / 2c is c p^2 / 2 for p >= 0 (for c = 0, of the bound z <= 0, it is 0). With v = K^{-1}(g - B'lam - D'p) the
@@ -25,8 +26,10 @@ The gap is linear in the slip of a sticking term: with |lam| < w it is w|s| - la
 makes a gap of this size, which bounds the error by its root only, 1e-8. A move v that removes the slip enters
 quadratically:
 
-    Theorem 2.  For every v that leaves d - v within the bounds, with |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm
-    terms and limits in the gap at d - v,    |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
+**Theorem 2.** For every v that leaves d - v within the bounds, with |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm
+terms and limits in the gap at d - v,
+
+$$ |d - d^*|_K \le 2 |v|_K + \sqrt{|r|^2 + 2 T(v)}. $$
 
 Proof. |d - d*|_K <= |v|_K + |d - v - d*|_K. The residual at d - v is r + K v, and 1/2 |d - v - d*|_K^2 <=
 1/2 |r + K v|^2 + T(v) by theorem 1, with |r + K v| <= |r| + |v|_K; finally sqrt((a + b)^2 + c) <= b +

@@ -1,9 +1,10 @@
-"""A matrix K with a kernel N: motions without energy, held by norm terms and limits alone.
+r"""A matrix K with a kernel N: motions without energy, held by norm terms and limits alone.
 
 An example is a body without supports, held by friction, or by its weight on an obstacle. A step min 1/2 d'Kd - g'd +
 sum_i w_i |B_i d - b_i| subject to Dd <= e then has a solution if no motion Nc gains energy,
 
-    c'N'g < sum_i w_i |B_i N c|   for all c with DNc <= 0,   so that   N'g = N'B'lam + N'D'p,  |lam_i| <= w_i,  p >= 0,
+$$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \text{ with } D N c \le 0, \quad \text{so that} \quad
+N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0, $$
 
 and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness added on k unknowns
 (*anchors*) that the motions move makes K positive definite, so that it can be factorised. Newton's method has the

@@ -5,8 +5,8 @@ clamp, or contact with friction). A body with a side held in one direction is ha
 angle counts twice. Stress may then grow without limit as the mesh is refined (Williams, *Stress singularities resulting
 from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952)
 
-    between two sides of the same kind    beyond 180 degrees, a reentrant corner,
-    between a held side and a free side   beyond 45 to 90 degrees, depending on Poisson's ratio.
+- between two sides of the same kind beyond 180 degrees, at a reentrant corner,
+- between a held side and a free side beyond 45 to 90 degrees, depending on Poisson's ratio.
 
 It also depends on the load, and on whether contact with friction slips. The angle of a corner at which bodies meet is
 the sum of their angles. Where contact opens along a smooth side, stress is bounded and there is no sentence. Corners

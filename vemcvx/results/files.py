@@ -1,13 +1,13 @@
 """A history as a folder of files, and its archive, which holds every array without loss.
 
-    history.pvd      the stored steps in time, for ParaView and PyVista, as a list of
-    step_0000.vtu    one file per stored step
-    summary.json     the run, the accuracy of the answer, energies, and the cost
-    steps.csv        energies and certificates of every step, stored or not
-    contact.csv      slip, traction, pressure ... at every contact node in every stored step; in the plane the number of
-                     the piece of contact and the arc length s on it (:mod:`vemcvx.results.arc`)
-    probes.csv       displacements at points, if points were given
-    history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
+- ``history.pvd``: the stored steps in time, for ParaView and PyVista, as a list of
+- ``step_0000.vtu``: one file per stored step
+- ``summary.json``: the run, the accuracy of the answer, energies, and the cost
+- ``steps.csv``: energies and certificates of every step, stored or not
+- ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; in the plane the number of
+  the piece of contact and the arc length s on it (:mod:`vemcvx.results.arc`)
+- ``probes.csv``: displacements at points, if points were given
+- ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
 At nodes, a VTU file has the displacement and all contact arrays that change in time. These are zero away from contact;
 sticking and closed, 1 or 0, are NaN there, so that slipping nodes differ from nodes without contact. At an interface

@@ -1,4 +1,4 @@
-"""Semismooth Newton on active sets, in the contact forces x = (lam, p) (:mod:`vemcvx.program.forces`).
+r"""Semismooth Newton on active sets, in the contact forces x = (lam, p) (:mod:`vemcvx.program.forces`).
 
 The active sets are: which terms stick, which limits act, and in which direction the other terms slip. On given sets the
 forces are x = x_law + Q z. x_law has w s/|s| on slipping terms, zero on open limits, and x elsewhere. The unknowns z
@@ -11,7 +11,7 @@ are changes of
 Two conditions determine z: sticking and acting rows do not move, and slipping terms keep the slip s at which the law
 was linearised. With P, which is Q' without J,
 
-    (P (W + C) Q + diag(compliance)) z = P (off - s on slipping terms).
+$$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off} - s \text{ on slipping terms}). $$
 
 This is the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. A
 slipping term adds no unknown in the plane, and one in space. REGULARISATION is added to the diagonal, because rows may

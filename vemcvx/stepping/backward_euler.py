@@ -1,9 +1,9 @@
 """March through time by backward Euler, (2.34): one certified convex program per step.
 
-    pose      find the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step
-    solve     by the solver, and again with a smaller target if the answer misses the accuracy
-    certify   on the unknowns that friction and limits read; stored states on all unknowns, with one residual of K
-    record    :mod:`.trajectory`
+- Pose: find the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step.
+- Solve by the solver, and again with a smaller target if the answer misses the accuracy.
+- Certify on the unknowns that friction and limits read; certify stored states on all unknowns, with one residual of K.
+- Record (:mod:`.trajectory`).
 
 With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.

@@ -1,13 +1,15 @@
-"""Elasticity on virtual elements: the stiffness matrix (3.13), strains and stresses of cells, and rigid motions.
+r"""Elasticity on virtual elements: the stiffness matrix (3.13), strains and stresses of cells, and rigid motions.
 
 With Pi and g_i = |K| G_i as in :mod:`vemcvx.vem.projection`, and Pi_0 div u the trace of eps(Pi u), on a cell K
 
-    a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K
-                  + tau h_K^(dim - 2) sum_i chi_i(u - Pi u) chi_i(v - Pi v),
+$$ a_K^h(u, v) = 2 \mu (\varepsilon(\Pi u), \varepsilon(\Pi v))_K
++ \lambda (\Pi_0 \operatorname{div} u, \Pi_0 \operatorname{div} v)_K
++ \tau h_K^{\dim - 2} \sum_i \chi_i(u - \Pi u) \, \chi_i(v - \Pi v), $$
 
 whose entry for the components a, b of the vertices i, j is
 
-    (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau h_K^(dim - 2) delta_ab ((I - Pi)'(I - Pi))_ij.
+$$ (\lambda g_{ia} g_{jb} + \mu g_{ib} g_{ja} + \mu \delta_{ab} g_i \cdot g_j) / |K|
++ \tau h_K^{\dim - 2} \delta_{ab} ((I - \Pi)' (I - \Pi))_{ij}. $$
 
 tau = 2 mu ("shear") has the units of the other terms and does not contain lam, so nothing locks as lam grows. tau = 1
 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
@@ -17,7 +19,8 @@ The kernel of Pi (hourglass modes) is mostly deviatoric; tau stands for a deviat
 C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. They keep the volumetric
 direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to itself. We use
 
-    tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
+$$ \tau = \text{smallest eigenvalue of } C_k \text{ on the deviatoric plane} = \tfrac{p + q}2
+- \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2} \; \text{ of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}. $$
 
 In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
 C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock. A growing volumetric modulus

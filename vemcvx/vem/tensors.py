@@ -1,12 +1,13 @@
-"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
+r"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
 Components of symmetric tensors have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear
 strains are 2 e_xy and so on. Moduli have one column per cell. They are either (2, n_cells), Lame's lam (reduced in
 plane stress) and mu; or the upper triangle of the elastic matrix C by rows: in the plane (6, n_cells), xx-xx, xx-yy,
 xx-xy, yy-yy, yy-xy, xy-xy, in space (21, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
 
-    sigma_1,2 = (xx + yy) / 2 +- sqrt(((xx - yy) / 2)^2 + xy^2)                                 Mohr's circle (1882)
-    sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 (xy^2 + yz^2 + xz^2)          von Mises (1913)
+$$ \sigma_{1,2} = \tfrac{xx + yy}2 \pm \sqrt{\big(\tfrac{xx - yy}2\big)^2 + xy^2} \quad \text{(Mohr's circle, 1882)}, \\
+\sigma_v^2 = \tfrac12 \big( (xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2 \big) + 3 (xy^2 + yz^2 + xz^2)
+\quad \text{(von Mises, 1913)}. $$
 
 The out-of-plane stress zz is the third principal stress: 0 in plane stress; in plane strain lam (e_xx + e_yy), plus
 thermal stress.

@@ -1,15 +1,15 @@
-"""The distance of two displacement fields in the energy norm, on the same or on different meshes.
+r"""The distance of two displacement fields in the energy norm, on the same or on different meshes.
 
-    exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
-    projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
-    nodal       |u - I v|_{a^h} on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v
+- exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$ of the virtual functions, on rectangles and triangles;
+- projected: the same of Pi u and Pi v, on any polygons;
+- nodal: $|u - I v|_{a^h}$ on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v.
 
 The first two integrate exactly on the overlaps of cells, where strains are linear or constant. They are norms of
 differences in one space of strains. So they are symmetric if the moduli are the same, and obey the triangle inequality.
 The nodal distance ignores v between the coarse nodes, and is the smallest of the three. It is a sum over cells, in the
 a^h of the stiffness of `run` with its stabilisation,
 
-    |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + S_K(w - Pi w, w - Pi w),    (3.13).
+$$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 
 In space the integrals are sums over pyramids between the centroid of a cell of the second mesh and its faces; the
 centroid of a pyramid determines the cell of the first mesh. They are exact if the cells of the second mesh lie inside
@@ -18,7 +18,7 @@ cells of the first mesh, and otherwise O(h). There "exact" is for tetrahedra, on
 On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
 e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values u_1 ... u_4 in turn, it is
 
-    u(x) = mean + grad(Pi u) (x - c) + b xi eta,    b = (u_1 - u_2 + u_3 - u_4) / 4,
+$$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
 because xi eta is harmonic, and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, with the slope of
 sym(b (x) grad(xi eta)). On other cells only Pi u is known.

@@ -11,11 +11,11 @@ from vemcvx.cli.supplied import as_notebook, lessons
 
 INDEX = """# Learn
 
-Lessons for students who know linear algebra and a little of finite elements: formula, code, picture, questions whose
-answers unfold, exercises with solutions. `vemcvx lesson N` copies lesson N and its solutions into your folder, with
-`--notebook` as notebooks, with `--no-solutions` the lesson alone, for homework.
+Ten lessons for students who know linear algebra and a little of finite elements. Each has formulas, code, pictures,
+questions whose answers unfold, and exercises with solutions. `vemcvx lesson N` copies lesson N and its solutions into
+your folder. `--notebook` copies them as notebooks; `--no-solutions` copies the lesson alone, for homework.
 
-How to teach with them: [](course.md).
+How to teach with them: [](course.md), with a table of symbols.
 
 {rows}
 
@@ -38,15 +38,17 @@ def write(folder: Path) -> None:
         solutions = lesson.path.with_name(f"lesson_{number}_solutions.py")
         for path, name in ((lesson.path, f"lesson_{number}"), (solutions, f"lesson_{number}_solutions")):
             made = as_notebook(path.read_text(encoding="utf-8"))
-            _kept(made, notebooks / f"{path.stem}.ipynb")
+            write_if_new(made, notebooks / f"{path.stem}.ipynb")
             for cell in made["cells"]:
                 if cell["metadata"]:
-                    cell["metadata"]["tags"] = ["hide-input"]
+                    picture = cell["source"][0].removeprefix("# ").strip()
+                    cell["metadata"] |= {"tags": ["hide-input"], "mystnb": {"image": {"alt": picture}}}
                 if cell["cell_type"] == "markdown":
-                    cell["source"] = [_linked(line, number) for line in cell["source"]]
+                    cell["source"] = [link_files(line, number) for line in cell["source"]]
             if path == lesson.path:
-                made["cells"].append(_below(number))
-            _kept(made, folder / f"{name}.ipynb")
+                tree = f"```{{toctree}}\n:hidden:\n\nSolutions <lesson_{number}_solutions>\n```"
+                made["cells"].append({"cell_type": "markdown", "id": "solutions", "metadata": {}, "source": tree})
+            write_if_new(made, folder / f"{name}.ipynb")
         title = lesson.sentence.removeprefix(f"Lesson {number}, ")
         pages.append(f"Lesson {number}, {title.partition(':')[0]} <lesson_{number}>")
         rows.append(
@@ -58,25 +60,21 @@ def write(folder: Path) -> None:
     (folder / "index.md").write_text(INDEX.format(rows="\n".join(rows), pages="\n".join(pages)), encoding="utf-8")
 
 
-def _kept(made: dict[str, object], path: Path) -> None:
-    """Write a notebook, unless it is there: its cells need not be run again."""
+def write_if_new(made: dict[str, object], path: Path) -> None:
+    """Write a notebook, unless the file has the same text: then its cells need not run again."""
     text = json.dumps(made, indent=1, ensure_ascii=False)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 
 
-def _below(number: int) -> dict[str, object]:
-    """A cell that puts the solutions below their lesson in the list of pages."""
-    tree = f"```{{toctree}}\n:hidden:\n\nSolutions <lesson_{number}_solutions>\n```"
-    return {"cell_type": "markdown", "id": "solutions", "metadata": {}, "source": tree.splitlines(keepends=True)}
-
-
-def _linked(line: str, number: int) -> str:
-    """A line of a lesson in which the file of its solutions, and problem files, are links."""
+def link_files(line: str, number: int) -> str:
+    """Return a line of lesson `number` with links for the file of its solutions and for problem files."""
     solutions = f"lesson_{number}_solutions"
     line = line.replace(f"`{solutions}.py`", f"[`{solutions}.py`]({solutions}.ipynb)")
-    return re.sub(r"`(?:problems/)?(\w+)\.py`", lambda found: _problem(found.group(1)) or found.group(), line)
+    return re.sub(r"`(?:problems/)?(\w+)\.py`", link_problem, line)
 
 
-def _problem(name: str) -> str | None:
-    return f"[`{name}.py`](../gallery/{name}.md)" if name in list_problems() else None
+def link_problem(found: re.Match[str]) -> str:
+    """Return the link to the page of a problem file, or the text as it is."""
+    name = found.group(1)
+    return f"[`{name}.py`](../gallery/{name}.md)" if name in list_problems() else found.group()

@@ -1,7 +1,7 @@
-"""Slides of the lessons, from the pages that their cells became: a page that snaps from slide to slide.
+"""Slides of the lessons: each shows a formula or a picture of the lesson's page, with at most five lines of text.
 
-The slides are one page of HTML, without a framework: space, arrows and page keys go on, CSS stops at each slide, and a
-printer puts one on a sheet. nbconvert's slides would need reveal.js from another host, or a copy of it here.
+The slides of a lesson are one HTML page without a framework. Space, arrow and page keys go on, CSS stops at each slide,
+and a printer puts one slide on a sheet. The slides of nbconvert would load reveal.js from another host.
 """
 
 from __future__ import annotations
@@ -13,17 +13,12 @@ from pathlib import Path
 
 from bs4 import BeautifulSoup, Tag
 
-FULL, TITLE = 560, 130
-"""Pixels that a slide holds below its heading in a window of 1280 x 720, and those that a title of two lines takes."""
-PICTURE, FORMULA, LINE, CODE, APART = 380, 80, 28, 22, 20
-"""Pixels of a picture, a formula on its own, a line of text, one of code; and between blocks."""
-LETTERS = 105
-"""Of a line of text."""
+LETTERS, LINES = 85, 5
+"""Letters in a line, and lines of text on a slide."""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>
-<link rel="icon" href="../../_static/icon.svg">
-<link rel="stylesheet" href="../../_static/pygments.css"><link rel="stylesheet" href="../../_static/slides.css">
+<link rel="icon" href="../../_static/icon.svg"><link rel="stylesheet" href="../../_static/slides.css">
 <script>MathJax = {{ options: {{ enableMenu: false }} }};</script>
 <script defer src="../../_static/slides.js"></script><script defer src="../../_static/formulas.js"></script>
 <script defer src="../../_static/mathjax/tex-svg-full.js"></script>
@@ -34,28 +29,26 @@ PAGE = """<!doctype html>
 
 
 def write(site: Path) -> None:
-    """Write the slides of every lesson beside its page."""
+    """Write the slides of every lesson into the folder `slides` beside the lessons."""
     folder = site / "learn" / "slides"
     folder.mkdir(exist_ok=True)
     for path in sorted((site / "learn").glob("lesson_*.html")):
         if "solutions" not in path.stem:
-            (folder / path.name).write_text(_slides(path), encoding="utf-8")
+            (folder / path.name).write_text(build_page(path), encoding="utf-8")
 
 
-def _slides(path: Path) -> str:
-    page = BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser")
-    body = page.find("article").find("section")
+def build_page(path: Path) -> str:
+    """Return the page of slides for the page of a lesson."""
+    body = BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser").find("article").find("section")
     for link in body.find_all("a", class_="headerlink"):
         link.decompose()
     for tag in body.find_all(True):
-        _moved(tag, path.name)
-    for summary in body.select("details.hide > summary"):
-        summary.string = "Code"
+        readdress(tag, path.name)
     title = body.find("h1").get_text(strip=True)
-    made = list(_packed(_together(list(_blocks(body)))))
+    made = list(build_slides(list(find_blocks(body))))
     back = f'<a href="../{path.name}">{escape(title.partition(",")[0])}</a>'
-    feet = [f"{back} {n} / {len(made)}" for n in range(1, len(made) + 1)]
-    feet[1:] = [foot.replace("<a ", '<a tabindex="-1" ') for foot in feet[1:]]  # the first is tab stop enough
+    feet = [f"{back} {number} / {len(made)}" for number in range(1, len(made) + 1)]
+    feet[1:] = [foot.replace("<a ", '<a tabindex="-1" ') for foot in feet[1:]]  # one tab stop is enough
     slides = "\n".join(
         f'<section tabindex="-1"><div>{slide}</div><p class="where">{foot}</p></section>'
         for slide, foot in zip(made, feet, strict=True)
@@ -63,8 +56,8 @@ def _slides(path: Path) -> str:
     return PAGE.format(title=escape(title), slides=slides)
 
 
-def _moved(tag: Tag, page: str) -> None:
-    """Slides are a folder below their lesson; anchors are those of the lesson."""
+def readdress(tag: Tag, page: str) -> None:
+    """Adapt links: the slides are one folder below the lesson, and have no anchors of their own."""
     tag.attrs.pop("id", None)
     for attribute in ("href", "src"):
         address = tag.get(attribute, "")
@@ -74,77 +67,63 @@ def _moved(tag: Tag, page: str) -> None:
             tag[attribute] = f"../{address}"
 
 
-def _blocks(section: Tag) -> Iterator[Tag]:
-    """What stands in a section and those within it, in order."""
+def find_blocks(section: Tag) -> Iterator[Tag]:
+    """Yield the blocks of a section and of its subsections, in order."""
     for child in section.find_all(True, recursive=False):
         if child.name == "section":
-            yield from _blocks(child)
+            yield from find_blocks(child)
         elif child.get_text(strip=True) or child.find("img"):
             yield child
 
 
-def _together(blocks: list[Tag]) -> Iterator[list[Tag]]:
-    """Blocks that one slide shows: a paragraph and its formulas; a question below its picture, and its answer."""
-    held: list[Tag] = []
+def build_slides(blocks: list[Tag]) -> Iterator[str]:
+    """Yield the title with the opening paragraph, then a slide for every formula, picture, table and short list."""
+    heading = str(blocks[0])
+    yield heading + "".join(f"<p>{part}</p>" for part in fit(split_sentences(blocks[1]), LINES, first=True))
     for at, block in enumerate(blocks):
-        held.append(block)
-        following = blocks[at + 1] if at + 1 < len(blocks) else None
-        if following is None or not (_said_by(block, following) or _asked_of(block, following)):
-            yield sorted(held, key=lambda one: not (_drawn(one) and any(map(_answers, held))))
-            held = []
+        following = blocks[at + 1 : at + 3]
+        if block.name == "h2":
+            heading = str(block)
+        elif is_shown(block):
+            inside = sum(count_lines(str(item)) for item in block.find_all("li"))
+            before = split_sentences(blocks[at - 1])
+            before = fit(before[bool(before) and before[0][0].islower() :], max(LINES - 2 - inside, 1))
+            after = [one for one in split_sentences(following[0])[:1] if one[0].islower()] if following else []
+            yield f"{heading}<p>{' '.join(before)}</p>{block}<p>{' '.join(after)}</p>".replace("<p></p>", "")
+        elif block.find("img"):
+            near = [*blocks[max(at - 3, 0) : at][::-1], *following]
+            asked = next((one for one in near if one.name == "p" and "Question:" in one.get_text()), None)
+            text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
+            answer = next((one for one in near if one.name == "details"), "") if asked else ""
+            start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
+            image = block.find("img")
+            yield f"{heading}{image}<p>{' '.join(fit(text[start:], LINES, first=True))}</p>{answer}"
 
 
-def _said_by(block: Tag, following: Tag) -> bool:
-    """A sentence goes on in a formula, or beyond it."""
-    words = following.get_text(strip=True)
-    return _shown(following) if block.name == "p" else _shown(block) and words[:1].islower()
+def is_shown(block: Tag) -> bool:
+    """Return True for a formula on its own lines, a table, or a list that leaves a line for its introduction."""
+    if block.name == "ul":
+        return sum(count_lines(str(item)) for item in block.find_all("li")) < LINES
+    return bool({"math", "math-wrapper", "table-wrapper"} & set(block.get("class", ())))
 
 
-def _asked_of(block: Tag, following: Tag) -> bool:
-    """A question and its answer, and the picture below."""
-    return _answers(following) or (_answers(block) and _drawn(following))
+def split_sentences(paragraph: Tag) -> list[str]:
+    """Return the sentences of a paragraph as HTML; a sentence does not end within a tag."""
+    sentences = [""]
+    for part in re.split(r"(?<=[.?!])\s+", paragraph.decode_contents() if paragraph.name == "p" else ""):
+        is_open = len(re.findall(r"<\w", sentences[-1])) > sentences[-1].count("</")
+        sentences[-1:] = [f"{sentences[-1]} {part}"] if is_open else [sentences[-1], part]
+    return [sentence for sentence in sentences if sentence]
 
 
-def _answers(block: Tag) -> bool:
-    return block.name == "details"
+def fit(sentences: list[str], lines: int, first: bool = False) -> list[str]:
+    """Return the last sentences that fit into some lines, or the first ones."""
+    kept = sentences if first else sentences[::-1]
+    while len(kept) > 1 and count_lines(" ".join(kept)) > lines:
+        kept = kept[:-1]
+    return kept if first else kept[::-1]
 
 
-def _drawn(block: Tag) -> bool:
-    """A cell of which the picture alone is shown."""
-    return "tag_hide-input" in block.get("class", ()) and block.find("img") is not None
-
-
-def _shown(block: Tag) -> bool:
-    """A formula on its own."""
-    return bool({"math", "math-wrapper"} & set(block.get("class", ())))
-
-
-def _weight(block: Tag) -> int:
-    """Pixels of a block, about; what is folded has the line that unfolds it."""
-    if _answers(block):
-        return LINE + APART
-    if _shown(block):
-        return FORMULA * (1 + block.get_text().count("\\\\") // 2)
-    if "cell" in block.get("class", ()):
-        shown = [pre for pre in block.find_all("pre") if pre.find_parent("details") is None]
-        folded = LINE + APART if block.find("details") else 0
-        lines = sum(CODE * len(pre.get_text().strip().splitlines()) + 2 * APART for pre in shown)
-        return PICTURE * len(block.find_all("img")) + folded + lines
-    items = block.find_all("li") or block.find_all("tr") or [block]
-    return sum(LINE * (1 + len(item.get_text()) // LETTERS) + APART // 2 for item in items) + APART // 2
-
-
-def _packed(groups: Iterator[list[Tag]]) -> Iterator[str]:
-    """Slides of as many blocks as they hold; a heading begins one, and is repeated where its section goes on."""
-    heading, held, weight = "", [], 0
-    for group in groups:
-        begins, weighs = group[0].name in ("h1", "h2"), sum(map(_weight, group))
-        if held and (begins or weight + weighs > FULL):
-            yield heading + "".join(held)
-            heading, held, weight = heading.replace("h1>", "h2>"), [], 0
-        if begins:
-            heading, weight = str(group[0]), TITLE if group[0].name == "h1" else 0
-        else:
-            held += map(str, group)
-            weight += weighs
-    yield heading + "".join(held)
+def count_lines(html: str) -> int:
+    """Return the number of lines of some text, where commands of formulas count as one letter."""
+    return -(-len(re.sub(r"\\[a-zA-Z]+|\\.|[{}_^]", "x", re.sub(r"<[^>]+>", "", html))) // LETTERS)

@@ -20,8 +20,8 @@
 # node. The stiffness matrix of the net is $K = \varepsilon^T \mathbb C\, \varepsilon$. There are two sets of admissible
 # fields:
 #
-# $$\text{displacements } v \text{ that are zero where the net is held,} \qquad
-# \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f .$$
+# $$\begin{gathered} \text{displacements } v \text{ that are zero where the net is held,} \\
+# \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f . \end{gathered}$$
 #
 # Displacements need no equilibrium, and forces need no displacement. Both are easy to find. The solution $u$ with
 # $\sigma = \mathbb C\, \varepsilon(u)$ belongs to both sets. Norms of forces are
@@ -149,8 +149,9 @@ _figure
 # circle. Let $\delta_z$ be the difference $\delta$ for $z$. The centres of both circles give a value $m$, and the radii
 # bound the deviation:
 #
-# $$\big|\, Q(u) - m \,\big| \le \tfrac12\, |\delta|\,|\delta_z| , \qquad
-# m = Q(v) + f^T v_z - (\mathbb C\,\varepsilon(v), \mathbb C\,\varepsilon(v_z)) + \tfrac12 (\delta, \delta_z) .$$
+# $$\begin{gathered} \big|\, Q(u) - m \,\big| \le \tfrac12\, |\delta|\,|\delta_z| , \\
+# m = Q(v) + f^T v_z - (\mathbb C\,\varepsilon(v), \mathbb C\,\varepsilon(v_z)) + \tfrac12 (\delta, \delta_z) .
+# \end{gathered}$$
 
 # %%
 node = 17
@@ -229,8 +230,8 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #
-# `vx.error_bound` computes the best such stresses of a certain polynomial degree. The bound compares with the solution
-# for the *body*, not with the solution on the mesh.
+# The function `vx.error_bound` computes the best such stresses of a certain polynomial degree. The bound compares with
+# the solution for the *body*, not with the solution on the mesh.
 
 # %%
 

@@ -179,8 +179,8 @@ energies((0.0, 0.8, 2.6))
 # So the program is a minimum over $u$ of a maximum over $\lambda$. We may exchange the two, because the function is
 # convex in $u$ and linear in $\lambda$, and because the set of the $\lambda$ is bounded:
 #
-# $$\min_u \max_{|\lambda| \le w} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev})
-#   \;=\; \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}.$$
+# $$\begin{aligned} & \min_u \max_{|\lambda| \le w} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev}) \\
+#   =\; & \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}. \end{aligned}$$
 #
 # The inner minimum is now smooth, and it lies where $K u = f - \lambda$. **The multiplier is the force that friction
 # takes**, the $\lambda$ of section 1. Insert this $u$, and a function of $\lambda$ remains, the *dual energy*

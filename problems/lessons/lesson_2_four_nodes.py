@@ -20,8 +20,8 @@ import vemcvx as vx
 # Four blocks in a row are joined by springs of stiffness one. The last block is tied to a wall, the first is pulled.
 # Block $i$ has its own friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in lesson 1,
 #
-# $$P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \qquad
-#   K = \begin{pmatrix} 1 & -1 \\ -1 & 2 & -1 \\ & -1 & 2 & -1 \\ & & -1 & 2 \end{pmatrix}.$$
+# $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\
+#   K = \begin{pmatrix} 1 & -1 \\ -1 & 2 & -1 \\ & -1 & 2 & -1 \\ & & -1 & 2 \end{pmatrix}. \end{gathered}$$
 #
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
@@ -70,8 +70,9 @@ print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {all
 # As in lesson 1, write $w_i|s_i| = \max_{|\lambda_i| \le w_i} \lambda_i s_i$ with the slip $s = u - u_{prev}$, and
 # exchange minimum and maximum:
 #
-# $$\max_{|\lambda_i| \le w_i} \min_u \; \tfrac12 u^TKu - f^Tu + \lambda^T(u - u_{prev})
-#   \;=\; \max_{|\lambda_i| \le w_i} -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) - \lambda^T u_{prev}.$$
+# $$\begin{aligned} & \max_{|\lambda_i| \le w_i} \min_u \; \tfrac12 u^TKu - f^Tu + \lambda^T(u - u_{prev}) \\
+#   =\; & \max_{|\lambda_i| \le w_i} -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) - \lambda^T u_{prev}.
+#   \end{aligned}$$
 #
 # The inner minimum is at $K u = f - \lambda$: the multiplier is the force that friction takes. A block with
 # $|\lambda_i| < w_i$ sticks. Where a block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force *on* the block is
@@ -101,7 +102,7 @@ print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(equal, because the
 
 # %% [markdown]
 # The dual is itself a program: a concave quadratic function is maximised over a box, and the unknowns are the forces of
-# friction. If we solve the dual, the positions follow from $Ku = f - \lambda$. (Lesson 9 starts here.) **Question:**
+# friction. If we solve the dual, the positions follow from $Ku = f - \lambda$. Lesson 9 starts here. **Question:**
 # block 1 is pulled, and block 4 carries no force at all. Why?
 #
 # <details><summary>Answer</summary>

@@ -36,9 +36,9 @@ import vemcvx as vx
 # So the mean strain, the mean rotation and the mean over the boundary are linear functionals of the vertex values. The
 # paper uses them to define the *projection* $\Pi v$. It is the linear field, given by six numbers, with
 #
-# $$\int_\omega \varepsilon(\Pi v) : \varepsilon(y) = \int_\omega \varepsilon(v) : \varepsilon(y) \;\; \forall
-#   \text{ linear } y, \qquad \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
-#   \qquad \int_\omega \nabla \times \Pi v = \int_\omega \nabla \times v.$$
+# $$\begin{gathered} \int_\omega \varepsilon(\Pi v) : \varepsilon(y) = \int_\omega \varepsilon(v) : \varepsilon(y)
+#   \;\; \forall \text{ linear } y, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
+#   \qquad \int_\omega \nabla \times \Pi v = \int_\omega \nabla \times v. \end{gathered}$$
 #
 # The six functionals are the rows of a matrix $F$ that acts on the vertex values $(v_{1x}, v_{1y}, v_{2x}, \dots)$:
 
@@ -71,8 +71,8 @@ def functionals(x):
 # values are the columns of a matrix $V$. The linear field with the same six functionals as $v$ has coefficients that
 # solve a system with the matrix $FV$, so
 #
-# $$\Pi_* = (FV)^{-1} F \quad (\text{vertex values to coefficients}), \qquad
-#   \Pi = V\,\Pi_* \quad (\text{vertex values to vertex values}).$$
+# $$\begin{aligned} \Pi_* &= (FV)^{-1} F && (\text{vertex values to coefficients}), \\
+#   \Pi &= V\,\Pi_* && (\text{vertex values to vertex values}). \end{aligned}$$
 
 
 # %%

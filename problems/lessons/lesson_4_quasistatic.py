@@ -249,8 +249,8 @@ body_picture(histories[40])
 # $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and the reverse in that of the second. If
 # we add both inequalities, the terms in $j$ cancel, and
 #
-# $$a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1})
-#   \quad\Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a .$$
+# $$\begin{gathered} a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1}) \\
+#   \Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a . \end{gathered}$$
 #
 # The map of a step is *nonexpansive* in the energy norm; this is (2.38), the main point of Theorem 2.5. So the errors
 # of steps add up and are not amplified, and the certificates of steps may be added over time.
@@ -259,7 +259,7 @@ body_picture(histories[40])
 later = np.linspace(1.0, 9.0, 161)
 
 
-def marched(past):
+def march_from(past):
     """Return the states of the chain from t = 1 on, where the load before t = 1 depends on `past`."""
 
     def load(t):
@@ -274,7 +274,7 @@ def distance(one, other):
     return np.sqrt(np.einsum("ni,ij,nj->n", one - other, chain, one - other))
 
 
-apart = distance(marched(3.0), marched(-2.0))
+apart = distance(march_from(3.0), march_from(-2.0))
 assert (np.diff(apart) <= 1e-14).all()
 assert apart[-1] < 0.5 * apart[0]
 

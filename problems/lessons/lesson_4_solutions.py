@@ -43,12 +43,12 @@ assert error(peak=3.0, seen=0.5) == w / K
 
 
 # %%
-def pulled(times):
+def pull_chain(times):
     system = vx.System(chain, lambda t: np.array([2.4, 0, 0, 0]) * t, norms)
     return vx.march(system, times, solver=vx.Newton()).state[-1]
 
 
-one, hundred = pulled([0.0, 1.0]), pulled(np.linspace(0.0, 1.0, 101))
+one, hundred = pull_chain([0.0, 1.0]), pull_chain(np.linspace(0.0, 1.0, 101))
 # A hundred increments of size one are rounded to 1e-16, and the condition number is 30.
 assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 
@@ -60,7 +60,7 @@ assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 
 
 # %%
-def damped(loads, k, c=0.5):
+def move_damped(loads, k, c=0.5):
     u, K_k = 0.0, K + c / k
     for f in loads:
         f_k = f + c * u / k
@@ -69,7 +69,7 @@ def damped(loads, k, c=0.5):
 
 
 ramp = np.linspace(0.0, peak, 31)
-ends = [damped(ramp, k) for k in (1e-3, 1e-1, 1e3)]
+ends = [move_damped(ramp, k) for k in (1e-3, 1e-1, 1e3)]
 assert ends[0] < ends[1] < ends[2] <= walk(ramp)
 # The slowest slider moves by 0.05 in 1000 s, so the damper changes its position by c * 0.05 / 1000 / K.
 assert walk(ramp) - ends[2] <= 0.5 * 0.05 / 1000 / K + 1e-15

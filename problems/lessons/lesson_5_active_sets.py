@@ -42,7 +42,7 @@ import vemcvx as vx
 
 # %%
 def newton_step(program, u, lam, gamma):
-    """Guess the sets from (u, lam), and solve the system of this guess."""
+    """Solve the system of the sets that (u, lam) suggest; return positions, forces and sides."""
     K, f, w, u_prev = program
     trial = lam + gamma * (u - u_prev)
     side = np.where(np.abs(trial) <= w, 0.0, np.sign(trial))
@@ -170,9 +170,9 @@ def plane_step(K, f, w, u_prev, iterate, gamma):
 
 # %% [markdown]
 # Twenty blocks stand in a row that is tied at one end. The first pull is along the row, the second one turns. We
-# measure the distance to the last iterate in the energy norm. Far away the error falls by a quarter per round, while
-# the front moves from block to block, because only neighbours are coupled. Then the error collapses. *Superlinear*
-# means that the factor itself tends to zero:
+# measure the distance to the last iterate in the energy norm. Far away the error falls by about a fifth per round,
+# while the front moves from block to block, because only neighbours are coupled. Then the error collapses.
+# *Superlinear* means that the factor itself tends to zero:
 #
 # $$\frac{|u^{(m+1)} - u^*|_K}{|u^{(m)} - u^*|_K} \to 0 .$$
 
@@ -308,7 +308,7 @@ def gap(program, u, lam):
     return 0.5 * r @ np.linalg.solve(K, r) + np.sum(w * np.abs(s) - lam * s)
 
 
-def safeguarded(program, gamma, patience=5, rounds=1000):
+def solve_safely(program, gamma, patience=5, rounds=1000):
     """Return the answer, the gap after every round, and the numbers of those rounds that were sure steps."""
     K, f, w, u_prev = program
     flexibility = np.linalg.inv(K)
@@ -337,12 +337,12 @@ def safeguarded(program, gamma, patience=5, rounds=1000):
 # lead it to the right sets.
 
 # %%
-runs = [safeguarded(program, shift(program[0], 10.0)) for program in programs]
+runs = [solve_safely(program, shift(program[0], 10.0)) for program in programs]
 for _program, (_, _gaps, _) in zip(programs, runs, strict=True):
     assert _gaps[-1] <= 1e-12 * 0.5 * _program[1] @ np.linalg.solve(_program[0], _program[1])
 needed = [len(sure_steps) for _, _, sure_steps in runs]
 assert sum(needed) > 0
-assert safeguarded(blocks, shift(blocks[0], 100.0))[0].tolist() == [-2.0, 0.0]
+assert solve_safely(blocks, shift(blocks[0], 100.0))[0].tolist() == [-2.0, 0.0]
 few = np.median([count for count in needed if count])
 print(f"all 60 are solved; {np.count_nonzero(needed)} needed sure steps, {few:.0f} at the median")
 

@@ -83,14 +83,15 @@ print(f"gap of the package's answer {gap(exact, forces):.1e}; the certificate ha
 # Second, $|\lambda_i| \le w_i$ implies $w_i |v_i| \ge \lambda_i v_i$ for every $i$ and every $v$. Replace $w_i |v_i|$
 # by $\lambda_i v_i$: no term of $P$ grows, and the result is smooth, with its minimum at $Kv = f - \lambda$. So
 #
-# $$P(v) \ge \tfrac12 v^TKv - (f - \lambda)^Tv \ge -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) = D(\lambda)
-#   \quad \text{for all } v.$$
+# $$\begin{aligned} P(v) &\ge \tfrac12 v^TKv - (f - \lambda)^Tv \\
+#   &\ge -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) = D(\lambda) \quad \text{for all } v. \end{aligned}$$
 #
 # Take $v = s^*$: $D(\lambda) \le P(s^*)$. Together, $\tfrac12 |s - s^*|_K^2 \le P(s) - P(s^*) \le P(s) - D(\lambda)$.
 # Finally, insert $f = r + \lambda + Ks$ into $P(s)$ and $f - \lambda = r + Ks$ into $D(\lambda)$:
 #
-# $$P(s) - D(\lambda) = \Bigl(-\tfrac12 s^TKs - r^Ts - \lambda^Ts + \sum_i w_i |s_i|\Bigr)
-#   + \Bigl(\tfrac12 r^TK^{-1}r + r^Ts + \tfrac12 s^TKs\Bigr) = \mathrm{gap}(s, \lambda). \qquad \square$$
+# $$\begin{aligned} P(s) - D(\lambda) = & \Bigl(-\tfrac12 s^TKs - r^Ts - \lambda^Ts + \sum_i w_i |s_i|\Bigr) \\
+#   & + \Bigl(\tfrac12 r^TK^{-1}r + r^Ts + \tfrac12 s^TKs\Bigr) = \mathrm{gap}(s, \lambda). \qquad \square
+#   \end{aligned}$$
 #
 # The proof depends on $w_i |v_i| \ge \lambda_i v_i$. Without $|\lambda_i| \le w_i$ this is wrong for some $v$, and the
 # gap proves nothing (see "How to cheat a careless check" below).

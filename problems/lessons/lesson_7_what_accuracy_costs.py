@@ -62,7 +62,8 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 # Linear elements have the order 1 for smooth solutions. Near a singularity, where $u$ behaves like $r^\alpha$ with the
 # distance $r$ and $\alpha < 1$, the order is lower:
 #
-# $$|u - u_h| = O(h) \quad \text{for smooth } u, \qquad |u - u_h| = O(h^\alpha) \quad \text{where } u \sim r^\alpha .$$
+# $$|u - u_h| = \begin{cases} O(h) & \text{for smooth } u, \\
+#   O(h^\alpha) & \text{where } u \sim r^\alpha . \end{cases}$$
 #
 # This body is not smooth: the stress is singular where the clamp meets the free sides. So ten times the accuracy needs
 # more than a hundred times the cells.

@@ -117,7 +117,7 @@ bar = vx.Scene(
 mesh = vx.meshes.voronoi(4)
 
 
-def closed_form(t):
+def exact_motion(t):
     return p / M * (1 - np.exp(-t * M / c))
 
 
@@ -136,7 +136,7 @@ for _steps in (4, 8, 16, 32, 64):
     assert np.abs(_run.displacement[..., 0] - _exact).max() <= 1e-11 * p / M
     assert np.abs(_run.displacement[..., 1]).max() <= 1e-11 * p / M
     runs[_steps] = _run
-    errors.append(np.abs(recursion(_times) - closed_form(_times)).max())
+    errors.append(np.abs(recursion(_times) - exact_motion(_times)).max())
 ratios = np.array(errors[:-1]) / errors[1:]
 print("errors as the time step is halved:", np.array2string(np.array(errors), precision=4))
 print("ratios", np.round(ratios, 2), "-> 2")
@@ -149,7 +149,7 @@ assert abs(ratios[-1] - 2) < 0.1
 left = np.flatnonzero(mesh.points[:, 0] == 0)[0]
 _figure, _axes = plt.subplots(figsize=(5.8, 3.8), layout="constrained")
 _line = np.linspace(0, 1.5, 200)
-_axes.plot(_line, closed_form(_line), "-", color="black", label="closed form")
+_axes.plot(_line, exact_motion(_line), "-", color="black", label="closed form")
 for _steps, _colour in ((4, "tab:orange"), (16, "tab:green"), (64, "tab:blue")):
     _run = runs[_steps]
     _axes.plot(_run.times, _run.displacement[:, left, 0], "o", color=_colour, markersize=4, label=f"{_steps} steps")
@@ -200,7 +200,7 @@ assert abs(run.work[-1] - run.energy[-1] - taken - lost_by_euler) <= 1e-10 * run
 
 # %%
 def block(speed, *more):
-    """Pull the paper's block up to the same load, at the given speed, with further effects."""
+    """Run the paper's block up to the same load, at the given speed, with further effects."""
 
     def pull(x, t):
         return speed * t * np.column_stack([8 * (1.25 - x[:, 1]), np.full(len(x), -0.01)])

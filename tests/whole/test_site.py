@@ -137,23 +137,26 @@ def test_docstrings_are_translated():
         assert "\n".join(lines) == made
 
 
-def test_slides_keep_together_what_is_read_together():
-    """Sentences and their formulas; a question below its picture, and its answer; a heading with what follows."""
+def test_a_slide_shows_one_formula_or_picture_with_five_lines_of_text():
+    """The title has the opening paragraph; formulas have their sentence; pictures have their question and answer."""
     soup = pytest.importorskip("bs4").BeautifulSoup
     from generator import slides
 
-    long = "word " * 200
-    picture = '<div class="cell tag_hide-input"><details class="hide"><pre>x</pre></details><img src="x.png"></div>'
-    html = f"""<h1>T</h1><p>{long}</p><p>which is, with</p><div class="math">a</div><p>where a is b.</p>
-        <p>{long}</p><p>Which?</p><details><summary>Answer</summary></details>{picture}<h2>B</h2><p>end</p>"""
-    made = list(slides._packed(slides._together(list(slides._blocks(soup(html, "html.parser"))))))
-    assert [bool(re.match(rf"<h2>{title}</h2>", slide)) for title, slide in zip("TTB", made[1:], strict=True)] == [
-        True
-    ] * 3
-    assert sum('class="math"' in slide and "which is" in slide and "where a" in slide for slide in made) == 1
-    (asked,) = (slide for slide in made if "Which?" in slide)
-    assert asked.index("<img") < asked.index("Which?") < asked.index("Answer")
-    assert made[-1] == "<h2>B</h2><p>end</p>"
+    long = "A sentence of seven words is here. " * 40
+    picture = '<div class="cell"><details class="hide"><pre>x</pre></details><img alt="words" src="x.png"></div>'
+    html = f"""<h1>T</h1><p>You need a, you will see b.</p><h2>A</h2><p>{long} It is, with</p>
+        <div class="math">a</div><p>where a is b. Then</p><div class="math">b</div>
+        <p>{long}<strong>Question:</strong> which?</p><details><summary>Answer</summary></details>{picture}
+        <h2>B</h2><p>End:</p><div class="table-wrapper"><table><td>1</td></table></div><p>Exercises</p>"""
+    title, first, second, asked, table = slides.build_slides(list(slides.find_blocks(soup(html, "html.parser"))))
+    assert title == "<h1>T</h1><p>You need a, you will see b.</p>"
+    assert first.startswith("<h2>A</h2><p>A sentence of seven words is here. ")
+    assert first.endswith('It is, with</p><div class="math">a</div><p>where a is b.</p>')
+    assert second == '<h2>A</h2><p>Then</p><div class="math">b</div>'
+    assert re.sub("<img.*?>", "<img>", asked).startswith("<h2>A</h2><img><p><strong>Question:</strong> which?</p>")
+    assert asked.endswith("<details><summary>Answer</summary></details>")
+    assert table == '<h2>B</h2><p>End:</p><div class="table-wrapper"><table><td>1</td></table></div>'
+    assert max(slides.count_lines(slide) for slide in (title, first, second, asked, table)) <= slides.LINES
 
 
 @pytest.fixture(scope="module")

@@ -57,10 +57,13 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 def exports(module: str) -> set[str]:
     """Return the names that a public module exports."""
-    if module == "vemcvx":
-        stub = ast.parse((ROOT / "vemcvx" / "__init__.pyi").read_text(encoding="utf-8"))
-        return {one.asname or one.name for node in stub.body if isinstance(node, ast.ImportFrom) for one in node.names}
-    for node in ast.parse((ROOT / "vemcvx" / module / "__init__.py").read_text(encoding="utf-8")).body:
+    folder = ROOT / "vemcvx" / ("" if module == "vemcvx" else module)
+    if (stub := folder / "__init__.pyi").exists():
+        imports = [
+            node for node in ast.parse(stub.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom)
+        ]
+        return {one.asname or one.name for node in imports for one in node.names}
+    for node in ast.parse((folder / "__init__.py").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
             return {str(name.value) for name in ast.walk(node.value) if isinstance(name, ast.Constant)}
     return set()
@@ -134,9 +137,10 @@ def faults(path: Path) -> Iterator[str]:
 
 def main() -> None:
     """Print the faults of the package, or of the folders that are given."""
-    done = (path for path in (ROOT / "vemcvx").iterdir() if path.is_dir() and path.name not in NOT_YET)
-    folders = [Path(given).resolve() for given in sys.argv[1:]] or [*done]
-    found = [fault for folder in folders for path in sorted(folder.rglob("*.py")) for fault in faults(path)]
+    done = (path for path in (ROOT / "vemcvx").iterdir() if path.name not in NOT_YET)
+    given = [Path(name).resolve() for name in sys.argv[1:]] or sorted(done)
+    files = [one for path in given for one in ([path] if path.suffix == ".py" else sorted(path.rglob("*.py")))]
+    found = [fault for path in files for fault in faults(path)]
     print("\n".join([*found, f"words: {len(found)} faults."]))
     sys.exit(bool(found))
 

@@ -1,7 +1,7 @@
-"""The results of a simulation, and the summary, tables, probes and files that are made of them.
+"""The results of a simulation, with a summary, tables, probes and files.
 
-Stresses are positive in tension, contact pressures in compression; `contact.traction` is the friction force per length
-on the body, and reactions act on the body.
+Stresses are positive in tension, contact pressures in compression. `contact.traction` is the friction force per length
+on the body; reactions act on the body.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ class History(Results, Outlined):
     ----------
     mesh : PolygonMesh or PolyhedralMesh
     scene : Scene or None
-        None if the history was read from files, which do not keep the functions of a scene, or joined of stages.
+        None if the history was read from files, which do not keep the functions of a scene, or joined from stages.
     effects : tuple of str
         The effects of the scene in words.
     displacement : (S, n_nodes, dim)
         Nodal displacements.
     forces : (S, n_nodes, dim)
-        Nodal forces of supports, contact and friction on the body: A u - f, with viscosity A u + A_1 u' - f but in
-        row 0, to which no step leads.
+        Nodal forces of supports, contact and friction on the body: A u - f, or with viscosity A u + A_1 u' - f except
+        in row 0, which ends no step.
     contact : Contact
     acting : BoundaryForces
-        The forces of every effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
+        The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
         Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
         anisotropic (:mod:`vemcvx.vem.tensors`).
     trajectory : Trajectory
         The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict
-        "assemble", "prepare" and "solve".
+        The times of "assemble", "prepare" and "solve" in seconds.
     prestress : (S, n_cells, 3 or 6) or None
         Stresses at zero strain, of eigenstrains and prestress; None if the scene has none.
     out_of_plane : (n_cells, 3) or None
@@ -66,44 +66,51 @@ class History(Results, Outlined):
     out_of_plane_prestress : (S, n_cells) or None
         The part of zz that eigenstrains cause; None if there are none.
     inactive : tuple of str
-        Effects of the scene without influence on this run: dropped, or never active; and the mean motion of a body
-        that nothing holds.
+        Effects of the scene without influence on this run, dropped or never active; also the mean motion of a body that
+        nothing holds.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None
-        The conditions on the boundary, by which `extremes` knows corners and point loads.
+        The conditions on the boundary, from which `extremes` finds corners and point loads.
     growth : dict of str to str, or None
-        Extremes that grew on the last meshes of an adaptive run, by their keys, and by how much.
+        Extremes that grew on the last meshes of an adaptive run: key of the extreme -> sentence.
     quantities : dict of str to Quantity, or None
-        "dissipated", "work" and "wear" with their estimated errors, if asked for: see :func:`vemcvx.quantities`.
+        "dissipated", "work" and "wear" with their estimated errors, if requested: see :func:`vemcvx.quantities`.
     dissipated_error, work_error : (N + 1,) or None
-        Likewise the estimated errors of `dissipated_second_order` and `work_second_order`.
+        With `quantities`: the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
-        Of ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
-        norm, for the "step" with the largest upper one, given the step before (:func:`vemcvx.error_bound`);
-        "relative", upper over the largest energy norm of the run; "reading", the part of upper that estimates
-        what of the data is not linear; and "kind", such as "bound for the given friction".
+        With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
+        norm, given the step before, for the "step" with the largest upper bound (:func:`vemcvx.error_bound`);
+        "relative", upper over the largest energy norm of the run; "reading", the part of upper that estimates the
+        nonlinear part of the data; and "kind", such as "bound for the given friction".
     energy_bounds : (N + 1, 2) or None
-        Likewise bounds, low and high, on the elastic energy of the exact answer of every step; NaN in steps that
-        adaptive runs did not look at.
+        With `bound`: lower and upper bounds on the elastic energy of the exact answer of every step; NaN in steps that
+        an adaptive run did not bound.
     cell_bounds : (n_cells,) or None
-        Likewise the parts of cells in the square of "upper".
+        With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
-        Likewise bounds on the force of a support that moves a boundary, along the axis of its longest way; NaN at the
-        initial instant, and where none is known.
+        With `bound`: bounds on the force of a support that moves a boundary, along the axis of its longest path; NaN at
+        the initial instant, and if unknown.
     bounded_force : dict or None
-        That boundary, by its name, and the number of that axis, such as {"top": 0}.
+        The name of this boundary and the number of this axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
-        S_K of the run's a^h, in which nodal distances are measured; None if a class of the user's was read from files.
+        S_K of the run's a^h, in which nodal distances are measured; None if files do not keep its class.
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
-        What the run begins from: nodal values, a word of `initial`, vx.projected(u_0), or the end of another run.
+        The kind of `initial`: nodal values, "equilibrium", "settled", vx.projected(u_0), or the end of another run.
         Files do not keep it.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((3.0, 0.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> history.displacement.shape, [round(float(x), 9) + 0.0 for x in history.reaction("left")[-1]]
+    ((2, 25, 2), [-3.0, 0.0])
     """
 
     begins: str = "given"
 
     @classmethod
-    def of(cls, results: Results, begins: str = "given") -> History:
+    def from_results(cls, results: Results, begins: str = "given") -> History:
         """Return a history of these results."""
         return cls(begins=begins, **{field.name: getattr(results, field.name) for field in fields(Results)})
 
@@ -125,9 +132,9 @@ class History(Results, Outlined):
         Parameters
         ----------
         start, end : (dim,) points
-            Of the body, as all points between them.
+            Points of the body; all points between them must also lie in the body.
         count : int
-            The number of points, evenly spaced, both ends included; at least 2.
+            The number of evenly spaced points, both ends included; at least 2.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
             Displacements are those of `probe`; stresses are constant on cells, and averaged where several cells meet.
 
@@ -139,7 +146,7 @@ class History(Results, Outlined):
         Raises
         ------
         SceneError
-            The line leaves the body, or an argument is not as above.
+            The line leaves the body, or an argument is invalid.
         """
         return profile(self, start, end, count, field)
 
@@ -149,23 +156,23 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            Of the plane, in the plane a line. The normal points to what is ahead.
+            A point and a normal of the plane (of the line, if the body is plane). The normal points ahead.
         on : str or sequence of str, optional
-            The cells that count, by the names of cell data that are nonzero there, such as those of bodies.
+            The cells to include, by names of cell data that are nonzero there, such as names of bodies.
 
         Returns
         -------
         Section
-            ``force, moment = history.section(...)``: of what is ahead on what is behind, (S, dim) and (S,), in space
-            (S, 3), the moment about `point`. They balance all other forces on either side to rounding, whatever the
-            mesh; loads on cells that the plane cuts act where their nodes are.
+            ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
+            (S, 3), that the part ahead exerts on the part behind. On every mesh they balance all other forces on either
+            side to rounding; loads on cut cells act at their nodes.
 
         Raises
         ------
         SceneError
-            The plane does not cut these cells, an argument is not as above, or the material is viscous.
+            The plane does not cut these cells, an argument is invalid, or the material is viscous.
         HistoryError
-            The history was read from files, and the scene has a stabilisation of one's own.
+            The history was read from files, and the scene has a user-defined stabilisation.
 
         Examples
         --------
@@ -180,14 +187,14 @@ class History(Results, Outlined):
         return section(self, point, normal, on)
 
     def mean(self, field: str = "stress", on: str | Sequence[str] | None = None) -> Floats:
-        """Return the mean of a field over the body, or over some of its cells, (S, ...).
+        """Return the mean (S, ...) of a field over the body, or over some of its cells.
 
         Parameters
         ----------
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
             Displacements are those of Pi u.
         on : str or sequence of str, optional
-            The cells, by the names of cell data that are nonzero there, such as those of bodies.
+            The cells, by names of cell data that are nonzero there, such as names of bodies.
 
         Raises
         ------
@@ -202,12 +209,12 @@ class History(Results, Outlined):
         Parameters
         ----------
         name : {"steps", "contact", "probes"}
-            Energies, certificates and iterations of every step, stored or not; the arrays of :class:`vemcvx.Contact`
-            at every contact node and stored step, in the plane with its "piece" of contact and the arc length "s" on it
-            (:mod:`vemcvx.results.arc`); displacements of every point at every stored step. Components of vectors are
-            columns, as "slip_x".
+            "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
+            :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of contact and
+            the arc length "s" on it (:mod:`vemcvx.results.arc`). "probes": displacements of every point at every stored
+            step. Components of vectors are separate columns, such as "slip_x".
         points : (p, dim) points of the body
-            For "probes", see `probe`.
+            The points of "probes": see `probe`.
 
         Raises
         ------
@@ -224,14 +231,14 @@ class History(Results, Outlined):
         Raises
         ------
         VemcvxError
-            pandas is not installed, or what `table` raises.
+            pandas is not installed, or `table` raises this error.
         """
         return frame(table(self, name, points))
 
     def to_xarray(self) -> Dataset:
         """Return all arrays as one labelled dataset, by the names that they have in ``history.npz``.
 
-        Dimensions are "step" (the stored ones), "instant" (all), "node", "cell", "contact", "axis" and others:
+        Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
         ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have "units" and a "long_name".
 
         Raises
@@ -244,20 +251,20 @@ class History(Results, Outlined):
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
         """Return the convex program of step `n` as it was solved, with its answer and its certificate.
 
-        It is posed again from the stored states before and after the step; :func:`vemcvx.programs` gives the programs
-        of all steps with one factorisation.
+        The program is assembled again from the stored states before and after the step. :func:`vemcvx.programs` yields
+        the programs of all steps with one factorisation.
 
         Parameters
         ----------
         n : int
             1 is the first step after the initial instant.
         condense : bool
-            On the unknowns that friction and contact touch (default), with a dense K; or on all unknowns.
+            True: in the unknowns of friction and contact, with a dense K. False: in all unknowns.
 
         Raises
         ------
         HistoryError
-            There is no such step, a state that is needed was not stored, or the history was read from files.
+            There is no such step, a required state was not stored, or the history was read from files.
         """
         return next(programs_of_steps(self, [n], condense))
 
@@ -273,8 +280,8 @@ class History(Results, Outlined):
 
     def summary(self) -> str:
         """Return the run in a few lines of words."""
-        words = self.outline()
-        return "\n".join([words.title, *(f"{name:<12}{said}" for name, said in words.lines)])
+        outline = self.outline()
+        return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
     def write(self, folder: str | Path, *, probes: ArrayLike | None = None) -> Path:
         """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.files`."""
@@ -282,40 +289,24 @@ class History(Results, Outlined):
 
 
 def scene_of(history: object, subject: str) -> Scene:
-    """Return the scene of a history; HistoryError where the history was read from files, or is none."""
+    """Return the scene of a history; raise HistoryError if it has none, or is no history."""
     if not isinstance(history, History):
-        raise HistoryError(f"{subject}: found {brief(history)} where a History is wanted.")
+        raise HistoryError(f"{subject}: found {brief(history)}; wanted a History.")
     if history.scene is None:
         raise HistoryError(
-            f"{subject}: this history was read from files, or joined, and has no scene; simulate it, or take a stage."
+            f"{subject}: this history was read from files, or joined, and has no scene; simulate it, or use a stage."
         )
     return history.scene
 
 
 def read_history(folder: str | Path) -> History:
-    """Read a history back, every number to the bit, from the folder that :meth:`History.write` was given.
+    """Read a history from a folder that :meth:`History.write` wrote, every number to the bit.
 
-    The scene is not kept, because its data may be functions: `scene` is None, and `effects` says it in words.
-
-    Raises
-    ------
-    HistoryError
-        There is no such folder, no history in it, or one that is damaged or of another format.
-    """
-    return History.of(read_results(folder))
-
-
-def joined(histories: Sequence[History]) -> History:
-    """Return stages as one history, of which there are tables, pictures, films and files as of any other.
-
-    A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Effects
-    are those of all stages, each acting in its own; steps are numbered through. Slips, wear, work and losses go on.
-    Bounds and estimated errors are those of single stages, and are left out, and `scene` is None.
+    Files do not keep the scene, because its data may be functions: `scene` is None, and `effects` describes it.
 
     Parameters
     ----------
-    histories : sequence of History
-        In their order in time, with all steps stored, or every n-th.
+    folder : str or Path
 
     Returns
     -------
@@ -324,8 +315,39 @@ def joined(histories: Sequence[History]) -> History:
     Raises
     ------
     HistoryError
-        One is no history, or does not go on from the one before: it has another mesh, material, or places of contact,
-        or begins at another instant, in another state, or with other losses.
+        There is no such folder, no history in it, or the history is damaged or of another format.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((3.0, 0.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> bool((vx.read_history(history.write("run")).displacement == history.displacement).all())
+    True
+    """
+    return History.from_results(read_results(folder))
+
+
+def joined(histories: Sequence[History]) -> History:
+    """Return stages as one history, with tables, pictures, films and files like any other.
+
+    A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Effects
+    are those of all stages, each active in its own stage; steps are numbered consecutively. Slip, wear, work and losses
+    continue. Bounds and estimated errors belong to single stages and are left out; `scene` is None.
+
+    Parameters
+    ----------
+    histories : sequence of History
+        The stages in order of time, with all steps stored, or every n-th.
+
+    Returns
+    -------
+    History
+
+    Raises
+    ------
+    HistoryError
+        An item is no history, or does not continue the one before: its mesh, material or contact nodes are different,
+        or it begins at another instant, in another state, or with other losses.
 
     Examples
     --------
@@ -341,12 +363,12 @@ def joined(histories: Sequence[History]) -> History:
     stages = list(histories) if isinstance(histories, (list, tuple)) else []
     if not stages or not all(isinstance(stage, History) for stage in stages):
         raise HistoryError(
-            f"joined: found {brief(histories)}; wanted a list of histories, one for each stage, in their order."
+            f"joined: found {brief(histories)}; wanted a list of histories, one for each stage, in order of time."
         )
-    return History.of(join(stages), stages[0].begins)
+    return History.from_results(join(stages), stages[0].begins)
 
 
-FOR_GIVEN = "for the given friction: bounds of friction are those of the answer's own pressure and slip"
+FOR_GIVEN = "for the given friction: friction bounds are fixed by the pressure and slip of the answer"
 
 
 def in_words(history: Results) -> Outline:
@@ -359,10 +381,10 @@ def in_words(history: Results) -> Outline:
     did += f", {opened} are open" if opened else ""
     title = f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
     title += f"{len(touch.nodes)} contact nodes, {history.steps} steps"
-    usual, asked = int(np.median(run.iterations[1:])) if history.steps else 0, run.above_asked
-    certified = f"{run.certified.max():.1e} relative energy error a step, rounding included; "
-    certified += f"{run.certified_total.max():.1e} accumulated{asked and f'; {asked}'}"
-    took = f"{usual} a step at the median, at most {run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
+    median, above = int(np.median(run.iterations[1:])) if history.steps else 0, run.above_asked
+    certified = f"{run.certified.max():.1e} relative energy error per step, rounding included; "
+    certified += f"{run.certified_total.max():.1e} accumulated{above and f'; {above}'}"
+    cost = f"median {median} per step, at most {run.iterations.max()}; {run.safeguards.sum()} safeguards"
     quoted = f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g}"
     when = "in the last step" if at_end else f"at t = {history.times[row]:.6g}, at the largest energy"
     most = "" if at_end else f" (at most {history.energy[row]:.6g}, at t = {history.times[row]:.6g})"
@@ -373,9 +395,9 @@ def in_words(history: Results) -> Outline:
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors, history.quantities),
         *_bound(history.bound),
-        ("iterations", took),
-        ("energy", f"stored {run.energy[-1]:.6g}{most}, {quoted}, of second order in the steps"),
-        ("", f"sum of backward Euler: dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}, of first order"),
+        ("iterations", cost),
+        ("energy", f"stored {run.energy[-1]:.6g}{most}, {quoted}, of second order in the step"),
+        ("", f"sums of backward Euler: dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}, of first order"),
         *([("contact", f"{did} {when}")] if len(touch.nodes) else []),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
@@ -395,5 +417,5 @@ def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | N
     if errors is None:
         return lines
     parts = ", ".join(f"{name} {errors[name]:.2%}" for name in ("algebra", "space", "time"))
-    asked = f"; {errors['target']:.2%} was asked for" if "target" in errors else ""
-    return [("estimated", f"{errors['total']:.2%} energy error ({parts}){asked}"), *lines]
+    target = f"; the target was {errors['target']:.2%}" if "target" in errors else ""
+    return [("estimated", f"{errors['total']:.2%} energy error ({parts}){target}"), *lines]

@@ -65,32 +65,33 @@ def simulate(
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
     times : increasing sequence of instants
-        times[0] is the initial instant; data are evaluated at each of the others.
+        times[0] is the initial instant; data are evaluated at all others.
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs without friction and one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
-        The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
-        one step from zero; P^h u_0 of a function, see :func:`vemcvx.projected`; or where another run on the same mesh
-        ended, a history or its folder: slips, wear, work and losses go on from there.
+        The displacement at times[0]. None is zero; "equilibrium" is the equilibrium a(u_0, .) = l(0) without friction;
+        "settled" is the result of one step from zero; :func:`vemcvx.projected` is P^h u_0 of a function. A history, or
+        its folder, is another run on the same mesh: slip, wear, work and losses continue from its end.
     store : "all", "last", int n or sequence of int
-        Steps to store, and to certify on all unknowns: all; the last; every n-th, or those given, and the last. Other
-        steps are certified on the unknowns of contact and friction.
+        Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or the given steps and
+        the last. Other steps are certified on the unknowns of contact and friction.
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        Eliminate the unknowns that friction and contact do not touch (default, not with Viscosity), or solve for all.
+        True: eliminate the unknowns without friction and contact (except with Viscosity). False: solve for all.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso(), Iterative() or PETSc(); by default by the number of unknowns and what is installed.
+        SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the number of unknowns and on what is
+        installed.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
         A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
-        interrupted. One run at a time writes there; files of other origin are left alone.
+        interrupted. Only one run at a time may write there; foreign files are not changed.
     resume : bool
-        Continue the run in the folder `stream`, if there is one, from its last stored step; otherwise it is replaced.
+        Continue the run in the folder `stream` from its last stored step; False replaces it.
     bound : bool
-        Bound the error of the mesh in every step from both sides (:func:`vemcvx.error_bound`): `history.bound` has the
-        largest. All steps must be stored.
+        Bound the error of the mesh in every step from both sides (:func:`vemcvx.error_bound`); `history.bound` is the
+        largest bound. All steps must be stored.
 
     Returns
     -------
@@ -99,40 +100,40 @@ def simulate(
     Raises
     ------
     SceneError
-        Scene, mesh and times make no well-posed problem, or there is no bound; `initial` violates (3.10) on this mesh.
+        The problem of scene, mesh and times is not well-posed, or has no bound; `initial` violates (3.10) on this mesh.
     NotAccepted
-        The solver cannot take the scene's program.
+        The solver does not accept the scene's program.
     NotCertified
         A step misses the accuracy.
     HistoryError
-        `stream` cannot be written to, another run writes there, or it holds a run of something else.
+        `stream` cannot be written to, another run writes there, or it holds a run of another problem.
 
     Notes
     -----
     Backward Euler for Problem 3.9 of the paper, of first order in the step and the mesh size, Theorem 3.10. The
     certificate bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates those of mesh and steps.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((3.0, 0.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> history.energy.shape, bool(history.certified.max() < 1e-8)
+    ((2,), True)
     """
     check_kinds(scene, mesh)
     given = check_times(times)
     start = time.perf_counter()
-    posed = pose_scene(scene, mesh, given.tolist())
-    for effect in scene.canonical:
-        if isinstance(effect, Pretension):
-            effect.check_instants(given)
-    for words in posed.inactive:
-        log.info("left out: %s", words)
-    for words in without_contact(mesh.interfaces, (*posed.supports.given, *posed.terms.frictions, *posed.stops)):
-        log.warning("%s", words)
+    posed = _pose(scene, mesh, given)
     bounded = None
     if flag(bound, "bound"):
         if not (isinstance(store, str) and store == "all"):
-            raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
+            raise SceneError("bound: each step is bounded given the step before; set store='all'.")
         from vemcvx.bound.error_bound import bounds_of_runs
 
         bounded = bounds_of_runs(posed)
     assembled = time.perf_counter() - start
     if flag(resume, "resume") and stream is None:
-        raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")
+        raise SceneError("resume: give stream=, the folder of the run to resume.")
     rows: AbstractContextManager[Memory | Folder] = (
         nullcontext(stream or Memory()) if stream is None or isinstance(stream, Folder) else Folder(stream, resume)
     )
@@ -154,25 +155,46 @@ def simulate(
         warn_of_large_strains(posed, results)
         for words in through_obstacles(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
             log.warning("%s", words)
-        history = History.of(results, begins(initial))
+        history = History.from_results(results, begins(initial))
         return history if bounded is None or history.steps == 0 else bounded(history)
 
 
-def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
-    """Return the instants of a run, with those inside steps at which its data bend, turn or jump.
+def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
+    """Pose a scene for a run; log effects that are left out, and warn of interfaces without contact."""
+    posed = pose_scene(scene, mesh, times.tolist())
+    for effect in scene.canonical:
+        if isinstance(effect, Pretension):
+            effect.check_instants(times)
+    for words in posed.inactive:
+        log.info("left out: %s", words)
+    for words in without_contact(mesh.interfaces, (*posed.supports.given, *posed.terms.frictions, *posed.stops)):
+        log.warning("%s", words)
+    return posed
 
-    Backward Euler reads data at the ends of steps: it misses part of a load that turns back between them, and with
-    friction the answer is off from then on. Data are sampled at 256 instants, or at the middles of steps: changes that
-    begin and end between two samples are not seen. Parameters and errors are those of :func:`simulate`.
+
+def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
+    """Return the instants of a run, with additional instants at which its data bend, turn or jump inside steps.
+
+    Backward Euler evaluates data at the ends of steps. If a load turns back in between, it misses a part, and with
+    friction the answer is wrong from then on. Data are sampled at 256 instants, or at the middles of steps; a change
+    that begins and ends between two samples is not found.
+
+    Parameters
+    ----------
+    scene, mesh, times
+        As for :func:`simulate`, with the same errors.
 
     Returns
     -------
     (N + 1,) array
-        With both sides of a jump, a billionth of the run apart at most.
+        With both sides of a jump, at most a billionth of the run apart.
 
     Examples
     --------
-    >>> history = vx.simulate(scene, mesh, vx.instants(scene, mesh, times))  # doctest: +SKIP
+    >>> press = vx.Pressure(lambda x, t: abs(t - 0.3) + 0 * x[:, 0], on="top")
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom"), press)
+    >>> vx.instants(scene, vx.meshes.squares(2), [0.0, 0.5, 1.0]).round(6).tolist()
+    [0.0, 0.3, 0.5, 1.0]
     """
     check_kinds(scene, mesh)
     given = check_times(times)
@@ -184,7 +206,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
 
 
 def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
-    """Log a warning of instants inside steps at which data bend, turn or jump: it takes a twentieth of a run."""
+    """Log a warning of instants inside steps at which data bend, turn or jump; the check takes 1/20 of a run."""
     if len(times) < 2:
         return
     with suppress_scene_warnings():
@@ -196,7 +218,7 @@ def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
     named = ", ".join(f"{t:.6g}" for t in apart[:6]) + f" and {len(apart) - 6} more" * (len(apart) > 6)
     log.warning(
         f"instants: loads or other data turn, bend or jump inside steps, at t = {named}, which steps miss. Return "
-        "vemcvx.instants(scene, mesh, times), which puts them into the run, from times(steps); or take --target."
+        "vemcvx.instants(scene, mesh, times), which includes them, from times(steps); or use --target."
     )
 
 
@@ -213,16 +235,26 @@ def programs(
 ) -> Iterator[SolvedProgram]:
     """Simulate a scene, and yield the convex program of every step with its certified answer, step after step.
 
-    One factorisation serves all programs. Parameters and errors are those of :func:`simulate`.
+    One factorisation serves all programs.
+
+    Parameters
+    ----------
+    scene, mesh, times, solver, initial, check, condense, linear
+        As for :func:`simulate`, with the same errors.
+
+    Returns
+    -------
+    iterator of SolvedProgram
 
     Examples
     --------
-    ::
-
-        for program in vx.programs(scene, mesh, times):
-            posed = program.to_cvxpy()
-            posed.problem.solve(solver="SCS")
-            print(program.step, program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error)
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom"))
+    >>> for program in vx.programs(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled"):
+    ...     posed = program.to_cvxpy()
+    ...     gap = posed.problem.solve(solver="CLARABEL")
+    ...     print(program.step, program.certify(program.feasible(posed.d.value), posed.lam, posed.p).error < 1e-3)
+    1 True
     """
     check_kinds(scene, mesh)
     given = check_times(times)
@@ -243,10 +275,10 @@ def programs(
 def check_kinds(scene: object, mesh: object) -> None:
     """Raise SceneError unless these are a scene and a mesh, in this order."""
     if not isinstance(scene, Scene):
-        raise SceneError(f"simulate: found {brief(scene)} where the scene goes; give a Scene(...), then a mesh.")
+        raise SceneError(f"simulate: found {brief(scene)} instead of a scene; give a Scene(...), then a mesh.")
     if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
         raise SceneError(
-            f"simulate: found {brief(mesh)} where the mesh goes; give a PolygonMesh, such as vemcvx.meshes.squares(16)."
+            f"simulate: found {brief(mesh)} instead of a mesh; give a PolygonMesh, such as vemcvx.meshes.squares(16)."
         )
 
 
@@ -257,7 +289,7 @@ def _log(step: int, steps: int) -> None:
 
 @dataclass(frozen=True)
 class Projected:
-    """P^h u_0: see :func:`vemcvx.projected`, which makes it."""
+    """P^h u_0, the result of :func:`vemcvx.projected`."""
 
     displacement: data.Datum
     settle: bool = True
@@ -269,8 +301,8 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly if u_0 is linear.
 
     If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). State 0
-    is the end of one step at times[0] from P^h u_0, and obeys (2.1) exactly. If this step is longer than the projection
-    explains, a warning says that u_0 violates (2.1) or that the mesh is too coarse.
+    is the end of one step at times[0] from P^h u_0, and obeys (2.1) exactly. If this step is longer than the error of
+    the projection, a warning follows: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------
@@ -278,34 +310,36 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
         u_0, a vector for each of the points x (m, dim), equal to the values of supports there; t is times[0].
     settle : bool
         False: state 0 is P^h u_0 itself, (3.26) to the letter, which Theorem 3.10 allows. Its certificate is then the
-        length of the step that was left out. Scenes with Viscosity always begin at P^h u_0.
+        length of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------
     Projected
-        For simulate, adapt, studies and problem files: it knows no mesh.
+        A start without a mesh, for simulate, adapt, studies and problem files.
 
     Raises
     ------
     SceneError
-        It is no function.
+        `displacement` is not a function.
 
     Examples
     --------
-    >>> def bent(x, t):
-    ...     return 1e-3 * np.column_stack([x[:, 0] * x[:, 1], -0.5 * x[:, 0] ** 2])
-    >>> history = vx.simulate(scene, mesh, times, initial=vx.projected(bent))  # doctest: +SKIP
+    >>> move = vx.PrescribedDisplacement(lambda x, t: 1e-3 * x[:, [1, 0]], on=["left", "right"])
+    >>> scene, start = vx.Scene(vx.Elasticity(200.0, 0.3), move), vx.projected(lambda x, t: 1e-3 * x[:, [1, 0]])
+    >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial=start, check=False)
+    >>> history.begins
+    'projected'
     """
     if not callable(displacement):
         raise SceneError(
-            f"projected: found {brief(displacement)}; wanted a function f(x, t) of points (m, dim) that gives their "
-            "displacements. Values at the nodes of one mesh go to initial= as they are."
+            f"projected: found {brief(displacement)}; wanted a function f(x, t) that returns the displacements of "
+            "points x (m, dim). Give displacements at nodes directly as initial=."
         )
     return Projected(displacement, flag(settle, "settle"))
 
 
 def begins(initial: object) -> str:
-    """Return what a run begins from, in a word of :class:`vemcvx.History`."""
+    """Return the attribute `begins` of :class:`vemcvx.History` for an initial state."""
     if isinstance(initial, (Path, Results)) or (isinstance(initial, str) and Path(initial).is_dir()):
         return "continued"
     word = initial if isinstance(initial, str) and initial in ("equilibrium", "settled") else "given"
@@ -315,37 +349,37 @@ def begins(initial: object) -> str:
 def free_unknowns(
     initial: ArrayLike | str | Path | Projected | Results | None, posed: PosedScene, times: Floats
 ) -> Beginning:
-    """Return what a march begins from at the first of the times: the free unknowns of a displacement; words pass."""
+    """Return the initial state of a march at times[0]: free unknowns of a displacement; words pass unchanged."""
     if isinstance(initial, Path) or (isinstance(initial, str) and Path(initial).is_dir()):
         initial = read_history(initial)
     if isinstance(initial, Results):
-        return _continued(initial, posed, times)
+        return _continue(initial, posed, times)
     if isinstance(initial, str):
         return initial
     if isinstance(initial, Projected):
-        return _projected(initial, posed, times)
+        return _project_start(initial, posed, times)
     points = posed.space.mesh.points
-    kinds = "one row a node, or None, 'equilibrium', 'settled' or, of a function f(x, t), vx.projected(f)"
+    kinds = "one row per node, or None, 'equilibrium', 'settled' or, for a function f(x, t), vx.projected(f)"
     wanted = f"displacements of shape {points.shape}, {kinds}"
     u = as_shaped_array(np.zeros(points.shape) if initial is None else initial, "initial", wanted, points.shape)
     return _within_supports(finite(u, "initial"), posed, times)
 
 
-def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
-    """Where a history on the same mesh ended, as the terms of another scene know it.
+def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
+    """Return the end of a history on the same mesh, in the terms of another scene.
 
-    What was worn at a place is shared by the terms there; ways, which laws may read, are those of the place.
+    The terms at a node share its wear; each of them takes the accumulated slip of the node.
     """
     mesh, contact, run, terms = posed.space.mesh, history.contact, history.trajectory, posed.terms
     if not all(np.array_equal(getattr(history.mesh, name), getattr(mesh, name)) for name in ("points", "centroids")):
-        raise SceneError("initial: the history is of another mesh; a stage goes on from a run on the same one.")
+        raise SceneError("initial: the history is on another mesh; a stage continues a run on the same mesh.")
     at = contact.rows_of(terms)
     several = np.bincount(at[at >= 0], minlength=len(contact.nodes))
     if several.max(initial=0) > 1 and posed.system.norms is not None and posed.system.norms.remembers:
         place = coordinates(contact.points[int(several.argmax())])
         raise SceneError(
-            f"initial: several terms of friction act at {place}, and the law reads slips, of which the history has one "
-            "a place. Let one run go through both stages instead."
+            f"initial: several friction terms act at {place}, and their law depends on the slip of each, but the "
+            "history has one slip per node. Simulate both stages in one run instead."
         )
 
     share = contact.friction_lengths / np.maximum(several, 1)
@@ -363,12 +397,12 @@ def _continued(history: Results, posed: PosedScene, times: Floats) -> Continued:
 
 
 def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
-    """Return the free unknowns of nodal displacements (n_nodes, dim); SceneError where supports hold others."""
+    """Return the free unknowns of displacements (n_nodes, dim); raise SceneError if they contradict supports."""
     t, points, resting = float(times[0]), posed.space.mesh.points, posed.at_rest(u.ravel())
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # Where supports move later, their motion at t may be rounding.
+    # If supports move later, their motion at t may be rounding.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]
@@ -379,7 +413,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     return y
 
 
-def _projected(initial: Projected, posed: PosedScene, times: Floats) -> Balanced:
+def _project_start(initial: Projected, posed: PosedScene, times: Floats) -> Balanced:
     """Return the forces a(u_0, v) over the free unknowns, with the nodal values of u_0."""
     t, space = float(times[0]), posed.space
 

@@ -100,8 +100,8 @@ def test_it_has_the_numbers_of_the_summary(paper):
     assert f"n = {told['mesh']['n']}: " in text
     lost, done = (told[f"{name}_second_order"] for name in ("dissipated", "work"))
     assert f"stored {told['energy']:.6g}, dissipated {lost:.6g}, work {done:.6g}, of second order" in text
-    assert f"sum of backward Euler: dissipated {told['dissipated']:.6g}, work {told['work']:.6g}" in text
-    assert f"certified {told['certified_energy_error']:.1e} relative energy error a step" in text
+    assert f"sums of backward Euler: dissipated {told['dissipated']:.6g}, work {told['work']:.6g}" in text
+    assert f"certified {told['certified_energy_error']:.1e} relative energy error per step" in text
     assert list(told["quantities"]) == ["dissipated", "work", "wear"]
     for name, one in told["quantities"].items():
         assert f"{name} {one['value']:.6g}, estimated error {one['error']:.2g}" in text

@@ -185,7 +185,7 @@ def test_arguments_that_are_none_are_named(name, value):
 def test_what_is_no_scene_mesh_solver_or_run_is_refused():
     mesh, viscous = vx.meshes.squares(2), paper_scene().with_(vx.Viscosity(shear=1.0))
     for arguments, solver, said in (
-        ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 where the mesh goes"),
+        ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 instead of a mesh"),
         ((viscous, mesh, [0.0, 1.0]), None, "^adapt: there is no estimate for scenes with Viscosity"),
         ((paper_scene(), mesh, [1.0]), None, "adapt: found one instant"),
         ((paper_scene(), mesh, [0.0, 1.0]), "newton", "^solver: found 'newton'"),

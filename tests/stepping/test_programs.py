@@ -128,7 +128,7 @@ def test_states_that_are_needed_must_be_stored():
         history.program(3, condense="no")
     with pytest.raises(vx.HistoryError, match="was read from files"):
         replace(history, scene=None).program(3)
-    with pytest.raises(vx.SceneError, match="where the mesh goes"):
+    with pytest.raises(vx.SceneError, match="instead of a mesh"):
         next(vx.programs(scene, scene, TIMES))
 
 

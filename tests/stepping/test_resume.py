@@ -56,7 +56,7 @@ def test_a_finished_run_resumes_to_itself_and_another_one_not_or_begins_anew(tmp
     for other, times in OTHERS.values():
         with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store.*empty folder"):
             vx.simulate(other, mesh, times, stream=tmp_path, resume=True)
-    with pytest.raises(vx.SceneError, match="nothing to resume without stream="):
+    with pytest.raises(vx.SceneError, match="resume: give stream="):
         vx.simulate(scene, mesh, TIMES, resume=True)
     fresh = vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path)
     assert np.array_equal(fresh.displacement, vx.simulate(paper_scene(cyclic), mesh, TIMES).displacement)

@@ -384,7 +384,7 @@ def _simulate_pass(
     begun = free_unknowns(aim.initial, posed, instants)
     trajectory = march(posed.system, instants, solver=aim.solver, initial=begun, store=kept)
     assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
-    history = History.of(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
+    history = History.from_results(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
     if circle is None:
         return posed, history, None
     return posed, history, bound_steps(circle, history, pairs_of(circle, history, steps.tolist()))
@@ -515,7 +515,7 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
             lost = StepLoss.from_energy(finer, finer.norm)
         else:
             last = march(posed.system, times, initial=begun, store="last", check=False)
-            history = History.of(record(posed, last, 0.0, Memory()))
+            history = History.from_results(record(posed, last, 0.0, Memory()))
             lost = StepLoss.from_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
         split = split_steps(times, lost, TIME_FRACTION * aim.target)
         if len(split) == len(times) or len(split) > MOST_STEPS:

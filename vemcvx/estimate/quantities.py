@@ -181,4 +181,4 @@ def _run_again(history: History, mesh: Mesh, times: Floats, begin: Floats | str 
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
         initial = free_unknowns(begin, posed, times)
         run = march(posed.system, times, initial=initial, store="last", check=False)
-        return History.of(record(posed, run, 0.0, Memory()))
+        return History.from_results(record(posed, run, 0.0, Memory()))

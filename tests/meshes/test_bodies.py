@@ -255,10 +255,10 @@ NEXT_DOOR = ((1, 2), (0, 1))
 OVERLAPPING = [((0.3, 0.6), (0.3, 0.6)), ((0, 1), (0, 1)), ((0.9, 2), (0.8, 2)), ((1 - 1e-5, 2), (0.2, 0.8))]
 REFUSED = [
     (((1, 2), (1, 2)), {}, r"'a' and 'b' touch only in the point \(1, 1\)"),
-    (((1 + 1e-4, 2), (0, 1)), {}, r"'a' and 'b' are apart by 0.0001 near \(1"),
-    (((1.5, 2), (0, 1)), {"interfaces": {"joint": ("a", "b")}}, "interface 'joint' .* nowhere coincide"),
+    (((1 + 1e-4, 2), (0, 1)), {}, r"'a' and 'b' are 0.0001 apart near \(1"),
+    (((1.5, 2), (0, 1)), {"interfaces": {"joint": ("a", "b")}}, "interface 'joint' .* do not coincide"),
     (NEXT_DOOR, {"interfaces": {"joint": ("a", "c")}}, "interface 'joint' .*two of the bodies"),
-    (NEXT_DOOR, {"interfaces": {"k": ("a", "b"), "l": ("b", "a")}}, "'b' and 'a' are named twice"),
+    (NEXT_DOOR, {"interfaces": {"k": ("a", "b"), "l": ("b", "a")}}, "the interface of 'b' and 'a' is named twice"),
     (NEXT_DOOR, {"interfaces": {"boundary": ("a", "b")}}, "the name 'boundary' is taken"),
     (NEXT_DOOR, {"tolerance": 0.6}, "two nodes of 'a' near"),
     (NEXT_DOOR, {"tolerance": -1.0}, "tolerance must be a length below the extent 2"),
@@ -292,12 +292,12 @@ def test_three_in_one_place_overlap():
 def test_meshes_that_are_no_bodies_and_data_of_some():
     one, two = squares(1), squares(1, NEXT_DOOR)
     for meshes, subject in (
-        ({"a": one}, "two bodies or more"),
-        ({"a|b": one, "c": one}, "a body's name is a string without"),
-        ({"body": one, "c": one}, "not 'body'; got 'body'"),
-        ({"a": one, "b": "squares"}, "found 'squares' for 'b'"),
-        ({"a": one.with_cell_data("b", [1]), "b": two}, "cell datum 'b', which is to tell"),
-        ({"a": bodies({"a": one, "b": two}), "c": one}, "'a' has interfaces itself"),
+        ({"a": one}, "at least two bodies"),
+        ({"a|b": one, "c": one}, "the name of a body must be a string without"),
+        ({"body": one, "c": one}, "other than 'body'; got 'body'"),
+        ({"a": one, "b": "squares"}, "the mesh of 'b' must be .* got 'squares'"),
+        ({"a": one.with_cell_data("b", [1]), "b": two}, "cell datum 'b', a name that marks"),
+        ({"a": bodies({"a": one, "b": two}), "c": one}, "'a' already has interfaces"),
         ({"a": one.with_cell_data("v", [[1, 2]]), "b": two.with_cell_data("v", [1])}, "'v' has rows of different"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
@@ -315,10 +315,10 @@ def test_interfaces_that_are_none_are_refused():
     found = mesh.interfaces["a|b"]
     for wrong, subject in (
         (replace(found, edges=found.edges[:, ::-1], partners=found.partners[:, ::-1]), "is not an edge of the boundar"),
-        (replace(found, partners=found.partners[:, ::-1]), "are partners at an interface, but at"),
-        (replace(found, partners=found.partners[:1]), "it has 2 sides, and partners of 1"),
-        (replace(found, bodies=("a",)), "bodies must be the names of two"),
-        (found.edges, "where an Interface is wanted"),
+        (replace(found, partners=found.partners[:, ::-1]), "are partners at an interface, but lie at"),
+        (replace(found, partners=found.partners[:1]), "rows of the same lengths; got 2 and 1 rows"),
+        (replace(found, bodies=("a",)), "bodies must be two names"),
+        (found.edges, "must be an Interface"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             PolygonMesh(mesh.points, mesh.cells, interfaces={"a|b": wrong})
@@ -368,10 +368,10 @@ def test_a_cut_right_through_is_the_mesh_of_two_bodies():
 
 def test_cracks_that_are_none_are_refused():
     for name, sides, subject in (
-        ("left", {"a": [5], "b": [6]}, "there is a boundary 'left' already"),
-        ("crack", {"a": [5]}, "wanted are two sides of the crack"),
+        ("left", {"a": [5], "b": [6]}, "there already is a boundary 'left'"),
+        ("crack", {"a": [5]}, "sides must map the names of two sides of the crack"),
         ("crack", {"a": [5], "b": [5, 6]}, "cell 5 is on both sides"),
-        ("crack", {"a": [0], "b": [15]}, "no edge is between the cells of 'a' and 'b'"),
+        ("crack", {"a": [0], "b": [15]}, "the cells of 'a' and 'b' have no edge in common"),
         ("crack", {"a": [5], "b": [6]}, r"the edge at \(0.5, 0.375\) has a tip at both ends"),
         ("crack", {"a": [5], "b": [99]}, "cells of 'b' must be numbers of cells"),
     ):

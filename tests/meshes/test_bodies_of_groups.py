@@ -68,7 +68,7 @@ def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
     cells = [[0, 2, 12, 10, 1, 7, 11, 5], [2, 4, 14, 12, 3, 9, 13, 7]]
     tags, groups = [np.array([3]), np.array([11, 12])], {**BOTH, "joint": [3, 1]}
     write(tmp_path / "two.msh", points, [("line3", [[2, 12, 7]]), ("quad8", cells)], tags, groups)
-    with pytest.warns(vx.MeshWarning, match="cells of higher order .line3, quad8. are read by their corners") as caught:
+    with pytest.warns(vx.MeshWarning, match="cells of higher order .line3, quad8. are read as their corners") as caught:
         found = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
     assert len(caught) == 1
     assert (found.n_cells, found.n_nodes, list(found.interfaces)) == (2, 8, ["joint"])
@@ -88,7 +88,7 @@ def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
     found = vx.meshes.read(tmp_path / "two.msh", bodies="physical", tolerance=0.05)
     assert list(found.interfaces) == ["bore"]
     assert len(found.interfaces["bore"].edges) > 16
-    with pytest.raises(vx.MeshError, match="read: found bodies = None; there is 'physical', with which tolerance="):
+    with pytest.raises(vx.MeshError, match="read: found bodies = None; give bodies='physical' .tolerance= needs it"):
         vx.meshes.read(tmp_path / "two.msh", tolerance=0.05)
 
 
@@ -98,9 +98,9 @@ def test_groups_without_names_and_cells_in_none(tmp_path):
     assert {"11.1", "12.2"} < set(mesh.boundaries)
     vx.meshes.squares(2).write(tmp_path / "one.vtu")
     for path, how, subject in (
-        (two_squares(tmp_path / "two.msh", outside=True), "physical", "here, 1 of its cells are in none"),
+        (two_squares(tmp_path / "two.msh", outside=True), "physical", "here 1 of its cells are in none"),
         (tmp_path / "one.vtu", "physical", "bodies='physical' makes a body of every physical group"),
-        (tmp_path / "one.vtu", "all", "read: found bodies = 'all'; there is 'physical'"),
+        (tmp_path / "one.vtu", "all", "read: found bodies = 'all'; give bodies='physical'"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             vx.meshes.read(path, bodies=how)
@@ -111,7 +111,7 @@ def test_a_datum_called_like_its_body_is_the_body(tmp_path):
     pin = vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))
     mesh = vx.meshes.bodies({"plate": plate, "pin": pin})
     assert mesh.cell_data["plate"].tolist() == [1] * 4 + [0] * 4
-    with pytest.raises(vx.MeshError, match="cell datum 'plate', which is to tell the bodies"):
+    with pytest.raises(vx.MeshError, match="cell datum 'plate', a name that marks bodies"):
         vx.meshes.bodies({"plate": vx.meshes.squares(2).with_cell_data("plate", np.arange(4.0)), "pin": pin})
 
 

@@ -48,10 +48,10 @@ def test_what_cannot_be_cut_is_refused():
     mesh = vx.meshes.squares(2)
     two = vx.meshes.bodies(dict(zip("ab", vx.meshes.cut(mesh, (0, 0.5), (0, 1)), strict=True)))
     bad = {
-        "all of the mesh is behind the line": (mesh, (0.0, 2.0), (0.0, 1.0)),
-        "all of the mesh is ahead of the line": (mesh, (0.0, -2.0), (0.0, 1.0)),
-        "without interfaces; cut it before": (two, (0.0, 0.3), (0.0, 1.0)),
-        "found a normal of length 0": (mesh, (0.0, 0.5), (0.0, 0.0)),
+        "the whole mesh is behind the cut": (mesh, (0.0, 2.0), (0.0, 1.0)),
+        "the whole mesh is ahead of the cut": (mesh, (0.0, -2.0), (0.0, 1.0)),
+        "without interfaces; cut the body before": (two, (0.0, 0.3), (0.0, 1.0)),
+        "the normal has length 0": (mesh, (0.0, 0.5), (0.0, 0.0)),
         "cut: point: found": (mesh, (0.0, 0.5, 0.0), (0.0, 1.0)),
         "more than twice; refine it, or move the line": (vx.meshes.nonconvex(4), (0.5, 0.43), (1.0, 2.0)),
     }

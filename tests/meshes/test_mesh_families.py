@@ -175,7 +175,7 @@ BOTH = [
     ({"size": 0.0}, "size must be a length above 1e-60"),
     ({"size": "fine"}, "size must be a length"),
     ({"size": np.nan}, "size must be a length"),
-    ({"size": 1e-9}, "that would be"),
+    ({"size": 1e-9}, "the mesh would have"),
     ({"n": 3, "size": 0.1}, "n must be given .*; got n = 3 and size = 0.1"),
     ({"n": 2, "box": None}, "box must be .*numbers"),
     ({"n": 2, "box": ((0, 1),)}, "box must be .*numbers"),
@@ -196,8 +196,8 @@ OPTIONS = [
     ("voronoi", {"cells": 0}, "cells must be at least 1"),
     ("squares", {"n": None, "size": 0.25, "box": ((1e16, 1e16 + 2), (0, 1))}, "narrower than the spacing"),
     ("kelvin", {"n": None, "size": 0.25, "box": ((1e16, 1e16 + 2), (0, 1), (0, 1))}, "narrower than the spacing"),
-    ("triangles", {"n": 1, "box": ((0.0, 1e8 + 1e6), (0.0, 1.0))}, r"that would be 2.02e\+08 cells"),
-    ("hanging", {"n": 1, "box": ((0.0, 1e8 + 1e6), (0.0, 1.0))}, r"that would be 4.04e\+08 cells"),
+    ("triangles", {"n": 1, "box": ((0.0, 1e8 + 1e6), (0.0, 1.0))}, r"the mesh would have 2.02e\+08 cells"),
+    ("hanging", {"n": 1, "box": ((0.0, 1e8 + 1e6), (0.0, 1.0))}, r"the mesh would have 4.04e\+08 cells"),
     ("voronoi", {"n": None, "size": 1e-2, "box": ((0.0, 1e-59), (0.0, 1.0))}, "points have no triangulation"),
 ]
 

@@ -18,7 +18,7 @@ from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, PolygonMesh, read
-from vemcvx.meshes.io.vtu import packed_cells, write_cells
+from vemcvx.meshes.io.vtu import pack_cells, write_cells
 
 BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
@@ -142,12 +142,12 @@ def test_formats_that_lose_cells_names_or_interfaces_are_refused(suffix, tmp_pat
     two = vx.meshes.bodies({"a": squares, "b": vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))})
     refused = [
         (small("voronoi", 3), f"mesh{suffix}: {suffix} files do not keep polygons of more than four vertices. Write"),
-        (vx.meshes.voronoi3(2), "tetrahedra, hexahedra, .* and cell 0 is none of them. Polyhedra go into .vtu files"),
+        (vx.meshes.voronoi3(2), "cell 0 is no tetrahedron, hexahedron, .* Other polyhedra can only go to .vtu files"),
         (two, f"mesh{suffix}: {suffix} files do not keep interfaces of bodies. Write .vtu"),
     ]
     unspeakable = ('a "b', "a\\b", "a\nb") if suffix == ".msh" else ()
     named = [squares.with_boundary(name, lambda x: x[:, 0] < 0.1) for name in unspeakable]
-    refused += [(mesh, "have no names with quotes, backslashes") for mesh in named]
+    refused += [(mesh, "cannot have quotes, backslashes") for mesh in named]
     for mesh, message in refused:
         with pytest.raises(vx.MeshError, match=message):
             mesh.write(tmp_path / f"mesh{suffix}")
@@ -158,7 +158,7 @@ def test_other_formats_and_places_that_are_none(tmp_path):
     """The list of formats is closed: behind some of the others are readers that hang on damaged files."""
     for suffix in (".vtk", ".vtp", ".med", ".stl", ".vol.gz", ""):
         (tmp_path / f"mesh{suffix}").touch()
-        says = f"mesh{suffix}: the suffix {Path(f'mesh{suffix}').suffix!r} is none of the mesh formats here: VTK (.vtu)"
+        says = f"mesh{suffix}: the suffix {Path(f'mesh{suffix}').suffix!r} is not one of the mesh formats: VTK (.vtu)"
         for attempt in (read, vx.meshes.squares(2).write):
             with pytest.raises(vx.MeshError, match=re.escape(says) + ".*meshio convert"):
                 attempt(tmp_path / f"mesh{suffix}")
@@ -202,7 +202,7 @@ def test_fields_on_a_mesh(mesh, tmp_path):
     random, dim = np.random.default_rng(0), mesh.points.shape[1]
     at_nodes = {"displacement": random.random((mesh.n_nodes, dim)), "pressure": random.random(mesh.n_nodes)}
     on_cells = {"stress": random.random((mesh.n_cells, 6)), "energy": random.random(mesh.n_cells)}
-    write_cells(tmp_path / "step.vtu", packed_cells(mesh), at_nodes, on_cells)
+    write_cells(tmp_path / "step.vtu", pack_cells(mesh), at_nodes, on_cells)
     again = read(tmp_path / "step.vtu")
     for name in mesh.ARRAYS:
         np.testing.assert_array_equal(getattr(mesh, name), getattr(again, name))
@@ -220,7 +220,7 @@ def test_meshio_interchanges_no_fields(tmp_path):
     mesh, random = vx.meshes.squares(3), np.random.default_rng(0)
     for trial in range(20):
         fields = {f"field {k}": random.random(mesh.n_nodes) * (random.random(mesh.n_nodes) < 0.2) for k in range(60)}
-        write_cells(tmp_path / "step.vtu", packed_cells(mesh), fields, {})
+        write_cells(tmp_path / "step.vtu", pack_cells(mesh), fields, {})
         found = meshio.read(tmp_path / "step.vtu").point_data
         assert [name for name in fields if not np.array_equal(found[name], fields[name])] == [], trial
 
@@ -232,4 +232,4 @@ def test_fields_that_do_not_fit(tmp_path):
         ("step.vtu", {}, {"s": 1.0}, "cell field 's' needs 4 rows"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
-            write_cells(tmp_path / name, packed_cells(vx.meshes.squares(2)), point_data, cell_data)
+            write_cells(tmp_path / name, pack_cells(vx.meshes.squares(2)), point_data, cell_data)

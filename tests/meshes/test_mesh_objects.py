@@ -171,10 +171,10 @@ def test_what_is_no_mesh_of_another_library(monkeypatch):
         with pytest.raises(vx.MeshError, match="convert takes meshio.Mesh, MeshTri, MeshQuad, .* got "):
             convert(other)
     for other, subject in (
-        (skfem.MeshTri2(), "scikit-fem: it holds cells of the kind 'ElementTriP2'"),
-        (skfem.MeshTet2(), "scikit-fem: it holds cells of the kind 'ElementTetP2'"),
+        (skfem.MeshTri2(), "scikit-fem: it has cells of the kind 'ElementTriP2'"),
+        (skfem.MeshTet2(), "scikit-fem: it has cells of the kind 'ElementTetP2'"),
         (skfem.MeshTri(np.full((2, 3), np.nan), np.array([[0], [1], [2]])), "node 0 is at .nan, nan."),
-        (meshio.Mesh(SQUARE, []), "meshio: it holds no polygons"),
+        (meshio.Mesh(SQUARE, []), "meshio: it has no polygons"),
         (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 7]])]), "meshio: cell 0 names node 7"),
         (meshio.Mesh(SQUARE, [("quad", [[0, 2, 1, 3]])]), "meshio: cell 0 has no area"),
         (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], field_data=fields), "its datum 'boundary:a' is no list of"),
@@ -192,11 +192,18 @@ def test_what_is_no_mesh_of_another_library(monkeypatch):
         with pytest.raises(vx.MeshError, match=f"the mesh of meshio{subject}"):
             convert(mesh)
     for mesh, library, subject in (
-        (small("voronoi", 4), "skfem", "here, there are cells of the kind polygon and quad"),
-        (vx.meshes.kelvin(1), "skfem", "cell 0 is none of them"),
-        (vx.meshes.kelvin(1), "meshio", "Polyhedra go into .vtu files and to PyVista"),
-        (standard("wedges"), "skfem", "scikit-fem has meshes of tetrahedra or of hexahedra; here, .* kind wedge"),
-        *((vx.meshes.squares(1), name, "a mesh goes to 'meshio', 'skfem', 'pyvista'") for name in ("vtk", "", None, 3)),
+        (small("voronoi", 4), "skfem", "this mesh has cells of the kind polygon and quad"),
+        (vx.meshes.kelvin(1), "skfem", "cell 0 is no tetrahedron"),
+        (vx.meshes.kelvin(1), "meshio", "polyhedra can only go to .vtu files or to PyVista"),
+        (
+            standard("wedges"),
+            "skfem",
+            "scikit-fem needs meshes of tetrahedra or of hexahedra; this mesh has .* kind wedge",
+        ),
+        *(
+            (vx.meshes.squares(1), name, "to: library must be one of 'meshio', 'skfem', 'pyvista'")
+            for name in ("vtk", "", None, 3)
+        ),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             mesh.to(library)
@@ -210,7 +217,7 @@ def test_grids_of_pyvista():
     """What they hold else is refused; lines marked by data are boundaries, too."""
     pv = pyvista()
     for other, subject in (
-        (pv.PolyData(), "the mesh of PyVista: it holds no cells"),
+        (pv.PolyData(), "the mesh of PyVista: it has no cells"),
         (pv.Sphere(), "its points do not lie in a plane z = constant"),
         (pv.ImageData(dimensions=(3, 3, 1)), "cells of the kind 'pixel'"),
         (pv.MultiBlock(), "convert takes .* got MultiBlock"),
@@ -270,7 +277,7 @@ def test_solids_of_meshio_and_back(name):
 
 def test_kinds_mixed_and_numbered_either_way():
     """Nodes of wedges run both ways around in other programs: no warning."""
-    with pytest.warns(vx.MeshWarning, match="by their place, sides are called left, front, back, bottom"):
+    with pytest.warns(vx.MeshWarning, match="sides are named left, front, back, bottom"):
         mesh = convert(mixed())
     np.testing.assert_allclose(mesh.volumes, [0.5, 1.0, 1 / 6, 1 / 3])
     assert mesh.cell_data["young"].tolist() == [3, 1, 4, 2]
@@ -279,7 +286,7 @@ def test_kinds_mixed_and_numbered_either_way():
     mirrored.points = mirrored.points * [-1.0, 1.0, 1.0]
     with pytest.warns(vx.MeshWarning) as caught:
         np.testing.assert_allclose(convert(mirrored).volumes, mesh.volumes)
-    assert all("by their place" in str(one.message) for one in caught)
+    assert all("by position" in str(one.message) for one in caught)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("cubes", "MeshHex1"), ("tetrahedra", "MeshTet1")])
@@ -319,7 +326,7 @@ def nameless(mesh):
     return vx.PolygonMesh(mesh.points, list(mesh.cells), boundaries={})
 
 
-NAMED = "no part of the boundary has a name; by their place, sides are called "
+NAMED = "no part of the boundary has a name; by position, sides are named "
 
 
 @pytest.mark.parametrize("family", ["squares", "voronoi", "hanging"])

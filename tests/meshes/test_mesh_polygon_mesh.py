@@ -222,7 +222,7 @@ def test_what_does_not_fit_a_picture(monkeypatch):
     for mesh, given, subject in (
         (PLANE, {"values": np.ones(3)}, r"must hold one number .* for each of the \d+ cells"),
         (PLANE, {"values": "young"}, "there is no cell datum 'young'"),
-        (PLANE, {"values": np.ones((PLANE.n_cells, 2))}, "one number a cell"),
+        (PLANE, {"values": np.ones((PLANE.n_cells, 2))}, "one number per cell"),
         (PLANE, {"displacement": np.ones((3, 2))}, r"displacement must be numbers of the shape \(\d+, 2\)"),
         (SPACE, {"on": "lid"}, "there is no boundary 'lid'; this mesh has left, right, front"),
         (SPACE, {"values": [1.0]}, "for each of the"),

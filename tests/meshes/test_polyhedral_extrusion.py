@@ -54,7 +54,7 @@ def test_bad_heights_and_names_that_meet():
     for heights in bad:
         with pytest.raises(vx.MeshError, match="heights must be at least two increasing numbers"):
             square.extruded(heights)
-    with pytest.raises(vx.MeshError, match="'bottom' of the boundary is called 'front' in space"):
+    with pytest.raises(vx.MeshError, match="the boundary 'bottom' would be 'front' in space"):
         square.with_boundary("front", lambda x: x[:, 1] < 0.5).extruded([0, 1])
     nameless = vx.PolygonMesh(square.points, square.cells, boundaries={})
     assert list(nameless.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]

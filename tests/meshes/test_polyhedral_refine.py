@@ -123,26 +123,28 @@ def test_prisms_become_prisms_over_the_parts_of_their_polygons():
 
 
 def test_only_tetrahedra_are_refined_locally():
-    wanted = r"^refine: local refinement in space is for tetrahedra .*; cell 0, of 6 faces, is none\. Begin with"
+    wanted = r"^refine: local refinement in space needs tetrahedra .*; cell 0, with 6 faces, is not one\. Start with"
     with pytest.raises(vx.MeshError, match=wanted):
         vx.meshes.cubes(2).refine([0])
     joint = bodies({"a": tetrahedra(2), "b": tetrahedra(3, UP)})
-    with pytest.raises(vx.MeshError, match="local refinement in space is for tetrahedra"):
+    with pytest.raises(vx.MeshError, match="local refinement in space needs tetrahedra"):
         joint.refine([0])
-    with pytest.raises(vx.MeshError, match="^adapt: local refinement in space is for tetrahedra"):
+    with pytest.raises(vx.MeshError, match="^adapt: local refinement in space needs tetrahedra"):
         vx.adapt(vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="top")), vx.meshes.prisms(2), [0.0, 1.0])
 
 
 @pytest.mark.parametrize("make", ["kelvin", "voronoi3"])
 def test_warped_faces_are_refused(make):
-    with pytest.raises(vx.MeshError, match=r"^refine: parts of cells about their vertices have no plane faces \(cell"):
+    with pytest.raises(
+        vx.MeshError, match=r"^refine: parts of cells at their vertices would not have plane faces \(cell"
+    ):
         SPACE_FAMILIES[make](2).refine()
 
 
 def test_cells_that_their_centroids_do_not_see_are_refused():
     outline = [[0, 0], [4, 0], [4, 4], [3, 4], [3, 1], [1, 1], [1, 4], [0, 4]]
     mesh = vx.PolygonMesh(outline, [range(8)]).extruded([0.0, 1.0])
-    with pytest.raises(vx.MeshError, match="Make the mesh anew"):
+    with pytest.raises(vx.MeshError, match="Make a new mesh"):
         mesh.refine()
 
 

@@ -98,7 +98,10 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 def test_cells_that_do_not_fit(offset):
     """A cross has no node of the one on the other, but their edges meet."""
     for blocks, subject in (
-        ([cube(), cube((0.25, 0.25, 0.25), 0.5)], "volumes add up to 1.125, and the convex hull of all has 1"),
+        (
+            [cube(), cube((0.25, 0.25, 0.25), 0.5)],
+            "volumes add up to 1.125, but the convex hull of all cells has only 1",
+        ),
         ([cube((0.25, 0.25, 0.25), 0.5), cube()], "cells overlap: their volumes add up to 1.125"),
         ([cube(), cube((1.0, 0.25, 0.25), 0.5)], MEET_IN_PART),
         ([cube(), cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], f"{MEET_IN_PART}, 1e-08 apart"),
@@ -186,7 +189,7 @@ def test_cells_that_cross_or_touch_themselves_or_have_no_inside():
         refused(points, cells, r"cell 0: its face \d \(.*\) crosses or touches itself")
     inner, faces = cube((0.25, 0.25, 0.25), 0.5, first=8)
     hollow = [*FACES, *(face[::-1] for face in faces)]
-    refused([*CUBE, *inner], [hollow], "cell 0 falls into several closed surfaces; a cell has one")
+    refused([*CUBE, *inner], [hollow], "cell 0 has several closed surfaces, and a cell must have one")
     triangles = "012 023 034 045 051 124 235 341 452 513"
     faces = [list(map(int, triangle)) for triangle in triangles.split()]
     refused(np.random.default_rng(0).random((6, 3)), [faces], "cell 0 has no inside")

@@ -11,7 +11,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.meshes.io.vtu import packed_cells, write_cells
+from vemcvx.meshes.io.vtu import pack_cells, write_cells
 
 TIMES = np.linspace(0.0, 1.0, 6)
 
@@ -32,7 +32,7 @@ def test_points_and_cells_are_packed_once(history, tmp_path, monkeypatch):
 
     monkeypatch.setattr(zlib, "compress", counting)
     mesh = vx.meshes.squares(32)
-    packed = packed_cells(mesh)
+    packed = pack_cells(mesh)
     assert sum(squeezed) > mesh.vertices.nbytes
     squeezed.clear()
     random = np.random.default_rng(0)

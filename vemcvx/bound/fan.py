@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
-from vemcvx.meshes.quality import STAR
+from vemcvx.meshes.quality import LEAST_STAR
 from vemcvx.vem import Space
 from vemcvx.vem.elasticity import distinct
 
@@ -195,7 +195,7 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
         # Flat triangles make bounds larger, but not invalid: a better centre is found for such cells.
-        for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < STAR):
+        for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < LEAST_STAR):
             centres[k] += _find_centre(chunk.corners[k] - centres[k], int(chunk.cells[k]))
         fans = Fans(
             cells=chunk.cells,

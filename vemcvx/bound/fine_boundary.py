@@ -15,7 +15,7 @@ from vemcvx.base.arrays import ROUNDING, Bools, Floats, Ints
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.meshes import Interface, PolygonMesh
-from vemcvx.meshes.polygons import outlines, places, positions, triangulated
+from vemcvx.meshes.polygons import outlines, places, positions, triangulate
 
 PIECES, SPACING = 512, 128
 """Number of pieces, on the boundary and inside, per size of the body; narrower features of data may be missed. An edge
@@ -130,7 +130,7 @@ class SamplePoints:
 
 def in_cells(mesh: PolygonMesh, spacing: float = SPACING) -> SamplePoints:
     """Return the centroids of equal small parts of the triangles of cells."""
-    corners, areas, owner = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
+    corners, areas, owner = triangulate(outlines(mesh.points, mesh.offsets, mesh.vertices))
     size = np.ptp(mesh.points, axis=0).max()
     cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) * spacing / size).astype(np.int64), 2)
     parts = []

@@ -20,7 +20,7 @@ from vemcvx.base.arrays import Bools, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons import cell_of_corner, directed_edges, positions, right_of
+from vemcvx.meshes.polygons import cell_of_corner, corner_edges, positions, right_of
 from vemcvx.scene import ContactRows, InitialStresses, PosedScene, jump_rows
 from vemcvx.vem import elastic_matrix, mean_shear
 
@@ -146,7 +146,7 @@ def skeleton(posed: PosedScene) -> Skeleton:
     """Return the skeleton of the mesh of a posed scene."""
     mesh = plane_mesh(posed.space.mesh, "error_budget")
     shared = mesh.shared_edges
-    edges = directed_edges(mesh.offsets, mesh.vertices)
+    edges = corner_edges(mesh.offsets, mesh.vertices)
     owner, outer = cell_of_corner(mesh.offsets), shared.corners[shared.first][shared.counts == 1]
     normals = right_of(np.diff(mesh.points[edges[outer]], axis=1)[:, 0])
     return Skeleton(

@@ -58,7 +58,7 @@ from vemcvx.estimate.unseen import DataErrors, all_contributions, stress_squares
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, right_of, rows_in_order, spans
-from vemcvx.meshes.polyhedra import listed_faces
+from vemcvx.meshes.polyhedra import list_faces
 from vemcvx.scene import ContactRows, PosedScene, jump_rows
 from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
@@ -346,7 +346,7 @@ def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
     side = np.concatenate([np.repeat(numbers(group.faces), group.nodes.shape[1]) for group in groups])
     nodes, shares = (np.concatenate([getattr(group, name).ravel() for group in groups]) for name in ("nodes", "shares"))
     # List the faces of all cells, outwards, and the cell of each of their corners.
-    rows, vertices, cells = listed_faces(mesh.faces)
+    rows, vertices, cells = list_faces(mesh.faces)
     cell, after = cell_of_corner(cells)[cell_of_corner(rows)], vertices[next_corner(rows)]
     edges = np.unique(np.column_stack([cell, np.sort(np.column_stack([vertices, after]), axis=1)]), axis=0)
     tips = np.column_stack([vertices[rows[cell_of_corner(rows)]], vertices, after])

@@ -1,7 +1,4 @@
-"""Polygonal meshes: the mesh itself, families of meshes of a box, an L, refinement, files, other libraries.
-
-In space: polyhedral meshes, and families of meshes of a box.
-"""
+"""Meshes of polygons in the plane and of polyhedra in space: families, bodies, refinement, files, other libraries."""
 
 from vemcvx.meshes.carrying import Refinement
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles

@@ -1,14 +1,14 @@
-"""Refinement in space: tetrahedra are bisected where they are marked; meshes of other cells are split as a whole.
+"""Refinement in space: local bisection of tetrahedra; global splitting of meshes with other cells.
 
-*Tetrahedra.* A cell is cut in two through the middle of its longest edge. A cell that gets a node on an edge in this
-way is cut through the middle of its own longest edge, and so on until no cell has one (M.-C. Rivara, Int. J. Numer.
-Meth. Eng. 20 (1984), 745-756). That ends, because every cut halves the longest edge of a cell. Of equally long edges
-all cells choose alike, by the numbers of their nodes; at an interface by the places of the nodes, so that both bodies
-are cut alike. Where all cells are refined, each is cut three times at least, once in every direction: its parts have an
-eighth of its volume, and those of the cells of `tetrahedra(n)` have the shapes and nodes of `tetrahedra(2 n)`.
+*Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
+bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
+Meth. Eng. 20 (1984), 745-756). This ends, because every cut halves the longest edge of a cell. Among equally long edges
+all cells choose by the numbers of the nodes; at an interface by the places of the nodes, so that both bodies are cut
+alike. If all cells are refined, each is bisected at least three times, once in every direction: its parts have an
+eighth of its volume. Refining all cells of `tetrahedra(n)` gives the shapes and nodes of `tetrahedra(2 n)`.
 
-*Other cells* have a part at each vertex, between the middles of the edges, the centroids of the faces and the centroid
-of the cell: cubes become eight cubes, prisms those over the parts of their polygons. The new faces must be plane.
+*Other cells* are split into one part per vertex, between midpoints of edges, centroids of faces and the centroid of the
+cell: cubes become eight cubes, prisms become prisms over the parts of their polygons. The new faces must be plane.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from vemcvx.base.errors import MeshError
 from vemcvx.meshes.carrying import (
     Origins,
     Refinement,
-    carried,
     centre_values,
     check_lengths,
+    inherit_parts,
     middle_places,
     middle_values,
 )
-from vemcvx.meshes.checks.space import checked_in_space
+from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygons import (
     among,
     cell_of_corner,
     distinct,
     edge_keys,
-    found_in,
+    find_in,
     offsets_of,
     previous_corner,
     rows_in_order,
     same_rows,
-    shared_edges,
+    sort_edges,
 )
-from vemcvx.meshes.polyhedra import FACES, Faces, joined_faces, listed_faces
+from vemcvx.meshes.polyhedra import FACES, Faces, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-"""Corners between which a tetrahedron has its edges."""
+"""Corners of the six edges of a tetrahedron."""
 OPPOSITE = [3, 2, 0, 1]
-"""The corner of a tetrahedron that is opposite to each of its faces, as these are listed."""
+"""The corner of a tetrahedron opposite to each of its faces, in the order of `FACES`."""
 ALL_DIRECTIONS = 3
-"""Bisections of a tetrahedron after which it is half as long in every direction."""
+"""Number of bisections that halve a tetrahedron in every direction."""
 
 
 def other_cells(mesh: PolyhedralMesh) -> Ints:
@@ -67,23 +67,23 @@ def check_tetrahedra(mesh: PolyhedralMesh, subject: str) -> None:
         cell = int(others[0])
         faces = mesh.cell_offsets[cell + 1] - mesh.cell_offsets[cell]
         raise MeshError(
-            f"{subject}: local refinement in space is for tetrahedra without hanging nodes; cell {cell}, of {faces} "
-            f"faces, is none. Begin with vx.meshes.tetrahedra(n) (--mesh tetrahedra), or split all cells, "
-            "mesh.refine()."
+            f"{subject}: local refinement in space needs tetrahedra without hanging nodes; cell {cell}, with {faces} "
+            f"faces, is not one. Start with vx.meshes.tetrahedra(n) (--mesh tetrahedra), or split all cells "
+            "by mesh.refine()."
         )
 
 
 class Tetrahedra(NamedTuple):
-    """Tetrahedra while they are cut, and where they come from."""
+    """Tetrahedra during bisection, with their origins."""
 
-    corners: Ints  # (n, 4) the fourth is where the first three run counter-clockwise
-    parts: Ints  # (n, 4) part of the old boundary that has the face opposite to each corner, by its place; -1 inside
+    corners: Ints  # (n, 4) seen from the fourth, the first three run counter-clockwise
+    parts: Ints  # (n, 4) position in the old boundary of the face opposite to each corner; -1 inside
     parents: Ints
     cuts: Ints
 
     @classmethod
     def from_mesh(cls, mesh: PolyhedralMesh) -> Tetrahedra:
-        """The cells of a mesh."""
+        """Return the cells of a mesh."""
         corners = mesh.cell_nodes[1].reshape(-1, 4).copy()
         x = mesh.points[corners]
         mirrored = np.linalg.det(x[:, 1:] - x[:, :1]) < 0.0
@@ -95,14 +95,14 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """The two corners (n, 2) of the longest edge of each cell, of equally long ones that of the highest places."""
+        """Return the corners (n, 2) of the longest edge of each cell, of equal ones the edge of highest places."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
         return EDGES[np.lexsort((keys, squared))[:, -1]]
 
     def cut(self, chosen: Bools, at: Ints, middle: Ints) -> Tetrahedra:
-        """The cells after the chosen ones are cut, at edges between corners `at` (k, 2) with nodes in the middle."""
+        """Bisect the chosen cells at the nodes `middle` (k,) of the edges between their corners `at` (k, 2)."""
         some, row = Tetrahedra(*(values[chosen] for values in self)), np.arange(len(at))
         halves = []
         for kept, left in (at.T, at.T[::-1]):
@@ -114,14 +114,14 @@ class Tetrahedra(NamedTuple):
         return Tetrahedra(*map(np.concatenate, zip(rest, *halves, strict=True)))
 
     def faces(self) -> Faces:
-        """The faces of all cells."""
+        """Return the faces of all cells."""
         count = len(self.corners)
         listed = self.corners[:, np.array(FACES["tetra"])].ravel()
-        return joined_faces(np.arange(4 * count + 1) * 3, listed, np.arange(count + 1) * 4)
+        return join_faces(np.arange(4 * count + 1) * 3, listed, np.arange(count + 1) * 4)
 
 
-def bisected(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
-    """Cut the marked cells (n_cells,) of a mesh of tetrahedra so many times, and all that would have nodes on edges."""
+def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
+    """Bisect the marked cells (n_cells,) of a mesh of tetrahedra `cuts` times, and all cells with nodes on edges."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, values = Tetrahedra.from_mesh(mesh), marked, csr_array(eye_array(mesh.n_nodes, format="csr"))
     ends = np.empty((0, 2), dtype=np.int64)
@@ -135,19 +135,19 @@ def bisected(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[Polyh
         ends, points = np.concatenate([ends, fresh]), np.concatenate([points, points[fresh].mean(axis=1)])
         values = vstack([values, 0.5 * (values[fresh[:, 0]] + values[fresh[:, 1]])], format="csr")
         split = edge_keys(places[ends], len(points))
-        places = np.concatenate([places[:n], n + found_in(split, split)])
-        cells = cells.cut(todo, at, n + found_in(edge_keys(ends, len(points)), edge_keys(pairs, len(points))))
+        places = np.concatenate([places[:n], n + find_in(split, split)])
+        cells = cells.cut(todo, at, n + find_in(edge_keys(ends, len(points)), edge_keys(pairs, len(points))))
         edges = edge_keys(places[cells.corners[:, EDGES]].reshape(-1, 2), len(points))
         hanging = among(edges, split).reshape(-1, 6).any(axis=1)
         todo = hanging | (marked[cells.parents] & (cells.cuts < cuts))
     cells = Tetrahedra(*(array[np.argsort(cells.parents, kind="stable")] for array in cells))
     faces = cells.faces()
     made = PolyhedralMesh.unchecked(points, *faces)
-    return carried(mesh, made, Origins(cells.parents, _parts(made, cells.parts[:, OPPOSITE]), places, values))
+    return inherit_parts(mesh, made, Origins(cells.parents, _parts(made, cells.parts[:, OPPOSITE]), places, values))
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the parts of the old boundary that have the faces of the boundary, from those of all listed faces."""
+    """Return the old part of each boundary face, from the old parts of all listed faces."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]
@@ -155,7 +155,7 @@ def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
 
 def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     """Split all cells into a part at each vertex."""
-    shared = shared_edges(mesh.face_offsets, mesh.face_vertices, mesh.n_nodes)
+    shared = sort_edges(mesh.face_offsets, mesh.face_vertices, mesh.n_nodes)
     n, ends = mesh.n_nodes, shared.ends
     check_lengths(mesh.points, ends)
     in_face, in_cell = n + len(ends), n + len(ends) + mesh.n_faces
@@ -165,7 +165,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # The part at a vertex has a quadrilateral on each face, and one across the edge that follows the vertex there.
+    # on each face at a vertex, its part has a quadrilateral, and another across the edge that follows the vertex
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]
@@ -174,7 +174,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     keys, part = np.unique(cell * n + node, return_inverse=True)
     order = np.argsort(np.tile(part, 2), kind="stable")
     quads = np.concatenate([on_face, across])[order]
-    faces = joined_faces(np.arange(len(quads) + 1) * 4, quads.ravel(), offsets_of(2 * np.bincount(part)))
+    faces = join_faces(np.arange(len(quads) + 1) * 4, quads.ravel(), offsets_of(2 * np.bincount(part)))
     places = _places(mesh, ends)
     middles = mesh.points[ends].mean(axis=1)
     points = np.concatenate([mesh.points, middles, mesh.face_centroids, mesh.centroids])
@@ -189,13 +189,13 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
         centre_values(mesh.points, (mesh.face_offsets, mesh.face_vertices), mesh.face_centroids),
         centre_values(mesh.points, mesh.cell_nodes, mesh.centroids),
     ]
-    found = carried(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
+    found = inherit_parts(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
     _check_fit(found.mesh)
     return found
 
 
 def _places(mesh: PolyhedralMesh, ends: Ints) -> Ints:
-    """Return the places of old nodes, middles of edges, centroids of faces and of cells."""
+    """Return the places of old nodes, midpoints of edges, centroids of faces and of cells."""
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     first, number = same_rows(mesh.face_offsets, places[mesh.face_vertices])
     of_faces = mesh.n_nodes + len(ends) + first[number]
@@ -204,11 +204,11 @@ def _places(mesh: PolyhedralMesh, ends: Ints) -> Ints:
 
 
 def _check_fit(mesh: PolyhedralMesh) -> None:
-    """Raise MeshError if new faces are not plane, or new cells do not fit together."""
+    """Raise MeshError if new faces are not plane or new cells do not fit together."""
     try:
-        checked_in_space(mesh.points, listed_faces(mesh.faces), mesh.interfaces)
+        check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
     except MeshError as error:
         raise MeshError(
-            f"refine: parts of cells about their vertices have no plane faces ({str(error).partition('. ')[0]}). Make "
-            "the mesh anew with more cells, or of tetrahedra."
+            f"refine: parts of cells at their vertices would not have plane faces ({str(error).partition('. ')[0]}). "
+            "Make a new mesh with more cells, or of tetrahedra."
         ) from None

@@ -1,8 +1,8 @@
-"""Boxes that are meshed, and names of sides, parts and data of meshes, checked.
+"""Checks of the arguments of mesh families (boxes, numbers of cells), and of names and data of meshes.
 
-A family of meshes is called with n (cells across the shortest side), a count for each axis or the size of a cell, and
-with a box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)). Counts do not depend on the unit of length.
-Parts of the boundary are edges in the plane, faces in space.
+A family takes a box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)), and one of these: n, the number of
+cells across the shortest side; a number for each axis; or the size of a cell. Numbers of cells do not depend on the
+unit of length. Parts of the boundary are edges in the plane and faces in space.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
 SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 AXES = "xyz"
-MOST_CELLS = 10**8  # A mesh of that size takes 10 GB before anything is assembled.
-SHORTEST, LARGEST = 1e-60, 1e60  # Areas and moments of cells must neither overflow nor vanish.
+MOST_CELLS = 10**8  # a mesh of this size takes 10 GB before assembly
+SHORTEST, LARGEST = 1e-60, 1e60  # areas and moments of cells must neither overflow nor underflow
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
 UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
@@ -43,18 +43,18 @@ UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
 
 @dataclass(frozen=True)
 class Box:
-    """The box between two opposite corners, in the plane or in space."""
+    """A box between two opposite corners, in the plane or in space."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """Lengths of its sides along the axes."""
+        """Lengths of the sides along the axes."""
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
     def ticks(self, *counts: int, grades: tuple[float, ...] | None = None) -> list[Floats]:
-        """Coordinates along each axis, one more than the counts, equally spaced or graded; MeshError if they meet."""
+        """Return count + 1 coordinates for each axis, equally spaced or graded, or raise MeshError."""
         grades = (1.0,) * len(counts) if grades is None else grades
         ends = zip(self.low, self.high, counts, grades, strict=True)
         return [ticks(low, high, count, grade) for low, high, count, grade in ends]
@@ -67,7 +67,7 @@ def check_box(box: Any, dimension: int = 2) -> Box:
         values = [(float(low), float(high)) for low, high in given]
         if len(given) != dimension or not all(is_real(value) for pair in given for value in pair):
             raise TypeError
-    except Exception:  # of whatever a user hands in
+    except Exception:  # users may pass any object
         wanted = ", ".join(f"({axis}0, {axis}1)" for axis in AXES[:dimension])
         count = {2: "four", 3: "six"}[dimension]
         raise MeshError(f"box must be ({wanted}), {count} numbers; got {box!r}.") from None
@@ -105,24 +105,24 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
 
 
 def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
-    """Return a number an axis, the width of the last cell over that of the first, or raise MeshError."""
-    given = tuple(grade) if listed(grade) else (grade,) * dimension
+    """Return the width of the last cell over the width of the first for each axis, or raise MeshError."""
+    given = tuple(grade) if is_list(grade) else (grade,) * dimension
     if len(given) != dimension or not all(is_real(value) and SINGLE_EPS <= value <= 1 / SINGLE_EPS for value in given):
         names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
         raise MeshError(
-            f"grade must be a number from {SINGLE_EPS:g} to {1 / SINGLE_EPS:g}, or one an axis ({names}): how many "
-            f"times wider the last cell is than the first; got {brief(grade)}."
+            f"grade must be a number from {SINGLE_EPS:g} to {1 / SINGLE_EPS:g}, or one for each axis ({names}): how "
+            f"many times wider the last cell is than the first; got {brief(grade)}."
         )
     return tuple(map(float, given))
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Cells along each axis, at least one: those given, or as many as squares or cubes so wide fill the box.
+    """Return the number of cells along each axis, at least one: the given numbers, or as many as fill the box.
 
-    `stretch` is how much wider than squares, and lower, the cells of a family are; `each`, how many cells it may make
-    of one of them.
+    Cells of a family are `stretch` times wider and lower than squares. `each` is the largest number of cells that the
+    family makes of one square or cube.
     """
-    if listed(n) and size is None:
+    if is_list(n) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
         if len(n) != len(names):
             several = {2: "pair", 3: "triple"}[len(names)]
@@ -135,13 +135,13 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
     return tuple(counts)
 
 
-def listed(n: object) -> bool:
+def is_list(n: object) -> bool:
     """Return True if n lists the numbers of cells axis by axis."""
     return isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """The number of equal cells along each axis, not rounded: n across the shortest side, or of the given size."""
+    """Return the number of cells along each axis, not rounded: n across the shortest side, or of the given size."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"n must be given (cells across the shortest side) or size= (the width of a cell); got {both}.")
@@ -155,17 +155,16 @@ def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list
 
 
 def check_total(cells: Number) -> Number:
-    """Return the number of cells if a mesh of so many is no slip of the keyboard, or raise MeshError."""
+    """Return the number of cells, or raise MeshError if there are so many that it must be a typing error."""
     if cells > MOST_CELLS:
-        raise MeshError(f"that would be {cells:.3g} cells; at most {MOST_CELLS:g} are made. Ask for fewer.")
+        raise MeshError(f"the mesh would have {cells:.3g} cells; at most {MOST_CELLS:g} are allowed. Ask for fewer.")
     return cells
 
 
 def ticks(low: float, high: float, count: int, grade: float = 1.0) -> Floats:
-    """Return count + 1 numbers, both ends exact, or raise MeshError if rounding makes them meet.
+    """Return count + 1 numbers from low to high, both exact, or raise MeshError if rounding makes two equal.
 
-    They are equally spaced, or each interval is as many times longer than the one before it that the last is `grade`
-    times as long as the first.
+    The lengths of the intervals are a geometric sequence: the last is `grade` times as long as the first.
     """
     line = np.linspace(low, high, count + 1)
     if grade != 1.0 and count > 1:
@@ -179,21 +178,21 @@ def ticks(low: float, high: float, count: int, grade: float = 1.0) -> Floats:
     return line
 
 
-def placed(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
-    """Points of [0, size] in [low, high]; those on a side of the one lie on the side of the other to the bit."""
+def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
+    """Map points from [0, size] to [low, high]; points on sides stay on sides exactly."""
     moved = np.clip(low + points * ((high - low) / size), low, high)
     moved = np.where(points == 0.0, low, moved)
     return np.where(points == size, high, moved)
 
 
 WHOLE = "boundary"
-# Names of the two sides across each axis, in the plane and in space.
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
+"""Dimension -> for each axis, the names of the sides where the coordinate is least and greatest."""
 T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return a name that a part of the boundary, or something else, may have; or raise MeshError."""
+    """Return the name if a part of the boundary (or what `what` says) may have it; else raise MeshError."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":
@@ -201,8 +200,8 @@ def check_name(name: object, what: str = "part of the boundary") -> str:
     return name
 
 
-def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
-    """A mask of the parts that a predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
+def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
+    """Return a mask (m,) of the parts that a predicate selects by their midpoints or centroids (m, dim)."""
     name = check_name(name)
     m, dimension = places.shape
     middles = {"edges": "midpoints", "faces": "centroids"}[parts]
@@ -231,7 +230,7 @@ def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
 
 
 def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapping[str, T]:
-    """The mapping given, empty for None; or MeshError."""
+    """Return the given mapping, an empty one for None; or raise MeshError."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
@@ -240,7 +239,7 @@ def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapp
 
 
 def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
-    """Read-only copies of arrays with one row a cell, or MeshError."""
+    """Return read-only copies of arrays with one row per cell, or raise MeshError."""
     checked = {}
     for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
         check_name(name, "cell datum")
@@ -254,20 +253,20 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> 
     return checked
 
 
-def plotted_values(values: str | ArrayLike, cell_data: Mapping[str, NDArray[Any]], n_cells: int) -> Floats:
-    """One number a cell to colour it by: an array, or the name of a cell datum."""
+def values_to_plot(values: str | ArrayLike, cell_data: Mapping[str, NDArray[Any]], n_cells: int) -> Floats:
+    """Return one number per cell from an array or the name of a cell datum; or raise MeshError."""
     if isinstance(values, str):
         if values not in cell_data:
             raise MeshError(f"there is no cell datum {values!r}; this mesh has {', '.join(cell_data) or 'none'}.")
         values = cell_data[values]
     array = check_cell_data({"values": values}, n_cells)["values"]
     if array.ndim != 1:
-        raise MeshError(f"values to plot must be one number a cell, shape ({n_cells},); got shape {array.shape}.")
+        raise MeshError(f"values to plot must be one number per cell, shape ({n_cells},); got shape {array.shape}.")
     return array.astype(float)
 
 
-def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
-    """Points moved by the displacement, if there is one."""
+def points_to_plot(points: Floats, displacement: ArrayLike | None) -> Floats:
+    """Return the points plus the displacement, if there is one; or raise MeshError."""
     if displacement is None:
         return points
     array = _array(displacement)
@@ -281,6 +280,6 @@ def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
-    """Values as an array; what makes none as an array of objects, which every check refuses."""
+    """Return values as an array; an empty array of objects, which every check refuses, if they are none."""
     array = plain(values)
     return np.empty(0, dtype=object) if array is None else array

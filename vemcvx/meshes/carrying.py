@@ -1,4 +1,4 @@
-"""What refined meshes take from the meshes that they come from: names, interfaces, data and nodal values."""
+"""Transfer of names, interfaces, data and nodal values from a mesh to its refinement."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
     among,
     cell_of_corner,
     edge_keys,
-    found_in,
+    find_in,
     matching_rows,
     rounding,
     rows_in_order,
@@ -31,18 +31,24 @@ Kind = TypeVar("Kind", bound=Mesh)
 
 @dataclass(frozen=True, eq=False)
 class Refinement(Generic[Kind]):
-    """A refined mesh, and where its cells and nodes come from.
+    """A refined mesh with the parents of its cells and the prolongation of nodal values.
 
     Attributes
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        Children stand in the place of their parent; old nodes first, then middles of edges, then centres of cells (in
-        space, of faces and cells). Names of boundaries and cell data are those of the parents.
+        The refined mesh. Children take the position of their parent. Old nodes come first, then midpoints of edges,
+        then centres of cells (in space, of faces and cells). Names of boundaries and cell data are inherited.
     parents : (n_new_cells,) int
-        Old cell that each cell is, or is part of.
+        The old cell that contains each new cell.
     prolongation : (n_new_nodes, n_old_nodes) sparse array
-        Nodal values of the old mesh at the new nodes: kept; mean of the two ends of the edge; at centres the value of
-        the linear function that is nearest to the values at the nodes of the cell or face. Exact for linear functions.
+        Interpolation of nodal values: the value at an old node, the mean of the two ends at a midpoint, and at a centre
+        the value of the least-squares linear fit to the nodes of the cell or face. It reproduces linear functions.
+
+    Examples
+    --------
+    >>> fine = vx.meshes.refinement(vx.meshes.squares(2), cells=[0])
+    >>> fine.parents, fine.prolongation.shape
+    (array([0, 0, 0, 0, 1, 2, 3]), (14, 9))
     """
 
     mesh: Kind
@@ -51,16 +57,16 @@ class Refinement(Generic[Kind]):
 
 
 class Origins(NamedTuple):
-    """Where cells, parts of the boundary and nodes of a refined mesh come from."""
+    """Origins of the cells, boundary edges or faces, and nodes of a refined mesh."""
 
     parents: Ints  # (n_new_cells,) old cell of each cell
-    parts: Ints  # (m,) old part of the boundary, by its place there, that each part is a piece of
-    places: Ints  # (n_new_nodes,) place of each node: the first of those there
+    parts: Ints  # (m,) position in the old boundary of the edge or face that contains each new one
+    places: Ints  # (n_new_nodes,) place of each node: the first node in the same place
     prolongation: csr_array
 
 
-def carried(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
-    """Return the refinement: the cells that are made, with the names, interfaces and cell data of the old mesh."""
+def inherit_parts(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
+    """Return the refinement, in which the new mesh `made` inherits names, interfaces and cell data."""
     parents, parts, places, prolongation = origins
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
@@ -78,35 +84,35 @@ def carried(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
             rows_in_order(*made._outlines, pieces(faces_of(side, mesh._outlines)))
             for side in (joint.edges, joint.partners)
         )
-        sides[name] = Interface(joint.bodies, padded(*one), padded(one[0], _partners(one, other, places)))
+        sides[name] = Interface(joint.bodies, pad_rows(*one), pad_rows(one[0], _partners(one, other, places)))
     matched = MappingProxyType(on_boundary(sides, made._outlines))
     made = made._replace(_named=named, interfaces=matched, cell_data=MappingProxyType(data))
     return Refinement(made, read_only(parents), prolongation)
 
 
 def _partners(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return the node of the other side in the place of each node of one side, as rows of nodes."""
+    """Return, for each node in rows of one side, the node of the other side in the same place."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
-    return theirs[found_in(cell_of_corner(more) * count + places[theirs], wanted)]
+    return theirs[find_in(cell_of_corner(more) * count + places[theirs], wanted)]
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return the place of each node in the middle of an edge (e, 2): the first of those there, numbered after all."""
+    """Return the place of each midpoint of an edge (e, 2): the first midpoint there, numbered after the old nodes."""
     keys = edge_keys(places[ends], len(places))
-    return len(places) + found_in(keys, keys)
+    return len(places) + find_in(keys, keys)
 
 
 def middle_values(ends: Ints, count: int) -> csr_array:
-    """Return the matrix (e, count) from nodal values to their means over edges with these ends (e, 2)."""
+    """Return the matrix (e, count) from nodal values to their means over the ends (e, 2) of edges."""
     return csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), count))
 
 
 def centre_values(points: Floats, rows: tuple[Ints, Ints], centres: Floats) -> csr_array:
-    """Return the matrix (c, n_nodes) from nodal values to linear functions at centres (c, dim).
+    """Return the matrix (c, n_nodes) from nodal values to values at centres (c, dim), exact for linear functions.
 
-    Each function is nearest to the values at a row of nodes; linear functions are taken to themselves.
+    Each centre gets the value of the least-squares linear fit to a row of nodes.
     """
     offsets, nodes = rows
     shape = (len(centres), len(points))
@@ -129,7 +135,7 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
     what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
     given = plain(cells)
     if given is None:
-        raise MeshError(f"{what}; got {brief(cells)}, masked or rows of different lengths.")
+        raise MeshError(f"{what}; got {brief(cells)}, which is masked or has rows of different lengths.")
     if given.ndim == 1 and not given.size:
         return np.zeros(n_cells, dtype=bool)
     if given.ndim != 1 or given.dtype.kind not in "biu" or (given.dtype == bool and len(given) != n_cells):
@@ -145,13 +151,13 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
 
 
 def check_lengths(points: Floats, ends: Ints) -> None:
-    """Raise MeshError if an edge is so short that its halves would be rounding of the coordinates."""
+    """Raise MeshError if the midpoint of an edge would be lost in the rounding of the coordinates."""
     one, other = points[ends[:, 0]], points[ends[:, 1]]
     short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
     if len(short):
         a, b = ends[short[0]]
         raise MeshError(
             f"the edge ({a}, {b}) at {coordinates(points[a], 6)} is only "
-            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its middle would be rounding of the coordinates. "
-            "Refine elsewhere, or put the origin there."
+            f"{np.linalg.norm(points[b] - points[a]):.2g} long: its midpoint would be lost in rounding errors. "
+            "Refine elsewhere, or move the origin of the coordinates there."
         )

@@ -1,8 +1,8 @@
-"""Cracks: meshes cut along the sides between two sets of their cells, edges in the plane and faces in space.
+"""Cracks: meshes cut along the edges (in space: faces) between two sets of cells.
 
-A corner is a cell with one of its nodes. The corners at a node are joined across the sides that are not cut. Where that
-leaves them in several groups, each group gets a node of its own; where it leaves one, as at a tip inside the body, or
-along the front of a crack in space, nothing is double.
+A corner is a pair of a cell and one of its nodes. The corners at a node are joined across the sides that are not cut.
+If this leaves several groups of corners, each group gets its own node. If it leaves one group, as at a tip inside the
+body or at the front of a crack in space, the node stays single.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import check_name
 from vemcvx.meshes.carrying import check_marks
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, padded
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
     among,
     backwards,
     cell_of_corner,
     distinct,
-    found_in,
+    find_in,
     matching_rows,
     offsets_of,
     rows_in_order,
     smallest_linked,
 )
-from vemcvx.meshes.polyhedra import joined_faces, listed_faces
+from vemcvx.meshes.polyhedra import join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
-TIPS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
-"""Words for sides that cannot open"""
+CRACK_WORDS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
+"""Words for sides that cannot open."""
 
 
-def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
-    """Cut a mesh along the edges, in space faces, between two sets of its cells: see :meth:`vemcvx.PolygonMesh.cut`."""
+def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
+    """Cut a mesh along the edges or faces between two sets of cells: see :meth:`vemcvx.PolygonMesh.cut`."""
     one, other = _check_sides(mesh, name, sides)
     cells, (offsets, vertices) = mesh.neighbours, mesh._inner_outlines
     swapped = other[cells[:, 0]]
@@ -49,58 +49,58 @@ def cut(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
     vertices = np.where(np.repeat(swapped, np.diff(offsets)), vertices[backwards(offsets)], vertices)
     opened, (first, second) = one[cells[:, 0]] & other[cells[:, 1]], sides
     if not opened.any():
-        part = TIPS[mesh.PARTS][0]
-        raise MeshError(f"cut: no {part} is between the cells of {first!r} and {second!r}; they must be neighbours.")
+        part = CRACK_WORDS[mesh.PARTS][0]
+        raise MeshError(f"cut: the cells of {first!r} and {second!r} have no {part} in common; give neighbours.")
     rows, nodes = mesh.cell_nodes
     keys = cell_of_corner(rows) * mesh.n_nodes + nodes
 
     def corners(cell: Ints, node: Ints) -> Ints:
-        return found_in(keys, cell * mesh.n_nodes + node)
+        return find_in(keys, cell * mesh.n_nodes + node)
 
     side = cell_of_corner(offsets)
     pairs = np.column_stack([corners(cell, vertices) for cell in cells[side].T])
-    number, origin = _numbered_anew(nodes, pairs, opened[side], mesh.n_nodes)
-    lips = [padded(*rows_in_order(offsets, number[lip], np.flatnonzero(opened))) for lip in pairs.T]
+    number, origin = _split_nodes(nodes, pairs, opened[side], mesh.n_nodes)
+    lips = [pad_rows(*rows_in_order(offsets, number[lip], np.flatnonzero(opened))) for lip in pairs.T]
     _check_opening(mesh, origin, *lips)
 
-    def renumbered(cell: Ints, rows: Ints, nodes: Ints) -> Ints:
+    def renumber(cell: Ints, rows: Ints, nodes: Ints) -> Ints:
         return number[corners(np.repeat(cell, np.diff(rows)), nodes)]
 
-    made = _with_nodes(mesh, mesh.points[origin], renumbered)
+    made = _with_nodes(mesh, mesh.points[origin], renumber)
     joints, named = {name: Interface((first, second), *lips)}, {}
     for key, found in mesh.interfaces.items():
         moved = [found.edges.copy(), found.partners.copy()]
         for lip in moved:
             there, cell = lip >= 0, mesh._owners[faces_of(lip, mesh._outlines)]
-            lip[there] = renumbered(cell, offsets_of(there.sum(axis=1)), lip[there])
+            lip[there] = renumber(cell, offsets_of(there.sum(axis=1)), lip[there])
         joints[key] = Interface(found.bodies, *moved)
     for key, parts in mesh._named.items():
         place = mesh._places(parts)
         rows, nodes = rows_in_order(*mesh._outlines, place)
-        new = matching_rows(*made._outlines, rows, renumbered(mesh._owners[place], rows, nodes))
+        new = matching_rows(*made._outlines, rows, renumber(mesh._owners[place], rows, nodes))
         named[key] = read_only(made._boundary[new])
     interfaces = MappingProxyType(on_boundary(joints, made._outlines))
     return made._replace(_named=named, interfaces=interfaces, cell_data=mesh.cell_data)
 
 
-def _with_nodes(mesh: AnyMesh, points: Floats, renumbered: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
-    """Return the mesh of the same cells between other nodes, `renumbered` by cells, their rows, and nodes of these."""
+def _with_nodes(mesh: AnyMesh, points: Floats, renumber: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
+    """Return the mesh of the same cells with new nodes: `renumber` takes cells, row offsets and old nodes."""
     kind, cells = type(mesh), np.arange(mesh.n_cells)
     if isinstance(mesh, PolyhedralMesh):
-        listed = listed_faces(mesh.faces)
-        nodes = renumbered(cells, listed.offsets[listed.cell_offsets], listed.vertices)
-        return kind.unchecked(points, *joined_faces(listed.offsets, nodes, listed.cell_offsets))
+        listed = list_faces(mesh.faces)
+        nodes = renumber(cells, listed.offsets[listed.cell_offsets], listed.vertices)
+        return kind.unchecked(points, *join_faces(listed.offsets, nodes, listed.cell_offsets))
     offsets, vertices = mesh.cell_nodes
-    return kind.unchecked(points, offsets, renumbered(cells, offsets, vertices))
+    return kind.unchecked(points, offsets, renumber(cells, offsets, vertices))
 
 
-def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return nodes of all corners, new ones last; and which of `count` nodes each of them was.
+def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
+    """Return the new node of each corner, and the old node of each new one; there are `count` old nodes.
 
-    `nodes` has that of each corner, `pairs` (k, 2) those corners at a node that a side joins, unless it is opened.
+    `nodes` has the old node of each corner. `pairs` (k, 2) are corners at a node that a side joins unless `opened`.
     """
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
-    first = distinct(parted)  # each group is called by its first corner
+    first = distinct(parted)  # each group is identified by its first corner
     fresh = ~among(first, distinct(whole))
     number = np.where(fresh, count + np.cumsum(fresh) - 1, nodes[first])
     return number[np.searchsorted(first, parted)], np.concatenate([np.arange(count), nodes[first[fresh]]])
@@ -108,9 +108,9 @@ def _numbered_anew(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple
 
 def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple[Bools, Bools]:
     if check_name(name) in mesh.boundaries:
-        raise MeshError(f"cut: there is a boundary {name!r} already; give the crack another name.")
+        raise MeshError(f"cut: there already is a boundary {name!r}; give the crack another name.")
     if not isinstance(sides, Mapping) or len(sides) != 2 or not all(isinstance(side, str) for side in sides):
-        raise MeshError(f"cut: wanted are two sides of the crack, name -> cells; got {brief(sides)}.")
+        raise MeshError(f"cut: sides must map the names of two sides of the crack to cells; got {brief(sides)}.")
     one, other = (check_marks(cells, mesh.n_cells, f"cells of {side!r}") for side, cells in sides.items())
     if (one & other).any():
         raise MeshError(f"cut: cell {np.flatnonzero(one & other)[0]} is on both sides of the crack.")
@@ -118,12 +118,12 @@ def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple
 
 
 def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
-    """Raise MeshError where both lips, rows of nodes that were `origin`, are one side of all that is there."""
+    """Raise MeshError if both lips (rows of new nodes) have an edge or face in common, which cannot open."""
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):
         row = lip[closed[0]]
         at: Floats = mesh.points[origin[row[row >= 0]]].mean(axis=0)
-        side, where, size = TIPS[mesh.PARTS]
+        side, where, size = CRACK_WORDS[mesh.PARTS]
         raise MeshError(
             f"cut: the {side} at {coordinates(at, 6)} has a tip at {where} and cannot open. A crack "
             f"inside a body is at least {size}: refine the mesh, or take more cells."

@@ -1,8 +1,8 @@
-"""The two parts of a mesh on either side of a line, in space of a plane.
+"""Cutting a mesh in two along a line, in space along a plane.
 
-In the plane cells that the line crosses become two polygons, with a node where it meets an edge, which both cells at
-this edge get. Inner nodes that are nearer to the line than `NEAR` of the shortest edge at them first move onto it, so
-that fewer parts of cells are slivers. In space the plane must run along faces: cells are not split.
+In the plane, cells that the line crosses become two polygons, with a new node where the line meets an edge; both cells
+at the edge get this node. To avoid slivers, inner nodes within `NEAR_FRACTION` of their shortest edge from the line
+first move onto it. In space the plane must run along faces: cells are not split.
 """
 
 from __future__ import annotations
@@ -19,37 +19,38 @@ from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons import directed_edges, offsets_of, rows_in_order
+from vemcvx.meshes.polygons import corner_edges, offsets_of, rows_in_order
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
-NEAR = 0.1
+NEAR_FRACTION = 0.1
+"""Relative to the shortest edge at a node, the distance from the line below which the node moves onto it."""
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
-    """Return the parts of a mesh behind and ahead of a line, in space of a plane, as two meshes.
+    """Return the parts of a mesh behind and ahead of a line (in space: of a plane) as two meshes.
 
-    :func:`vemcvx.meshes.bodies` joins them, with the cut as their interface, as `Pretension` wants it across a bolt.
-    Both parts keep the names of their boundaries and their cell data; edges or faces along the cut have no name. In the
-    plane cells that the line crosses are split, and inner nodes nearer to it than a tenth of the shortest edge at them
-    move onto it. In space the plane must run along faces.
+    :func:`vemcvx.meshes.bodies` joins them again with the cut as an interface, as `Pretension` across a bolt needs it.
+    Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the plane, cells
+    that the line crosses are split; inner nodes within a tenth of their shortest edge from the line move onto it. In
+    space the plane must run along faces.
 
     Parameters
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        Of one body, without interfaces.
+        The mesh of one body, without interfaces.
     point, normal : (dim,) array_like
-        A point of the line or plane, and a vector across it, of any length, which points ahead.
+        A point on the line or plane, and a normal vector of any length, which points ahead.
 
     Returns
     -------
     behind, ahead : PolygonMesh or PolyhedralMesh
-        Nodes and cells in their order, new nodes last.
+        The two parts; nodes and cells keep their order, new nodes come last.
 
     Raises
     ------
     MeshError
-        All of the mesh is on one side; the mesh has interfaces; the line meets a cell that is not convex more than
-        twice; in space the plane crosses cells.
+        The whole mesh is on one side; the mesh has interfaces; the line meets a nonconvex cell more than twice; in
+        space the plane crosses cells.
 
     Examples
     --------
@@ -65,23 +66,23 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     if len(crossed) and not isinstance(mesh, PolygonMesh):
         at = coordinates(mesh.centroids[crossed[0]], 6)
         raise MeshError(
-            f"cut: the plane crosses {len(crossed)} cells, the first at {at}; in space it must run along faces. Mesh "
-            "the body with nodes in that plane, or move it to one that has some."
+            f"cut: the plane crosses {len(crossed)} cells, the first at {at}; in space it must run along faces. Move "
+            "the plane to nodes of the mesh, or mesh the body with nodes in the plane."
         )
     one_body: Any = mesh
     cells = one_body.cells
     behind, ahead = ([(c, cells[c]) for c in np.flatnonzero(here).tolist()] for here in (high <= 0, low >= 0))
     met: dict[tuple[int, int], int] = {}
     for c in crossed.tolist():
-        halves = _halved(cells[c].tolist(), side, met, len(points))
+        halves = _split_cell(cells[c].tolist(), side, met, len(points))
         if halves is None:
             at = coordinates(mesh.centroids[c], 6)
             raise MeshError(f"cut: the line meets cell {c} at {at} more than twice; refine it, or move the line.")
         behind.append((c, halves[0]))
         ahead.append((c, halves[1]))
     if not behind or not ahead:
-        raise MeshError(f"cut: all of the mesh is {'ahead of' if ahead else 'behind'} the line or plane; move it.")
-    # New nodes, where edges meet the line.
+        raise MeshError(f"cut: the whole mesh is {'ahead of' if ahead else 'behind'} the cut; move the cut.")
+    # new nodes where edges meet the line
     ends = np.array(list(met), dtype=np.int64).reshape(-1, 2)
     share = np.abs(side[ends]) / np.abs(side[ends]).sum(axis=1, keepdims=True)
     points = np.concatenate([points, share[:, 1:] * points[ends[:, 0]] + share[:, :1] * points[ends[:, 1]]])
@@ -90,9 +91,9 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
 
 
 def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the points, in the plane with those near the line on it, and their distances (n_nodes,) ahead of it."""
+    """Return the points, moved onto the line if near to it, and their signed distances (n_nodes,), positive ahead."""
     if not isinstance(mesh, Mesh) or mesh.interfaces:
-        raise MeshError("cut: wanted is the mesh of one body, without interfaces; cut it before bodies are joined.")
+        raise MeshError("cut: give the mesh of one body, without interfaces; cut the body before joining it to others.")
     try:
         p, n = (
             one_point(x, mesh.points.shape[1], f"cut: {name}") for name, x in (("point", point), ("normal", normal))
@@ -100,25 +101,25 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
     except SceneError as error:
         raise MeshError(str(error)) from None
     if not n.any():
-        raise MeshError("cut: found a normal of length 0; give one that points ahead, such as (0, 1).")
+        raise MeshError("cut: the normal has length 0; give one that points ahead, such as (0, 1).")
     n = n / np.linalg.norm(n)
     depth, near = (mesh.points - p) @ n, np.full(mesh.n_nodes, SAME * float(np.ptp(mesh.points, axis=0).max()))
     if not isinstance(mesh, PolygonMesh):
         return mesh.points, np.where(np.abs(depth) <= near, 0.0, depth)
-    ends, shortest = directed_edges(mesh.offsets, mesh.vertices), np.full(mesh.n_nodes, np.inf)
+    ends, shortest = corner_edges(mesh.offsets, mesh.vertices), np.full(mesh.n_nodes, np.inf)
     length = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
     np.minimum.at(shortest, ends, length[:, None])
     shortest[mesh._boundary] = 0.0
-    depth = np.where(np.abs(depth) <= np.maximum(near, NEAR * shortest), 0.0, depth)
+    depth = np.where(np.abs(depth) <= np.maximum(near, NEAR_FRACTION * shortest), 0.0, depth)
     return mesh.points - (((mesh.points - p) @ n) * (depth == 0.0))[:, None] * n, depth
 
 
-def _halved(
+def _split_cell(
     cell: list[int], side: Floats, met: dict[tuple[int, int], int], count: int
 ) -> tuple[list[int], list[int]] | None:
-    """Return the polygons behind and ahead that a cell is cut into, and number the nodes where it is `met`.
+    """Return the two polygons, behind and ahead, into which the line splits a cell; add new nodes to `met`.
 
-    None if the line meets its outline elsewhere than twice.
+    Return None if the line does not meet the outline exactly twice.
     """
     halves: tuple[list[int], list[int]] = [], []
     hits = 0
@@ -140,7 +141,7 @@ def _halved(
 
 
 def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[tuple[int, int], int]) -> Any:
-    """Return the mesh of some cells, pairs of their parents and their vertices or faces."""
+    """Return the mesh of some cells, given as pairs of the parent and the vertices or faces."""
     parents, cells = zip(*own, strict=True)
     plane = isinstance(mesh, PolygonMesh)
     used = np.unique(np.concatenate([row for cell in cells for row in ((cell,) if plane else cell)]))
@@ -153,13 +154,13 @@ def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[t
     for name in mesh.boundaries:
         starts, nodes = rows_in_order(*outlines, mesh._places(mesh.boundaries[name]))
         pieces = [piece for row in np.split(nodes, starts[1:-1]) for piece in _pieces(row.tolist(), met)]
-        found = made._found(offsets_of(np.array([len(piece) for piece in pieces])), np.concatenate(pieces), number)
+        found = made._find_parts(offsets_of(np.array([len(piece) for piece in pieces])), np.concatenate(pieces), number)
         if name != WHOLE and (found >= 0).any():
             named[name] = read_only(made._boundary[np.unique(found[found >= 0])])
     return made._with_named(named)
 
 
 def _pieces(row: list[int], met: dict[tuple[int, int], int]) -> Iterator[list[int]]:
-    """Yield the pieces of an edge, or of a face, that was not cut."""
+    """Yield the pieces of an edge, or the face itself."""
     node = met.get((min(row), max(row))) if len(row) == 2 else None
     yield from [row] if node is None else ([row[0], node], [node, row[1]])

@@ -1,6 +1,6 @@
-"""Interfaces: where the boundaries of two bodies coincide, edge by edge, each body with nodes of its own.
+"""Interfaces: coinciding boundary edges (in space: faces) of two bodies, each body with nodes of its own.
 
-In space face by face: a face is a row of its vertices, and rows are filled up with -1 to the length of the longest.
+In space a face is a row of its vertices; rows are padded with -1 to the length of the longest.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vemcvx.meshes.box import check_mapping, check_name
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     distinct,
-    found_in,
+    find_in,
     matching_rows,
     offsets_of,
     rounding,
@@ -28,18 +28,25 @@ from vemcvx.meshes.polygons import (
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Edges of one body that are also edges of another, in space faces, each with nodes of its own in the same places.
+    """Edges (in space: faces) of one body that coincide with edges of another; both bodies have nodes in each place.
 
     Attributes
     ----------
     bodies : (str, str)
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
-        Edges of the first body, as they run in its counter-clockwise cells: the body on the left. In space its faces,
-        (k, n) rows of their vertices, counter-clockwise seen from outside, filled up with -1.
+        Edges of the first body, with the body on their left. In space (k, n) rows of the vertices of its faces,
+        counter-clockwise seen from outside, padded with -1.
     partners : (k, 2) int
-        The nodes of the second body in the same places, so that it has the edges ``partners[:, ::-1]``. In space
-        likewise, as `edges`.
+        The nodes of the second body in the same places, so that its edges are ``partners[:, ::-1]``. In space rows of
+        nodes as in `edges`.
+
+    Examples
+    --------
+    >>> two = {"lower": vx.meshes.squares(1), "upper": vx.meshes.squares(1, box=((0, 1), (1, 2)))}
+    >>> vx.meshes.bodies(two).interfaces["lower|upper"].pairs
+    array([[2, 4],
+           [3, 5]])
     """
 
     bodies: tuple[str, str]
@@ -48,7 +55,7 @@ class Interface:
 
     @property
     def pairs(self) -> Ints:
-        """Nodes of the first body and of the second in the same places, (m, 2), each pair once, in order."""
+        """Pairs (m, 2) of a node of the first body and a node of the second in the same place, each once, sorted."""
         known = self.edges.ravel() >= 0
         own, other = self.edges.ravel()[known], self.partners.ravel()[known]
         count = int(other.max(initial=0)) + 1
@@ -58,24 +65,27 @@ class Interface:
 def check_interfaces(
     interfaces: Mapping[str, Interface] | None, n_nodes: int, dimension: int = 2
 ) -> dict[str, Interface]:
-    """Return interfaces whose sides are pairs of node numbers, in space rows of these, or raise MeshError."""
+    """Return interfaces with checked rows of node numbers, or raise MeshError."""
     found = {}
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
         check_name(name)
         if not isinstance(given, Interface):
-            raise MeshError(f"interface {name!r}: found {brief(given)} where an Interface is wanted.")
+            raise MeshError(f"interface {name!r} must be an Interface; got {brief(given)}.")
         bodies = tuple(given.bodies) if isinstance(given.bodies, (tuple, list)) else ()
         if len(bodies) != 2 or not all(isinstance(body, str) for body in bodies):
-            raise MeshError(f"interface {name!r}: bodies must be the names of two; got {brief(given.bodies)}.")
+            raise MeshError(f"interface {name!r}: bodies must be two names; got {brief(given.bodies)}.")
         edges, partners = (_check_sides(name, side, n_nodes, dimension) for side in (given.edges, given.partners))
         if edges.shape != partners.shape or not np.array_equal(edges < 0, partners < 0):
-            raise MeshError(f"interface {name!r}: it has {len(edges)} sides, and partners of {len(partners)}.")
+            raise MeshError(
+                f"interface {name!r}: edges and partners must have rows of the same lengths; got {len(edges)} and "
+                f"{len(partners)} rows."
+            )
         found[name] = Interface(bodies, edges, partners)
     return found
 
 
 def _check_sides(name: str, given: object, n_nodes: int, dimension: int) -> Ints:
-    """Return rows (k, n) of the vertices of edges or faces, filled up with -1, or raise MeshError."""
+    """Return rows (k, n) of the vertices of edges or faces, padded with -1, or raise MeshError."""
     rows, good = plain(given), False
     if rows is not None and rows.ndim == 2 and rows.dtype.kind in "iu" and len(rows) and rows.shape[1] >= dimension:
         rows = rows.astype(np.int64)
@@ -85,13 +95,13 @@ def _check_sides(name: str, given: object, n_nodes: int, dimension: int) -> Ints
     if rows is None or not good:
         wanted = "edges must be pairs (k, 2) of nodes"
         if dimension == 3:
-            wanted = "faces must be rows (k, n) of three nodes or more, filled up with -1"
+            wanted = "faces must be rows (k, n) of three nodes or more, padded with -1"
         raise MeshError(f"interface {name!r}: {wanted}, numbered 0 to {n_nodes - 1}; got {brief(given)}.")
     return rows
 
 
-def padded(offsets: Ints, flat: Ints) -> Ints:
-    """Return rows of different lengths as an array (k, n), filled up with -1."""
+def pad_rows(offsets: Ints, flat: Ints) -> Ints:
+    """Return rows of different lengths as an array (k, n), padded with -1."""
     counts = np.diff(offsets)
     rows = np.full((len(counts), counts.max(initial=0)), -1)
     rows[np.arange(rows.shape[1]) < counts[:, None]] = flat
@@ -99,10 +109,10 @@ def padded(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints]:
-    """Return nodes of sides of two bodies in the same places: of the earlier body, and of the later one.
+    """Return rows (k, n) of nodes of coinciding sides: nodes of the earlier body, and nodes of the later body.
 
-    `outlines` are the offsets and vertices of the sides of the boundary. Rows (k, n) of nodes are in the order of the
-    side of the earlier body, filled up with -1.
+    `outlines` are the offsets and vertices of the boundary sides. Rows follow the side of the earlier body, padded with
+    -1.
     """
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
@@ -115,8 +125,8 @@ def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tu
     mine = rows_in_order(rows, nodes, one)
     count = int(body.max()) + 1
     wanted = place[mine[1]] * count + np.repeat(body[nodes[rows[:-1]]][other], np.diff(mine[0]))
-    across = found_in(place * count + body, wanted)
-    return padded(*mine), padded(mine[0], across)
+    across = find_in(place * count + body, wanted)
+    return pad_rows(*mine), pad_rows(mine[0], across)
 
 
 def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
@@ -125,23 +135,23 @@ def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """Return the place of each node, (n_nodes,): the smallest number of a node that is there; or raise MeshError."""
+    """Return the place of each node, (n_nodes,): the smallest number of a node there; or raise MeshError."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]
     apart = np.flatnonzero(~(np.abs(one - other).max(axis=1) <= rounding(one, other)))
     if len(apart):
         a, b = pairs[apart[0]]
-        raise MeshError(f"nodes {a} and {b} are partners at an interface, but at {points[a]} and {points[b]}.")
+        raise MeshError(f"nodes {a} and {b} are partners at an interface, but lie at {points[a]} and {points[b]}.")
     return smallest_linked(pairs, len(points))
 
 
 def on_boundary(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Return interfaces with sides in the order of the boundary, each as it runs there; or raise MeshError.
+    """Return interfaces with their sides in the order and direction of the boundary, or raise MeshError.
 
-    `outlines` are the offsets and vertices of the edges or faces of the boundary.
+    `outlines` are the offsets and vertices of the boundary edges or faces.
     """
     offsets, vertices = outlines
     found = {}
@@ -152,7 +162,7 @@ def on_boundary(
         nodes, partners = new if node_map is None else [node_map[side] for side in new]
         both = np.concatenate([rows, rows[-1] + rows[1:]]), np.concatenate([nodes, partners])
         number, beside = np.split(matching_rows(offsets, vertices, *both), 2)
-        side, how = "a face", "Name faces of the first body by their vertices"
+        side, how = "a face", "Give faces of the first body by their vertices"
         if there.shape[1] == 2:
             side, how = "an edge", "The edges of the first body run counter-clockwise about it"
             first = vertices[::2]
@@ -164,19 +174,19 @@ def on_boundary(
                 row = tuple(given[rows[k] : rows[k + 1]].tolist())
                 raise MeshError(
                     f"interface {name!r}: {row} is not {side} of the boundary. {how}; partners are the nodes of the "
-                    "second one there."
+                    "second body in the same places."
                 )
         order = np.argsort(number)
         count = int(max(vertices.max(), partners.max())) + 1
         own_rows, own = rows_in_order(offsets, vertices, number[order])
         wanted = np.repeat(order, np.diff(own_rows)) * count + own
-        mine = partners[found_in(cell_of_corner(rows) * count + nodes, wanted)]
-        edges, across = (read_only(padded(own_rows, side)) for side in (own, mine))
+        mine = partners[find_in(cell_of_corner(rows) * count + nodes, wanted)]
+        edges, across = (read_only(pad_rows(own_rows, side)) for side in (own, mine))
         found[name] = replace(interface, edges=edges, partners=across)
     return found
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the numbers in the boundary of the faces of one side of an interface, rows (k, n) of nodes."""
+    """Return the positions in the boundary of edges or faces, given as rows (k, n) of nodes padded with -1."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -1,4 +1,13 @@
-"""Local refinement of polygonal meshes: chosen cells are split, neighbours keep their shape and get hanging nodes."""
+"""Local refinement of polygonal meshes: marked cells are split; neighbours keep their shape and get hanging nodes.
+
+The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. There are three
+exceptions. The midpoints of a triangle are joined to each other (four similar triangles). A long thin convex cell with
+two midpoints is cut across. A cell without a centre is first split into triangles between its vertices. New vertices
+hang on the straight sides of unrefined neighbours, where virtual elements treat them like any vertex: no closure is
+needed.
+
+Grading: an unrefined cell is refined too if one of its sides would get a second hanging node, and so on.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +20,9 @@ from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.meshes.carrying import (
     Origins,
     Refinement,
-    carried,
     centre_values,
     check_lengths,
+    inherit_parts,
     middle_places,
     middle_values,
 )
@@ -22,7 +31,6 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     cross,
-    diagonals_of,
     first_in_row,
     least_of_each,
     next_corner,
@@ -32,66 +40,70 @@ from vemcvx.meshes.polygons import (
     rotation,
     rounding,
     rows_in_order,
-    shared_edges,
+    sort_edges,
     spans,
+    split_at_vertices,
 )
 from vemcvx.meshes.quality import largest_balls, walls_of
 
-# The sides of polygonal cells, and the places where refinement splits them.
+# The sides of polygonal cells, and the points at which refinement splits them.
 #
-# A vertex where the outline goes straight on hangs on a side; the others are *bends*. Not every bend is a corner: were
-# the middles on both sides of a bend of 175 degrees joined to the centre, then a quarter with that angle would be left,
-# whose quarters would have it again and again. So a corner is a bend by at least `SHARP`; if a cell has fewer than
-# three, all bends are corners, like those of a many-sided polygon.
+# A vertex at which the outline continues straight hangs on a side; the other vertices are *bends*. Not every bend is a
+# corner. If the midpoints on both sides of a bend of 175 degrees were joined to the centre, the part between them would
+# keep this angle, and so would its parts in all further refinements. So a corner is a bend by at least `CORNER_ANGLE`;
+# if a cell has fewer than three such bends, all bends are corners, as in a polygon with many sides.
 #
-# A *side* of a cell is its outline from one corner to the next, nearly always straight. One that is at least `SHORT`
-# of the cell's diameter long is split once: at a vertex if there is one near its middle, else at the middle of the
-# edge in its middle. So an edge is split in its own middle or not at all, whichever of its two cells asks.
+# A *side* of a cell is its outline from one corner to the next, nearly always straight. If it is at least `LONG_SIDE`
+# times the diameter of the cell, it is split once: at a vertex near its midpoint if there is one, else at the midpoint
+# of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all, in both cells.
 #
-# Shorter sides are not split, or the short edges of Voronoi cells would beget thinner and thinner cells; their share
-# of the diameter doubles from pass to pass until they are long. A run of them counts as one side, or, if it is very
-# long, as several; one whose bends cancel is part of a longer side. The perimeter is at least twice the diameter: every
-# cell has at least two such places.
+# Shorter sides are not split; otherwise the short edges of Voronoi cells would lead to thinner and thinner cells. Their
+# length relative to the diameter doubles with each refinement until they are long. A run of short sides counts as one
+# side, or as several if it is very long. A run whose bends cancel is part of a longer side. The perimeter is at least
+# twice the diameter, so every cell is split in at least two points.
 
 
-SHARP = np.radians(20.0)
-# Part of the diameter. The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to
-# 1 : 3.2 are long; thinner rectangles are cut across only, which brings them back below. Zigzag cells of twelve sides
-# of 0.26 get 5 children; if 0.25 were enough it would be 10, thin ones around a point.
-SHORT = 0.3
+CORNER_ANGLE = np.radians(20.0)
+LONG_SIDE = 0.3
+"""Relative to the diameter, the length from which a side is split.
+
+The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to 1 : 3.2 are long; thinner
+rectangles are only cut across, until they are wider. Zigzag cells with twelve sides of 0.26 get 5 children; with a
+limit of 0.25 they would get 10, thin and around one point.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Sides of all cells, in the order of the cells; those of one cell counter-clockwise, the first long if any is."""
+    """The sides of all cells, cell by cell and counter-clockwise; the first side of a cell is long if any is."""
 
     cell: Ints  # (n_sides,) cell of each side
-    first: Ints  # (n_sides,) where in `order` each side begins
+    first: Ints  # (n_sides,) start of each side in `order`
     order: Ints  # (n_corners,) corners of the mesh, side after side
-    lengths: Floats  # (n_sides,) in diameters of the cell
-    long: Bools  # (n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)
+    lengths: Floats  # (n_sides,) over the diameter of the cell
+    long: Bools  # (n_sides,) sides to split: of at least `LONG_SIDE`, and all sides of triangles (parts are similar)
 
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """The points and edges at which cells are split: masks of cells and of their corners."""
+    """The points and edges at which cells are split, as masks of cells and of corners."""
 
-    sides: Ints  # (n_cells,) how many sides a cell has
-    all_long: Bools  # (n_cells,) cells all of whose sides are split in the middle
-    convex: Bools  # (n_cells,) cells that turn right nowhere
-    places: Ints  # (n_cells,) number of places to split at: 2 at least, for all but absurd shapes
-    bend: Bools  # (n_corners,) vertices where the outline of a cell does not go straight on
-    vertex: Bools  # (n_corners,) places to split at: the vertex at a corner of the mesh
-    edge: Bools  # (n_corners,) and the middle of the edge that starts there
+    sides: Ints  # (n_cells,) number of sides
+    all_long: Bools  # (n_cells,) cells of which all sides are split
+    convex: Bools  # (n_cells,) convex cells
+    places: Ints  # (n_cells,) number of points to split at: at least 2 for all but extreme shapes
+    bend: Bools  # (n_corners,) vertices at which the outline does not continue straight
+    vertex: Bools  # (n_corners,) split at the vertex of this corner
+    edge: Bools  # (n_corners,) split at the midpoint of the edge that starts here
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
-    """Find the sides of all cells and the places to split at."""
+    """Find the sides of all cells and the points to split at."""
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
-    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
+    corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)
     fewer = _without_short_sides(_sides(mesh, length, corner), corner, turn)
-    sides = _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
+    sides = _sides(mesh, length, _choose_flags(fewer, corner, mesh.offsets))
     vertex, edge = np.zeros((2, len(length)), dtype=bool)
     at, between = _middles(length[sides.order], sides)
     vertex[sides.order[at]] = edge[sides.order[between]] = True
@@ -108,33 +120,33 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
-    """At each corner: the length of the edge that starts there, by how much the outline turns left, whether it does."""
+    """Return the lengths of edges, the angles of left turns at corners, and a mask of bends, (n_corners,) each."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
-    # Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
+    # sine of the angle below which the outline is straight, including the rounding of coordinates
     slack = SINGLE_EPS * length[before] * length + rounding(x) * (length[before] + length)
-    bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
+    bend = _choose_flags((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
 
 
-def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
-    """The flags, but those of ``otherwise`` in cells with less than three of them."""
+def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
+    """Return the flags, replaced by ``otherwise`` in cells with fewer than three of them."""
     few = np.add.reduceat(flags.astype(np.int64), offsets[:-1]) < 3
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
 def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
-    """Sides between the given corners."""
+    """Return the sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
-    for _ in range(2):  # once to know the long sides, once more to begin with one
+    for _ in range(2):  # the second pass begins with a long side
         first = np.flatnonzero(corner[order])
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
-        long = (lengths >= SHORT) | triangle[cell[first]]
+        long = (lengths >= LONG_SIDE) | triangle[cell[first]]
         sides = Sides(cell[first], first, order, lengths, long)
         starts_long = np.zeros(len(order), dtype=bool)
         starts_long[first[long]] = True
@@ -143,14 +155,14 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
 
 
 def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
-    """The corners without those inside runs of short sides, but for some that part runs which are long in sum.
+    """Return the corners without those inside runs of short sides, except some that divide long runs.
 
-    A run that is short in sum and hardly turns in all, ends included, is part of a longer side.
+    A short run whose turns, ends included, nearly cancel becomes part of a longer side.
     """
     new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
     run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
     total = np.add.reduceat(sides.lengths, begin)[run]
-    parts = np.maximum(1.0, np.rint(total / (2.0 * SHORT)))
+    parts = np.maximum(1.0, np.rint(total / (2.0 * LONG_SIDE)))
     ahead = np.cumsum(sides.lengths) - sides.lengths
     place = (ahead - ahead[begin][run]) * parts / total
     nearest = np.clip(np.rint(place), 1.0, parts - 1.0)
@@ -162,17 +174,17 @@ def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
     fewer[sides.order[sides.first[kept]]] = True
     start, after = sides.order[sides.first[begin]], next_corner(offsets_of(np.bincount(sides.cell[begin])))
     turns = np.add.reduceat(turn[sides.order], sides.first[begin]) + turn[start[after]]
-    smooth = np.flatnonzero(~sides.long[begin] & (total[begin] < SHORT) & (np.abs(turns) < SHARP))
+    smooth = np.flatnonzero(~sides.long[begin] & (total[begin] < LONG_SIDE) & (np.abs(turns) < CORNER_ANGLE))
     fewer[np.append(start[smooth], start[after[smooth]])] = False
     return fewer
 
 
 def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
-    """Vertices, and edges, in the middle of long sides, as positions in the order of ``length``."""
+    """Return the vertices and the edges at the midpoints of long sides, as positions in ``length``."""
     first, long = sides.first, sides.long
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
-    end = np.cumsum(share)  # every side counts one, so that short ones keep their digits
+    end = np.cumsum(share)  # each side has length 1, so that short sides keep their digits
     begin = end - share
     base = begin[first][side]
     begin, end = begin - base, end - base
@@ -181,26 +193,26 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     away = np.where(inner, np.abs(begin - 0.5), np.inf)
     nearest = np.minimum.reduceat(away, first)
     is_nearest = first + first_in_row(away == nearest[side], np.append(first, len(side)))
-    # A vertex this near to the middle of its side, in parts of it, is its middle. Else the edge in the middle is at
-    # least 0.4 of the side long, and its own middle lies within 0.15 of the side's.
+    # A vertex within 0.2 side lengths of the midpoint is taken as the midpoint. Otherwise the edge there is at least
+    # 0.4 side lengths long, and its midpoint is within 0.15 of the midpoint of the side.
     taken = nearest <= 0.2
     between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
     return is_nearest[taken], np.flatnonzero(between)
 
 
-# The inner point that the middles of a cell's sides are joined to.
+# The centre of a cell, to which the midpoints of its sides are joined:
 #
-#     four long sides    the crossing of the lines through opposite middles, (x_1 + x_2 + x_3 + x_4) / 4: the quarters
-#                        of quarters ... tend to parallelograms, so no shape degenerates
-#     an arrow           (four sides, right turn at x_1) the middle of its inner diagonal, (x_1 + x_3) / 2: two children
+#     four long sides    the intersection of the lines through opposite midpoints, (x_1 + x_2 + x_3 + x_4) / 4: repeated
+#                        quarters tend to parallelograms, so no shape degenerates
+#     an arrow           (four sides, right turn at x_1) the midpoint of the inner diagonal, (x_1 + x_3) / 2: two parts
 #                        are arrows of the same shape, two are parallelograms
-#     convex             the centroid, from which every side is at least a third of the width away
-#     else               the centroid if it is .1 of the diameter in front of the lines of all sides, else the centre of
-#                        the largest ball from which all of the cell is seen (:mod:`.quality`)
+#     convex             the centroid, whose distance from every side is at least a third of the width
+#     else               the centroid if it is at least .1 diameters inside the lines of all sides, else the centre of
+#                        the largest ball about whose points the cell is star-shaped (:mod:`.quality`)
 #
-# A cell without such a ball, or with one so small that it would be seen under flat angles, has no such point.
+# A cell without such a ball, or with a ball so small that angles at its centre would be flat, has no centre.
 def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
-    """Centres of all cells (n_cells, 2), and which cells have one, (n_cells,)."""
+    """Return the centres of all cells (n_cells, 2), and a mask (n_cells,) of the cells that have one."""
     centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
     bends = np.flatnonzero(splitting.bend)
     counts = np.add.reduceat(splitting.bend.astype(np.int64), mesh.offsets[:-1])
@@ -216,15 +228,13 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
         rows, sides = rows_in_order(mesh.offsets, np.arange(len(mesh.vertices)), others)
         inside, clear = largest_balls(rows, walls.normals[sides], walls.away[sides])
         centres[others] += inside * mesh.diameters[others, None]
-        # The centre is .03 diameters away from the line of every side: a side of a quarter of the diameter is then seen
-        # under an angle of six degrees at least.
+        # at .03 diameters from the line of a side, the angle of a side of a quarter diameter is at least six degrees
         seen[others] = clear >= 0.03
     return centres, seen
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Crossings of the middle lines of convex quadrilaterals (c, 4, 2), middles of the inner diagonals of arrows."""
-    # The sums of opposite corners do not depend on where the list begins, to the bit.
+    """Return the centres of convex quadrilaterals and arrows (c, 4, 2); the first corner may be any, bit by bit."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -234,28 +244,29 @@ def _middles_of_quads(x: Floats) -> Floats:
     return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
 
 
-# The cells of a refined mesh: outlines of the old cells with the new middles in them, cut at the chosen places.
+# The cells of a refined mesh: outlines of the old cells with the new midpoints, cut at the chosen points.
 #
-# All nodes of the outlines, cell after cell, and the new centres form one pool; every new cell is a few ranges of it,
-# one after the other: a whole outline; or a part of it from middle to middle, the next middle, and the centre; or the
-# three middles of a triangle; or sides and diagonals of a cell without centre.
+# The nodes of all outlines, cell by cell, and then the new centres form one list. Each new cell is a sequence of ranges
+# of it: a whole outline; or the outline from one midpoint to the next, the next midpoint, and the centre; or the three
+# midpoints of a triangle; or sides and diagonals of a cell without a centre.
 
 
-Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins, and how long that is
+Ranges = tuple[Ints, Ints, Ints]
+"""New cell, start of its range in the list, length of the range."""
 
 
 @dataclass(frozen=True, eq=False)
-class Kinds:
-    """The fate of each cell, as masks (n_cells,)."""
+class SplitKinds:
+    """The way in which each cell is split, as masks (n_cells,)."""
 
-    parted: Bools  # at the middles of its sides
-    centred: Bools  # of these, with the middles joined to a new centre
-    medial: Bools  # or to each other, being a triangle; the others are cut across
-    unseen: Bools  # into triangles along diagonals, having no centre
+    parted: Bools  # split at the midpoints of its sides: `centred`, `medial` or cut across
+    centred: Bools  # the midpoints are joined to a new centre
+    medial: Bools  # a triangle, whose midpoints are joined to each other
+    unseen: Bools  # split into triangles along diagonals, because there is no centre
 
     @classmethod
-    def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
-        """Tell what becomes of each cell from which are marked, and which have a centre that sees all of them."""
+    def from_marks(cls, splitting: Splitting, marked: Bools, seen: Bools) -> SplitKinds:
+        """Choose the split of each cell from masks of the marked cells and of the cells with a centre."""
         parted = marked & seen
         medial = parted & (splitting.sides == 3) & splitting.all_long & splitting.convex
         return cls(parted, parted & ~medial & ~((splitting.places == 2) & splitting.convex), medial, marked & ~seen)
@@ -263,18 +274,18 @@ class Kinds:
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Old cells with the new middles among their vertices, those to be cut turned so that they begin with a mark."""
+    """Old cells with the new midpoints as vertices; cells to be cut begin with a mark."""
 
     offsets: Ints
-    nodes: Ints  # cell c has the outline nodes[offsets[c]:offsets[c + 1]]
-    marks: Ints  # (m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones
+    nodes: Ints  # the outline of cell c is nodes[offsets[c]:offsets[c + 1]]
+    marks: Ints  # (m,) positions of cuts: midpoints of sides of parted cells, all bends of unseen cells
     cell: Ints  # (m,) cell of each mark
-    stop: Ints  # (m,) where the part of the outline that begins at a mark ends
-    follower: Ints  # (m,) the position of the next mark of the cell
+    stop: Ints  # (m,) end of the part of the outline that begins at a mark
+    follower: Ints  # (m,) position of the next mark of the cell
 
 
-def outlines_of(mesh: PolygonMesh, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:
-    """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark where to cut."""
+def outlines_of(mesh: PolygonMesh, splitting: Splitting, kinds: SplitKinds, middle: Ints) -> Outlines:
+    """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark the cuts."""
     cell = cell_of_corner(mesh.offsets)
     new = middle >= 0
     place = offsets_of(1 + new)
@@ -283,19 +294,19 @@ def outlines_of(mesh: PolygonMesh, splitting: Splitting, kinds: Kinds, middle: I
     nodes[old], nodes[inserted] = mesh.vertices, middle[new]
     marked[old] = (kinds.parted[cell] & splitting.vertex) | (kinds.unseen[cell] & splitting.bend)
     marked[inserted] = (kinds.parted[cell] & splitting.edge)[new]
-    turned = rotation(offsets, first_in_row(marked, offsets))
-    marks = np.flatnonzero(marked[turned])
+    order = rotation(offsets, first_in_row(marked, offsets))
+    marks = np.flatnonzero(marked[order])
     owner = cell_of_corner(offsets)[marks]
     last = np.append(owner[1:] != owner[:-1], True)
     after = np.append(marks[1:], 0)
     stop, follower = np.where(last, offsets[owner + 1], after), np.where(last, offsets[owner], after)
-    return Outlines(offsets=offsets, nodes=nodes[turned], marks=marks, cell=owner, stop=stop, follower=follower)
+    return Outlines(offsets=offsets, nodes=nodes[order], marks=marks, cell=owner, stop=stop, follower=follower)
 
 
-def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: int) -> tuple[Ints, Ints, Ints]:
-    """Offsets and vertices of the new cells, in the order of their parents, and the parents.
+def children_of(outlines: Outlines, kinds: SplitKinds, points: Floats, first_centre: int) -> tuple[Ints, Ints, Ints]:
+    """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
-    ``points`` are the nodes of the old mesh; the centres are numbered from ``first_centre`` in the order of the cells.
+    ``points`` are the old nodes; new centres are numbered from ``first_centre`` on in the order of the cells.
     """
     n_cells = len(outlines.offsets) - 1
     marks = np.bincount(outlines.cell, minlength=n_cells)
@@ -306,7 +317,7 @@ def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: 
     first = offsets_of(children)
     centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
     at_centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
-    # Of parted cells, from each middle: the outline to the next one, that one, and the centre if there is one.
+    # children of parted cells: the outline from a midpoint to the next, the next midpoint, and the centre, if any
     part = np.flatnonzero(kinds.parted[outlines.cell])
     cell, start = outlines.cell[part], outlines.marks[part]
     child = first[cell] + part - offsets_of(marks)[cell]
@@ -328,14 +339,14 @@ def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: 
 
 
 def _triangles(outlines: Outlines, cells: Ints, points: Floats) -> list[Ranges]:
-    """Of the triangles of each of the cells: the triangle, and for each edge its first corner, or the whole side."""
+    """Return, for each cell, the ranges of its triangles: for each edge its first corner, or the whole side."""
     found = []
     begin = np.searchsorted(outlines.cell, cells)
     end = np.searchsorted(outlines.cell, cells, side="right")
-    for k in range(len(cells)):  # cells that no point sees all of are rare
+    for k in range(len(cells)):  # cells without a centre are rare
         marks, stops = outlines.marks[begin[k] : end[k]], outlines.stop[begin[k] : end[k]]
         corners = points[outlines.nodes[marks]]
-        triangles = diagonals_of((corners - corners[0])[None])[0]
+        triangles = split_at_vertices((corners - corners[0])[None])[0]
         start, after = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
         side = after == (start + 1) % len(marks)
         number = np.repeat(np.arange(len(triangles)), 3)
@@ -343,29 +354,17 @@ def _triangles(outlines: Outlines, cells: Ints, points: Floats) -> list[Ranges]:
     return found
 
 
-# Local refinement of polygonal meshes: chosen cells are split, their neighbours get the new vertices and stay.
-#
-# The middles of the sides of a cell (`sides`) are joined to its centre (`centres`): n sides, n quadrilaterals. A
-# triangle has its middles joined to each other instead (four similar triangles), a long thin convex cell with two
-# middles is cut across, and a cell without a centre is first cut into triangles between its own vertices. New
-# vertices hang on the straight sides of unrefined neighbours; virtual elements take them as any vertex, so no closure
-# is needed.
-#
-# Grading: an unrefined cell of which a side would get a new hanging node beside another one is refined too, and so
-# on.
-
-
-def refined_in_plane(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinement[PolygonMesh]:
-    """Split the marked cells (n_cells,), and those that `balance` adds."""
+def refine_polygons(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinement[PolygonMesh]:
+    """Split the marked cells (n_cells,), and the cells that `balance` adds."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
-    if mesh.interfaces:  # Edges of two bodies in one place have one number.
-        edge = shared_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
+    if mesh.interfaces:  # edges of two bodies in one place have one number
+        edge = sort_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
     centres, seen = centres_of(mesh, splitting)
     seen &= splitting.places >= 2
     wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
     if balance:
-        marked = closed(marked, wanted, mesh, splitting.bend, edge)
+        marked = mark_crowded(marked, wanted, mesh, splitting.bend, edge)
     split = np.zeros(len(shared.first), dtype=bool)
     split[shared.number[_split(marked, wanted, mesh, edge)]] = True
     ends = shared.ends[split]
@@ -373,7 +372,7 @@ def refined_in_plane(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinem
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
     middle = middle[shared.number]
-    kinds = Kinds.of(splitting, marked, seen)
+    kinds = SplitKinds.from_marks(splitting, marked, seen)
     outlines = outlines_of(mesh, splitting, kinds, middle)
     offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
     centred = np.flatnonzero(kinds.centred)
@@ -390,18 +389,18 @@ def refined_in_plane(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinem
         middle_values(ends, mesh.n_nodes),
         centre_values(mesh.points, rows_in_order(mesh.offsets, mesh.vertices, centred), centres[centred]),
     ]
-    return carried(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
+    return inherit_parts(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
 
 
 def _split(marked: Bools, wanted: Bools, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """A mask of the corners at which edges start that marked cells want split, by the numbers of their edges."""
+    """Return a mask of the corners whose edges are split because a cell is marked; `edge` numbers edges."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]
 
 
-def closed(marked: Bools, wanted: Bools, mesh: PolygonMesh, bend: Bools, edge: Ints) -> Bools:
-    """Cells marked, and those that would get a new node beside another one between two bends of their outline."""
+def mark_crowded(marked: Bools, wanted: Bools, mesh: PolygonMesh, bend: Bools, edge: Ints) -> Bools:
+    """Mark further cells, until no unmarked cell gets a second node between two bends of its outline."""
     marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
     begin = np.flatnonzero(bend[order])

@@ -1,12 +1,11 @@
 """A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-A mesh is a cell complex: cells have sides (edges in the plane, faces in space), sides have vertices, and a side belongs
-to one cell, on the boundary, or to two. In the plane cells are simple polygons listed counter-clockwise, in space
-polyhedra with plane faces; two cells meet in whole sides of both. A vertex may lie on a straight line between its
-neighbours (a hanging node of the cell next door), a cell may have several coplanar faces, and need not be convex.
+A mesh is a cell complex. Cells have sides (edges in the plane, faces in space), sides have vertices, and a side belongs
+to two cells, or to one on the boundary. In the plane cells are simple polygons listed counter-clockwise, in space
+polyhedra with plane faces. Two cells meet in whole sides of both. A vertex may lie on a straight line between its
+neighbours (a hanging node of the adjacent cell), a cell may have several coplanar faces, and cells need not be convex.
 
-Modules that refine, cut, judge and write meshes know this one. The methods of a mesh that lead there import them when
-they are called.
+Modules that refine, cut and write meshes import this one; methods that need them import them when they are called.
 """
 
 from __future__ import annotations
@@ -34,9 +33,9 @@ from vemcvx.meshes.box import (
     check_cell_data,
     check_mapping,
     check_name,
-    chosen_parts,
+    select_parts,
 )
-from vemcvx.meshes.checks.plane import Checked, lay_flat, list_of
+from vemcvx.meshes.checks.plane import CheckedMesh, lay_flat, list_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 
 if TYPE_CHECKING:
@@ -46,16 +45,33 @@ if TYPE_CHECKING:
 
 
 class Sides(NamedTuple):
-    """Edges of the cells of a mesh, in space faces."""
+    """The edges (in space: faces) of the cells of a mesh."""
 
     offsets: Ints
-    vertices: Ints  # in the order that they have in the first cell of a side
+    vertices: Ints  # in the order of the first cell of the side
     cells: Ints  # (n_sides, 2) first and second cell; the second is -1 on the boundary
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Mesh(ABC):
-    """Points, and cells that kinds of meshes describe by further arrays; immutable."""
+    """The common base of `PolygonMesh` and `PolyhedralMesh`: a mesh in the plane or in space.
+
+    Attributes
+    ----------
+    points : (n_nodes, dim) float
+        Node coordinates.
+    cell_data : mapping of str to (n_cells, ...) array
+        Data on cells.
+    interfaces : mapping of str to Interface
+        Coinciding boundaries of two bodies: see :func:`vemcvx.meshes.bodies`.
+    node_map : (n,) int or None
+        If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
+
+    Examples
+    --------
+    >>> isinstance(vx.meshes.squares(2), vx.meshes.Mesh), isinstance(vx.meshes.cubes(2), vx.meshes.Mesh)
+    (True, True)
+    """
 
     points: Floats
     cell_data: Mapping[str, NDArray[Any]]
@@ -63,14 +79,14 @@ class Mesh(ABC):
     node_map: Ints | None
     _named: Mapping[str, Ints]
 
-    ARRAYS: ClassVar[tuple[str, ...]]  # Names of the arrays that make it.
-    NUMBERED: ClassVar[Mapping[str, str]]  # Names of arrays of numbers, and of how many there are of what they number.
-    PARTS: ClassVar[str]  # Name of the parts that make its boundary, and of one of them.
+    ARRAYS: ClassVar[tuple[str, ...]]  # attributes that define the mesh, in the order of `unchecked`
+    NUMBERED: ClassVar[Mapping[str, str]]  # array of node, face or cell numbers -> attribute with their count
+    PARTS: ClassVar[str]  # "edges" or "faces", and with an article below
     A_PART: ClassVar[str]
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
-        """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
+        """Return a mesh of valid arrays, without copies or checks; with ``box``, the sides of the box get names."""
         mesh = object.__new__(cls)
         mesh._fill(*arrays)
         return mesh if box is None else mesh._replace(_named=mesh._in_planes(box))
@@ -82,13 +98,13 @@ class Mesh(ABC):
         self.__dict__.update(own, **(known | others))
 
     def _take(
-        self, found: Checked, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None
+        self, found: CheckedMesh, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None
     ) -> None:
-        """Take what was checked; sides of a box get names if the user names nothing: not even by an empty mapping."""
+        """Fill the mesh with checked arrays, names and data; name straight sides if `boundaries` is None."""
         self._fill(*found.arrays, node_map=found.node_map)
         for note in found.notes:
             warnings.warn(note, MeshWarning, stacklevel=3)
-        named = self._checked_parts(boundaries, found.node_map)
+        named = self._check_parts(boundaries, found.node_map)
         data = check_cell_data(cell_data, self.n_cells)
         interfaces = on_boundary(found.interfaces, self._outlines, found.node_map)
         if boundaries is None and not interfaces:
@@ -104,29 +120,29 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each."""
+        """Offsets (n_cells + 1,) and the nodes of each cell, once each."""
 
     @property
     @abstractmethod
     def _sides(self) -> Sides:
-        """The edges, in space faces, of all cells."""
+        """The edges (in space: faces) of all cells."""
 
     @property
     @abstractmethod
     def _boundary(self) -> Ints:
-        """The parts of the boundary: edges (m, 2), or numbers of faces (m,)."""
+        """The boundary: edges (m, 2), in space numbers of faces (m,)."""
 
     @property
     @abstractmethod
     def _middles(self) -> Floats:
-        """The middles (m, dim) of the parts of the boundary."""
+        """The midpoints of boundary edges (m, 2), in space the centroids of boundary faces (m, 3)."""
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Return the places of parts in the boundary; all must be there."""
+        """Return the positions of edges or faces in `_boundary`; all must be there."""
 
     @abstractmethod
-    def _measured(self) -> tuple[Floats, Floats]:
+    def _measure_cells(self) -> tuple[Floats, Floats]:
         """Return areas or volumes, and centroids."""
 
     @abstractmethod
@@ -147,24 +163,24 @@ class Mesh(ABC):
 
     @property
     def _outlines(self) -> tuple[Ints, Ints]:
-        """Offsets and vertices of the parts of the boundary."""
+        """Offsets and vertices of the boundary edges or faces."""
         offsets, vertices, _ = self._sides
         return polygons.rows_in_order(offsets, vertices, self._outer_sides)
 
     @property
     def _owners(self) -> Ints:
-        """The cell of each part of the boundary."""
+        """The cell of each boundary edge or face."""
         return self._sides.cells[self._outer_sides, 0]
 
     @cached_property
     def neighbours(self) -> Ints:
-        """Pairs of cells that share an edge, in space a face, (m, 2), the smaller number first; once a side."""
+        """Pairs (m, 2) of cells that share an edge (in space: a face), one pair per side, the smaller number first."""
         cells = self._sides.cells
         return read_only(cells[cells[:, 1] >= 0])
 
     @property
     def _inner_outlines(self) -> tuple[Ints, Ints]:
-        """Offsets and vertices of the sides between `neighbours`, as they run in the first of these."""
+        """Offsets and vertices of the sides between `neighbours`, in the order of the first cell."""
         offsets, vertices, cells = self._sides
         return polygons.rows_in_order(offsets, vertices, np.flatnonzero(cells[:, 1] >= 0))
 
@@ -175,22 +191,22 @@ class Mesh(ABC):
 
     @cached_property
     def _measures_and_centroids(self) -> tuple[Floats, Floats]:
-        measures, centroids = self._measured()
+        measures, centroids = self._measure_cells()
         return read_only(measures), read_only(centroids)
 
     @property
     def measures(self) -> Floats:
-        """Area of each cell, in space its volume, (n_cells,)."""
+        """Areas of the cells, in space volumes, (n_cells,)."""
         return self._measures_and_centroids[0]
 
     @property
     def centroids(self) -> Floats:
-        """Centroid of each cell, (n_cells, 2), in space (n_cells, 3)."""
+        """Centroids of the cells, (n_cells, dim)."""
         return self._measures_and_centroids[1]
 
     @cached_property
     def diameters(self) -> Floats:
-        """Largest distance of two vertices of each cell, (n_cells,)."""
+        """Largest distance between two vertices of each cell, (n_cells,)."""
         return read_only(polygons.diameters(self.points, *self.cell_nodes))
 
     @cached_property
@@ -203,14 +219,14 @@ class Mesh(ABC):
         """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is all of it.
 
         An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
-        The name of an interface means its edges of the first body; "boundary" has those of both.
+        The name of an interface means the edges of its first body; "boundary" contains the edges of both bodies.
         """
         own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
         joints = {name: read_only(self._boundary[parts]) for name, parts in own.items()}
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     def beyond(self, parts: Ints) -> Ints:
-        """Return the edges or faces of second bodies at interfaces, across from those of first ones among `parts`."""
+        """Return the edges or faces of second bodies that coincide with the given ones at interfaces."""
         places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
         for interface in self.interfaces.values():
             first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))
@@ -219,7 +235,7 @@ class Mesh(ABC):
 
     @cached_property
     def _outer(self) -> Bools:
-        """A mask of the parts of the boundary that no interface has on either side."""
+        """A mask of the boundary edges or faces that belong to no interface."""
         free = np.ones(len(self._boundary), dtype=bool)
         for interface in self.interfaces.values():
             for side in (interface.edges, interface.partners):
@@ -227,10 +243,10 @@ class Mesh(ABC):
         return free
 
     def _in_planes(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
-        """Return the parts of the boundary on each side of a box; families put points on its sides to the bit."""
+        """Return the boundary edges or faces on each side of a box, by name; families need no tolerance."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        longest = np.argmax(high - low, axis=1)  # shorter than the tolerance, parts are on sides that they run along
+        longest = np.argmax(high - low, axis=1)  # an edge shorter than the tolerance belongs to the side along it
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):
             for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):
@@ -238,8 +254,8 @@ class Mesh(ABC):
                 named[name] = read_only(self._boundary[(off <= tolerance) & (longest != axis)])
         return named
 
-    def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Named parts in the order of the boundary, or MeshError; `node_map` if nodes have been numbered anew since."""
+    def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
+        """Return named parts in the order of the boundary, or raise MeshError; `node_map` has new numbers of nodes."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -263,16 +279,16 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return the parts of the boundary that a user names by old numbers of vertices, -1 for none, in words, too."""
+        """Return positions in the boundary of rows of old node numbers (-1 if none), and the rows in words."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
         offsets, vertices = lay_flat(rows, lambda k: f"boundary {name!r}: {self.A_PART} (number {k} in the list)")
         called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
-        return self._found(offsets, vertices, number), called
+        return self._find_parts(offsets, vertices, number), called
 
-    def _found(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return the places in the boundary of parts with these vertices, by their new numbers; -1 for none."""
+    def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
+        """Return positions in the boundary of rows of old nodes, which `number` maps to new ones; -1 if none."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)
@@ -283,26 +299,31 @@ class Mesh(ABC):
         Parameters
         ----------
         name : str
-            Its name; a part of that name is replaced, and parts may overlap.
+            Name of the part. A part with this name is replaced; parts may overlap.
         predicate : callable
-            Takes the midpoints (m, 2) of all boundary edges, interfaces left out, in space the centroids (m, 3) of all
-            boundary faces; returns which belong: bool (m,).
+            A function of the midpoints (m, 2) of all boundary edges, in space of the centroids (m, 3) of all boundary
+            faces, without interfaces. It returns a mask, bool (m,).
         of : str, optional
-            The boundary or interface whose edges or faces alone are asked for. Effects of contact, friction and
-            Pressure act on a part of an interface as on all of it.
+            A boundary or interface: the predicate gets the midpoints of its edges or faces only. Contact, friction and
+            `Pressure` on a part of an interface work as on all of it.
+
+        Returns
+        -------
+        PolygonMesh or PolyhedralMesh
+            The mesh with the new name; the arrays are shared.
 
         Raises
         ------
         MeshError
-            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing;
-            or `of` is no boundary.
+            The name is reserved, belongs to an interface or is no string; the predicate does not return (m,) bool or
+            selects nothing; or `of` is no boundary.
         """
         if of is not None and not (isinstance(of, str) and of in self.boundaries):
             known = ", ".join(map(repr, self.boundaries))
             raise MeshError(f"with_boundary: found of = {brief(of)}; this mesh has the boundaries {known}.")
         some = np.flatnonzero(self._outer) if of is None else self._places(self.boundaries[of])
         parts, middles = self._boundary[some], self._middles[some]
-        return self._with_named({name: read_only(parts[chosen_parts(name, predicate, middles, self.PARTS)])})
+        return self._with_named({name: read_only(parts[select_parts(name, predicate, middles, self.PARTS)])})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
         """Return this mesh with more named parts of its boundary.
@@ -310,15 +331,15 @@ class Mesh(ABC):
         Parameters
         ----------
         boundaries : mapping of str to array_like
-            Name -> edges (m, 2), in either direction; in space faces: their numbers (m,), or their vertices, a row a
-            face, in any order.
+            Name -> edges (m, 2), in either direction; in space faces, by number (m,) or by a row of vertices each, in
+            any order.
 
         Raises
         ------
         MeshError
-            A name is reserved or that of an interface, or an edge or face is not on the boundary.
+            A name is reserved or belongs to an interface, or an edge or face is not on the boundary.
         """
-        return self._with_named(self._checked_parts(boundaries))
+        return self._with_named(self._check_parts(boundaries))
 
     def _with_named(self, added: Mapping[str, Ints]) -> Self:
         taken = [name for name in added if name in self.interfaces]
@@ -327,63 +348,62 @@ class Mesh(ABC):
         return self._replace(_named={**self._named, **added})
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
-        """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
+        """Return this mesh with an array (n_cells, ...) of data on cells, which replaces one of the same name."""
         added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
-        """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
+        """Return this mesh with some cells split (numbers or a mask; None: all): :func:`vemcvx.meshes.refinement`."""
         from vemcvx.meshes.refining import refinement
 
         return refinement(self, cells, balance=balance).mesh
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
-        """Return this mesh with a crack: the edges, in space faces, between two sets of its cells become an interface.
+        """Return this mesh with a crack: the edges (in space: faces) between two sets of cells become an interface.
 
-        Nodes along the crack become double, the new ones last; a tip inside the mesh, in space the front, keeps its
-        nodes. Cells that are on neither side are left alone, so that sets near the crack say how long it is.
+        Nodes along the crack become double; the new nodes come last. Nodes at a tip inside the mesh, in space at the
+        front, stay single. The crack ends where the two sets of cells end.
 
         Parameters
         ----------
         name : str
             Name of the crack, as an interface and as a boundary (the edges or faces of the first side).
         sides : mapping of str to array_like
-            Names of the two sides -> their cells: numbers, or a bool each.
+            Names of the two sides -> their cells: numbers or a mask.
 
         Raises
         ------
         MeshError
-            The sides have a cell in common or nothing between them, an edge would have a tip at both ends, in space a
-            face all its nodes at the front, or the name is taken.
+            The sides have a cell in common or no common edge or face; an edge would have a tip at both ends, in space
+            a face all its nodes at the front; or the name is taken.
         """
-        from vemcvx.meshes.cracks import cut
+        from vemcvx.meshes.cracks import open_crack
 
-        return cut(self, name, sides)
+        return open_crack(self, name, sides)
 
     def quality(self) -> Quality:
-        """Shapes of the cells, (n_cells,): star-shapedness and shortest edges over diameters, of Assumption 3.3.
+        """Measure the shapes of the cells, (n_cells,): star-shapedness and shortest edges (Assumption 3.3).
 
         Warns
         -----
         MeshWarning
-            Cells are stretched, dented or have edges so short that the constants of the method grow; how much is
-            measured in :mod:`vemcvx.meshes.quality`. What short edges cost in space is not, and nothing is said of
-            them.
+            Cells are so stretched or dented, or in the plane have such short edges, that the constants of the method
+            grow: see :mod:`vemcvx.meshes.quality`.
         """
         from vemcvx.meshes.quality import quality_of
 
         return quality_of(self)
 
     def write(self: Any, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit from .vtu.
+        """Write the mesh, its named boundaries and cell data; `read` restores them bit by bit from .vtu.
 
         Parameters
         ----------
         path : str or Path
-            The suffix chooses the format. Every mesh goes into .vtu files (polyhedra as VTK has them, their boundaries
-            as polygons). Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem) take triangles and quads;
-            in space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids. Gmsh's keep names of the boundary, and
-            sets of cells (data of zeros and ones) that do not overlap.
+            The suffix determines the format. A .vtu file holds every mesh. Files of Gmsh (.msh), Abaqus (.inp) and
+            Nastran (.bdf, .nas, .fem) hold triangles and quads, in space tetrahedra, hexahedra, wedges and, except
+            Abaqus, pyramids. Gmsh files also keep names of the boundary, and sets of cells (data of zeros and ones)
+            that do not overlap.
 
         Raises
         ------
@@ -405,39 +425,39 @@ class Mesh(ABC):
         Parameters
         ----------
         library : {"meshio", "skfem", "pyvista"}
-            Its name. Points keep their order in all of them.
+            Name of the library. Points keep their order.
 
         Returns
         -------
         meshio.Mesh
-            As `write` puts it into a .vtu file: polygons in blocks of one vertex count; in space tetrahedra,
-            hexahedra, wedges and pyramids in blocks of one kind. Blocks of lines (triangles or quadrilaterals) follow,
-            of which the cell datum "boundary:<name>" marks those of a named boundary. If this permutes cells, the datum
-            "vemcvx:cell" has their numbers.
+            Polygons in blocks of one number of vertices; in space tetrahedra, hexahedra, wedges and pyramids in blocks
+            of one kind. Then come blocks of boundary lines (triangles or quadrilaterals); the cell datum
+            "boundary:<name>" is 1 on a named boundary. If blocks permute the cells, the datum "vemcvx:cell" has their
+            numbers.
         skfem.MeshTri, MeshQuad, MeshTet or MeshHex
             With named boundaries; cell data of zeros and ones are subdomains.
         pyvista.UnstructuredGrid
-            Cells in their order, with their data. A named boundary is the field datum "boundary:<name>": its edges
-            (m, 2); in space the vertices of its faces, a row each, filled up with -1.
+            Cells in their order, with their data. The field datum "boundary:<name>" has the edges (m, 2) of a named
+            boundary, in space a row of vertices for each face, padded with -1.
 
         Raises
         ------
         MeshError
-            The library is none of these, or has no such cells (scikit-fem: cells of one kind alone).
+            The library is none of these, or has no such cells (scikit-fem needs cells of a single kind).
         VemcvxError
             The library is not installed.
 
         Warns
         -----
         MeshWarning
-            scikit-fem keeps no other cell data.
+            scikit-fem does not keep other cell data.
         """
         from vemcvx.meshes.io.objects import to_object
 
         return to_object(self, library)
 
     def _replace(self, **fields: object) -> Self:
-        """Return a mesh that shares everything, also what is already computed, but the given fields."""
+        """Return a copy with other values of the given fields; it shares all arrays and cached results."""
         mesh = object.__new__(type(self))
         anew = {"boundaries", "_outer"} if "interfaces" in fields else {"boundaries"}
         mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})
@@ -446,7 +466,7 @@ class Mesh(ABC):
 
     def __getstate__(self) -> dict[str, object]:
         kept = {name: getattr(self, name) for name in (*self.ARRAYS, "node_map", "_named")}
-        # A mapping proxy cannot be pickled.
+        # mapping proxies cannot be pickled
         return {**kept, "cell_data": dict(self.cell_data), "interfaces": dict(self.interfaces)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -470,9 +490,9 @@ class Mesh(ABC):
 
 
 def straight_sides(mesh: Mesh) -> dict[str, Ints]:
-    """Parts of the boundary that lie where a coordinate is extreme, by the names that families give them, if any."""
+    """Return the edges or faces where a coordinate is extreme, named like the sides in families, if any."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    # A mesh that was moved or scaled into place has straight sides to its digits.
+    # sides of a mesh that was moved or scaled are straight up to rounding
     rounding = SAME * float((high - low).max())
     sides = mesh._in_planes(Box(tuple(low.tolist()), tuple(high.tolist())), rounding)
     return {name: parts for name, parts in sides.items() if len(parts)}

@@ -1,13 +1,13 @@
-"""One tiling for bodies in space where their boundaries coincide: the overlay of their tilings in each common plane.
+"""Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
 
-Nodes of several bodies near each other are in one *place*, and rows of nodes become rows of places. Outer faces of two
-bodies that lie on one another link to *patches*, each in one plane. There GEOS unites the outlines of all faces and
-finds the polygons between them; a face is replaced by those inside. Polyhedra take the pieces as coplanar faces.
-Finally every place on an edge becomes a vertex of all faces that have the edge. So two bodies have the same pieces
-where they touch, which are found by their places; no areas are compared.
+Nearby nodes of several bodies share a *place*, and rows of nodes become rows of places. Boundary faces of two bodies
+that lie on one another are linked to *patches*, each in one plane. In each patch, GEOS unites the outlines of all faces
+and returns the polygons between them; each face is replaced by the polygons inside it, as coplanar faces of its cell.
+Finally every place on an edge becomes a vertex of all faces with this edge. So touching bodies have the same pieces,
+which are matched by their places; no areas are compared.
 
-Places within the tolerance of an edge are on it, and nodes of two bodies within `CORNER` times the tolerance are in one
-place: so a node near two edges of a corner of 30 degrees or more is at the corner.
+Places within the tolerance of an edge are on it. Nodes of two bodies within `CORNER_FACTOR` times the tolerance share a
+place, so a node near both edges at a corner of 30 degrees or more is at the corner.
 """
 
 from __future__ import annotations
@@ -20,86 +20,86 @@ import numpy as np
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
-from vemcvx.meshes.checks.space import find_upon
+from vemcvx.meshes.checks.space import find_touching_faces
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     close_pairs,
+    corner_edges,
     diameters,
-    directed_edges,
     distinct,
     edge_keys,
-    found_in,
+    find_in,
+    insert_hanging,
     next_corner,
     offsets_of,
     outlines,
     overlapping_boxes,
+    reverse_rows,
     rows_in_order,
     same_rows,
     smallest_linked,
     spans,
-    turned,
-    with_hanging,
 )
 from vemcvx.meshes.polyhedra import Faces, FaceShapes, axes_in_planes, face_shapes
 
-CORNER = 4.0
-"""1 / sin(15 degrees), rounded up"""
-COVERED = 1e-3
-"""Part of a face that its pieces may miss: slivers along edges as wide as the tolerance, or bodies are not matched"""
+CORNER_FACTOR = 4.0
+"""1 / sin(15 degrees), rounded up."""
+COVERAGE_TOLERANCE = 1e-3
+"""Relative difference allowed between the area of a face and the areas of its pieces, without slivers at its edges."""
 Rows = tuple[Ints, Ints]
-"""Offsets and entries of rows"""
+"""Offsets and entries of rows."""
 
 
-class Tiled(NamedTuple):
-    """Bodies whose faces have been cut."""
+class CutBodies(NamedTuple):
+    """Bodies whose faces have been split."""
 
     points: Floats
     faces: Faces
     body: Ints
-    """(n_nodes,) the body of each node"""
+    """Body of each node (n_nodes,)."""
     place: Ints
-    """(n_nodes,) the place of each node: the first of those there"""
+    """Place of each node (n_nodes,): the first node in the same place."""
     origin: Ints
-    """(n_faces,) the face of before that each is a part of"""
+    """Original face (n_faces,) of each face."""
 
 
-def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, tolerance: float) -> Tiled:
-    """Cut the faces of bodies that lie side by side in one list, where boundaries coincide.
+def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, tolerance: float) -> CutBodies:
+    """Split the faces of bodies where their boundaries coincide.
 
     Parameters
     ----------
     points : (n_nodes, 3) array
     faces : Faces
-        The faces of all bodies, which share no node.
+        The faces of all bodies, which have no common node.
     body, place : (n_nodes,) arrays
-        The body of each node, and the first of the nodes in its place.
+        The body of each node, and the first node in its place.
     tolerance : float
-        Boundaries coincide where they are no farther apart.
+        Boundaries coincide where their distance is at most this length.
 
     Raises
     ------
     MeshError
-        The edges of two tilings do not make polygons that cover a face; it says where.
+        The edges of both bodies do not form polygons that cover a face; the message says where.
     """
     of_face, points = body[faces.face_vertices[faces.face_offsets[:-1]]], points[place]
     faces = faces._replace(face_vertices=place[faces.face_vertices])
     outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
     outline = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
     shapes = face_shapes(points, *outline)
-    upon = find_upon(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
+    upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
     links = np.column_stack([upon.one, upon.other])[number[upon.one] != number[upon.other]]
-    points, face, pieces = _cut(points, outline, shapes, links, tolerance)
+    points, face, pieces = _split_faces(points, outline, shapes, links, tolerance)
     faces, origin = _replace_faces(faces, outer[face], pieces)
     sides = np.append(outline[0], outline[0][-1] + pieces[0][1:]), np.append(outline[1], pieces[1])
     offsets, vertices = _hang((faces.face_offsets, faces.face_vertices), sides, points, tolerance)
     faces = faces._replace(face_offsets=offsets, face_vertices=vertices)
-    return Tiled(*_number(faces, of_face[origin], points, body, place), origin)
+    return CutBodies(*_number(faces, of_face[origin], points, body, place), origin)
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Return rows of places with the vertices of `sides` that lie on edges of `sides` as vertices there."""
-    edges = directed_edges(*sides)
+    """Insert the vertices of `sides` that lie on edges of `sides` into the same edges of rows of places."""
+    edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = distinct(sides[1])
     at, (start, end) = points[known], points[ends].swapaxes(0, 1)
@@ -110,11 +110,13 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
     near &= (known[i, None] != ends[k]).all(axis=1) & (np.abs(along - 0.5) < 0.5)
     i, k, along = i[near], k[near], along[near]
     order = np.lexsort((along, k))
-    return with_hanging(rows, ends, offsets_of(np.bincount(k, minlength=len(ends))), known[i[order]])
+    return insert_hanging(rows, ends, offsets_of(np.bincount(k, minlength=len(ends))), known[i[order]])
 
 
-def _cut(points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float) -> tuple[Floats, Ints, Rows]:
-    """Return points with those of new places, outer faces (k,) that are cut, ascending, and their pieces (k rows)."""
+def _split_faces(
+    points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
+) -> tuple[Floats, Ints, Rows]:
+    """Return points with new places, the split boundary faces (k,), ascending, and their pieces (k rows)."""
     linked = distinct(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -127,22 +129,22 @@ def _cut(points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, toleran
     for first, last in pairwise(begin):
         own, nodes = rows_in_order(*rows, np.arange(first, last))
         centre, axes = shapes.centroids[linked[first]], all_axes[linked[first], :2]
-        face, ring, corners = _cut_in_plane(own, (points[nodes] - centre) @ axes.T)
+        face, ring, corners = _split_in_plane(own, (points[nodes] - centre) @ axes.T)
         found.append((linked[first + face], np.diff(ring), centre + corners @ axes))
     face, counts, corners = (np.concatenate(parts) for parts in zip(*found, strict=True))
     points, places = _places(points, distinct(rows[1]), corners, tolerance)
     kept, pieces = _without_slivers(points, (offsets_of(counts), places), tolerance)
     face, piece = face[kept], face_shapes(points, *pieces)
     covered = np.bincount(face, piece.areas, len(shapes.areas))[linked] / shapes.areas[linked]
-    if np.abs(covered - 1.0).max() > COVERED:
-        raise unmatched(shapes.centroids[linked[np.argmax(np.abs(covered - 1.0))]])
+    if np.abs(covered - 1.0).max() > COVERAGE_TOLERANCE:
+        raise mismatch_error(shapes.centroids[linked[np.argmax(np.abs(covered - 1.0))]])
     inwards = np.einsum("ki,ki->k", piece.normals, shapes.normals[face]) < 0.0
     order = np.argsort(face, kind="stable")
-    return points, face[order], rows_in_order(pieces[0], turned(*pieces, inwards), order)
+    return points, face[order], rows_in_order(pieces[0], reverse_rows(*pieces, inwards), order)
 
 
-def _cut_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
-    """Return pieces of faces (rows of places): the face of each, offsets, corners; with holes they are triangles."""
+def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
+    """Split faces (rows of places): return the face of each piece, offsets, corners; triangles if there are holes."""
     import shapely
 
     faces = outlines(places, rows, np.arange(len(places)))
@@ -153,12 +155,12 @@ def _cut_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
     parts = np.append(parts[~holed], triangles)
     part, face = shapely.STRtree(faces).query(shapely.point_on_surface(parts), predicate="within")
     corners, ring = shapely.get_coordinates(parts[part], return_index=True)
-    kept = np.diff(ring, append=-1) == 0  # without the last corner, which is the first again
+    kept = np.diff(ring, append=-1) == 0  # without the last corner, which repeats the first
     return face, offsets_of(np.bincount(ring[kept], minlength=len(part))), corners[kept]
 
 
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
-    """Return points with those of new places, and the place of each corner (m, 3): a known one nearby, or a new one."""
+    """Return points with new places, and the place of each corner (m, 3): a known place nearby, or a new one."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
     fresh = distinct(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])
@@ -167,9 +169,9 @@ def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tu
 
 
 def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints, Rows]:
-    """Return numbers of the pieces that are wider than the tolerance, and their rows without repeated places.
+    """Return the pieces wider than the tolerance, and their rows without repeated places.
 
-    A triangle is left out if its apex is on its longest side.
+    This drops a triangle whose apex is on its longest side.
     """
     areas = face_shapes(points, *rows).areas
     kept = np.flatnonzero(2.0 * areas > tolerance * diameters(points, *rows))
@@ -179,7 +181,7 @@ def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints
 
 
 def _replace_faces(faces: Faces, some: Ints, pieces: Rows) -> tuple[Faces, Ints]:
-    """Return the faces with `some` (k,), ascending, replaced by their pieces, and the face that each was or is of."""
+    """Return the faces with `some` (k,), ascending, replaced by their pieces, and the original face of each."""
     many, (face, count) = np.ones(len(faces.face_offsets) - 1, dtype=np.int64), np.unique(some, return_counts=True)
     many[face] = count
     origin = np.repeat(np.arange(len(many)), many)
@@ -194,24 +196,24 @@ def _replace_faces(faces: Faces, some: Ints, pieces: Rows) -> tuple[Faces, Ints]
 
 
 def _number(faces: Faces, of_face: Ints, points: Floats, body: Ints, place: Ints) -> tuple[Floats, Faces, Ints, Ints]:
-    """Give each body a node of its own in every place of its faces, rows of places; new nodes come last."""
+    """Number the nodes: each body gets its own node in every place of its faces; new nodes come last."""
     corner = cell_of_corner(faces.face_offsets)
     keys = np.sort(corner * len(points) + faces.face_vertices)
     twice = keys[1:][np.diff(keys) == 0]
     if len(twice):
-        raise unmatched(points[twice[0] % len(points)])
+        raise mismatch_error(points[twice[0] % len(points)])
     count = int(body[-1]) + 1
     known, wanted = place * count + body, faces.face_vertices * count + of_face[corner]
     known = np.concatenate([known, np.setdiff1d(wanted, known)])
     place, body = np.divmod(known, count)
     _, leader, number = np.unique(place, return_index=True, return_inverse=True)
-    return points[place], faces._replace(face_vertices=found_in(known, wanted)), body, leader[number]
+    return points[place], faces._replace(face_vertices=find_in(known, wanted)), body, leader[number]
 
 
-def unmatched(at: Floats) -> MeshError:
-    """Return the error that refuses tilings which do not match near a point (3,)."""
+def mismatch_error(at: Floats) -> MeshError:
+    """Return the error for surfaces that do not match near a point (3,)."""
     return MeshError(
-        f"bodies: the surfaces of two bodies do not match near {coordinates(at, 6)}: they are no pieces of the "
-        "same planes, or have edges and nodes hardly farther apart than the tolerance. Mesh both bodies alike "
-        "there, or give another tolerance=."
+        f"bodies: the surfaces of two bodies do not match near {coordinates(at, 6)}: they do not lie in the same "
+        "planes, or some edges and nodes are only slightly farther apart than the tolerance. Give both bodies the "
+        "same nodes there, or another tolerance=."
     )

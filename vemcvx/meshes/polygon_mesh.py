@@ -16,12 +16,12 @@ from vemcvx.base.arrays import Floats, Ints, plain, read_only
 from vemcvx.base.canvas import draw_cells
 from vemcvx.base.errors import MeshError, SceneError
 from vemcvx.meshes import polygons
-from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, plotted_points, plotted_values
-from vemcvx.meshes.checks.plane import checked
+from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, points_to_plot, values_to_plot
+from vemcvx.meshes.checks.plane import check_polygon_mesh
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 from vemcvx.meshes.mesh import Mesh, Sides
 from vemcvx.meshes.polygons import backwards, cell_of_corner, next_vertex, offsets_of, rows_in_order
-from vemcvx.meshes.polyhedra import joined_faces
+from vemcvx.meshes.polyhedra import join_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 if TYPE_CHECKING:
@@ -37,13 +37,15 @@ class PolygonMesh(Mesh):
     points : (n_nodes, 2) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of index sequences, or (n_cells, k) array of int
-        Vertices of each cell, in order around it. Clockwise cells are turned, with a `MeshWarning`.
+        Vertices of each cell, in order around it. Clockwise cells are reversed, with a `MeshWarning`.
     boundaries : mapping of str to (m, 2) array_like of int, optional
-        Named sets of boundary edges, in either direction. The name "boundary" (all of it) is always
-        there, and means nothing else. If none are given, edges where x or y is least or greatest are "left",
-        "right", "bottom" and "top", as families and readers of files name them; an empty mapping names nothing.
+        Named sets of boundary edges, in either direction. The name "boundary" is reserved for the whole boundary. By
+        default, the edges where x or y is least or greatest are "left", "right", "bottom" and "top", as in families; an
+        empty mapping names nothing.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
+    interfaces : mapping of str to Interface, optional
+        Edges of one body that coincide with edges of another, with nodes of their own.
 
     Attributes
     ----------
@@ -54,21 +56,26 @@ class PolygonMesh(Mesh):
     cell_data : mapping of str to (n_cells, ...) array
         Data on cells.
     node_map : (n,) int or None
-        If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
+        If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
 
     Raises
     ------
     MeshError
-        The points and cells are no valid mesh; the message names the cell or node and what to do.
+        The points and cells are no valid mesh; the message names the cell or node and a remedy.
 
     Warns
     -----
     MeshWarning
-        Clockwise cells were turned, or unused nodes dropped.
+        Clockwise cells were reversed, or unused nodes dropped.
 
     Notes
     -----
-    All arrays are read-only. Node and cell order are those given.
+    All arrays are read-only. Nodes and cells keep the given order.
+
+    Examples
+    --------
+    >>> vx.PolygonMesh([(0, 0), (2, 0), (2, 1), (1, 2), (0, 1)], [[0, 1, 2, 4], [4, 2, 3]])
+    PolygonMesh(2 cells, 5 nodes, h = 2.236, boundaries: left, right, bottom, boundary)
     """
 
     offsets: Ints
@@ -87,7 +94,7 @@ class PolygonMesh(Mesh):
         cell_data: Mapping[str, ArrayLike] | None = None,
         interfaces: Mapping[str, Interface] | None = None,
     ):
-        self._take(checked(points, cells, interfaces), boundaries, cell_data)
+        self._take(check_polygon_mesh(points, cells, interfaces), boundaries, cell_data)
 
     @property
     def n_cells(self) -> int:
@@ -96,26 +103,26 @@ class PolygonMesh(Mesh):
 
     @cached_property
     def cells(self) -> tuple[Ints, ...]:
-        """Vertex numbers of each cell, counter-clockwise: one view an array of ``vertices`` a cell."""
+        """Vertex numbers of each cell, counter-clockwise: views of ``vertices``."""
         return tuple(self.vertices[start:end] for start, end in pairwise(self.offsets.tolist()))
 
-    def _measured(self) -> tuple[Floats, Floats]:
+    def _measure_cells(self) -> tuple[Floats, Floats]:
         return polygons.areas_and_centroids(self.points, self.offsets, self.vertices)
 
     @property
     def areas(self) -> Floats:
-        """Area of each cell, (n_cells,)."""
+        """Areas of the cells, (n_cells,)."""
         return self.measures
 
     @property
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,), and the vertices of each cell between them, counter-clockwise."""
+        """Offsets (n_cells + 1,) and the vertices of each cell, counter-clockwise."""
         return self.offsets, self.vertices
 
     @cached_property
     def shared_edges(self) -> polygons.SharedEdges:
-        """Corners by the edge that they start."""
-        return polygons.shared_edges(self.offsets, self.vertices, self.n_nodes)
+        """The corners of cells, sorted by the edges that start there."""
+        return polygons.sort_edges(self.offsets, self.vertices, self.n_nodes)
 
     @cached_property
     def _sides(self) -> Sides:
@@ -123,7 +130,7 @@ class PolygonMesh(Mesh):
         cell, corner = polygons.cell_of_corner(self.offsets), shared.corners
         first, last = shared.first, shared.first + shared.counts - 1
         cells = np.column_stack([cell[corner[first]], np.where(shared.counts == 2, cell[corner[last]], -1)])
-        edges = polygons.directed_edges(self.offsets, self.vertices)[corner[first]]
+        edges = polygons.corner_edges(self.offsets, self.vertices)[corner[first]]
         return Sides(2 * np.arange(len(edges) + 1), edges.ravel(), cells)
 
     @cached_property
@@ -142,28 +149,31 @@ class PolygonMesh(Mesh):
         return polygons.positions(parts, self._boundary, self.n_nodes)
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
-        """Return the mesh in space of the prisms over these cells, a layer between any two heights.
+        """Return the mesh of prisms over these cells, one layer between each two heights.
 
         Parameters
         ----------
         heights : (layers + 1,) array_like
-            The z of the bottom of the first layer, then of the top of each, increasing.
+            Increasing values of z: the bottom of the first layer, then the top of each layer.
 
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells layer by layer, in the order they have here; cell data are those of the polygons below.
-            Named parts of the boundary and interfaces keep their names and become the sides above them; but "bottom"
-            and "top" are the lowest and the highest polygons, and what had these names in the plane is "front" and
-            "back".
+            Nodes and cells layer by layer, each layer in the order of this mesh. Cells have the data of the polygons
+            below them. Faces above a named boundary edge or interface have its name, except that "bottom" becomes
+            "front" and "top" becomes "back": in space "bottom" and "top" are the lowest and highest polygons.
 
         Raises
         ------
         MeshError
-            The heights do not increase, or the mesh has both names of a side in the plane and in space ("bottom" and
-            "front", "top" and "back").
+            The heights do not increase, or this mesh has boundaries "bottom" and "front", or "top" and "back".
+
+        Examples
+        --------
+        >>> vx.meshes.squares(2).extruded([0.0, 0.5, 1.0]).n_cells
+        8
         """
-        return extruded(self, heights)
+        return extrude(self, heights)
 
     def plot(
         self,
@@ -178,18 +188,18 @@ class PolygonMesh(Mesh):
         Parameters
         ----------
         values : (n_cells,) array_like or str, optional
-            One number a cell, or the name of a cell datum.
+            One number per cell, or the name of a cell datum.
         ax : matplotlib Axes, optional
-            Where to draw; by default on a new figure (``ax.figure.savefig(...)`` saves it).
+            Axes to draw on; by default a new figure (``ax.figure.savefig(...)`` saves it).
         displacement : (n_nodes, 2) array_like, optional
-            Added to the points.
+            Displacement of the nodes in the picture.
         **style
             Passed to matplotlib's PolyCollection (``cmap``, ``edgecolor``, ``linewidth``, ``clim`` ...).
 
         Returns
         -------
         Axes
-            The axes drawn on.
+            The given or new axes.
 
         Raises
         ------
@@ -198,9 +208,9 @@ class PolygonMesh(Mesh):
         MeshError
             ``values`` or ``displacement`` do not fit the mesh.
         """
-        values = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
+        values = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
         return draw_cells(
-            plotted_points(self.points, displacement),
+            points_to_plot(self.points, displacement),
             self.offsets,
             vertices=self.vertices,
             values=values,
@@ -209,11 +219,11 @@ class PolygonMesh(Mesh):
         )
 
 
-# Sides of the plane below and above are those in front and at the back of a box in space.
-RENAMED = {"bottom": "front", "top": "back"}
+NAMES_IN_SPACE = {"bottom": "front", "top": "back"}
+"""Name of a side in the plane -> name of the faces above it in space."""
 
 
-def extruded(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
+def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     """Return the prisms over the cells of a plane mesh: see :meth:`vemcvx.PolygonMesh.extruded`."""
     wanted = "heights must be at least two increasing numbers, the z of the layers' faces"
     given = plain(heights)
@@ -227,7 +237,7 @@ def extruded(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     offsets, vertices, owner = _layer(mesh)
     sizes = np.diff(offsets)
     shift = np.repeat(np.arange(layers), len(vertices)) * nodes
-    joined = joined_faces(
+    joined = join_faces(
         offsets_of(np.tile(sizes, layers)),
         np.tile(vertices, layers) + shift,
         offsets_of(np.tile(np.bincount(owner), layers)),
@@ -239,9 +249,9 @@ def extruded(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     def above(ends: Ints) -> Ints:
         return (np.hstack([ends, ends[:, ::-1] + nodes]) + level).reshape(-1, 4)
 
-    sides = {RENAMED.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
+    sides = {NAMES_IN_SPACE.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
     parts = {name: solid._boundary[places] for name, places in sides.items()}
-    # In every layer, the first two faces of a cell are its bottom and its top.
+    # the first two faces of a cell are its bottom and its top
     first = joined.cell_offsets[:-1].reshape(layers, cells)
     parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
     solid = solid.with_boundaries(parts)
@@ -253,17 +263,20 @@ def extruded(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
 def _names_in_space(mesh: PolygonMesh) -> dict[str, Ints]:
     named = {name: edges for name, edges in mesh.boundaries.items() if name not in (*mesh.interfaces, WHOLE)}
-    for old, new in RENAMED.items():
+    for old, new in NAMES_IN_SPACE.items():
         if old in named and new in named:
             raise MeshError(
-                f'the part {old!r} of the boundary is called {new!r} in space, where "bottom" and "top" are those in '
-                f"z, but this mesh has a part {new!r} as well. Give one of them another name."
+                f'the boundary {old!r} would be {new!r} in space, where "bottom" and "top" are the sides in z, but '
+                f"this mesh has a boundary {new!r} as well. Rename one of them."
             )
     return named
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Faces of one layer, cell by cell and outwards: offsets, vertices (of the level above from n_nodes on), owners."""
+    """Return the faces of one layer, outwards, cell by cell: offsets, vertices and cells.
+
+    Vertices of the upper level are numbered from n_nodes on.
+    """
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])
@@ -277,12 +290,34 @@ def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
 
 
 def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
-    """Return the mesh if it is of polygons.
+    """Return the mesh if it is a `PolygonMesh`.
 
-    Raise SceneError where it is of polyhedra; `subject` exists in the plane only, and `instead` says what to do.
+    Parameters
+    ----------
+    mesh : Mesh
+        Any mesh.
+    subject : str
+        The feature that needs a plane mesh, for the message.
+    instead : str
+        What to do instead, for the message.
+
+    Returns
+    -------
+    PolygonMesh
+        The same mesh.
+
+    Raises
+    ------
+    SceneError
+        The mesh is not in the plane.
+
+    Examples
+    --------
+    >>> vx.meshes.plane_mesh(vx.meshes.squares(2), "the picture").n_cells
+    4
     """
     if not isinstance(mesh, PolygonMesh):
         raise SceneError(
-            f"{subject}: exists in the plane only, and this mesh is of polyhedra{instead and f'; {instead}'}."
+            f"{subject}: exists in the plane only, and this mesh consists of polyhedra{instead and f'; {instead}'}."
         )
     return mesh

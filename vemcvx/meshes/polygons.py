@@ -1,4 +1,4 @@
-"""Many polygons at once, in flat arrays: who touches whom, and geometry in the plane.
+"""Polygons in flat arrays: shared edges and vertices, and geometry in the plane.
 
 Cells are rows of different lengths, laid end to end: row c is ``flat[offsets[c]:offsets[c + 1]]``. With the vertices of
 cells as rows, corner k of that flat list starts the directed edge from ``vertices[k]`` to the next vertex of the same
@@ -7,16 +7,16 @@ a single sort.
 
 The sign of (b - a) x (p - a) says on which side of the line through a and b the point p lies. Differences of
 coordinates are exact up to the rounding of the coordinates themselves, so distances below `TOLERANCE` times the
-coordinates mean nothing and count as zero. Areas and centroids take coordinates relative to the first vertex o of each
+coordinates are rounding and count as zero. Areas and centroids use coordinates relative to the first vertex o of each
 cell (d_i = x_i - o):
 
     area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
     centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
 
-so a mesh far from the origin loses nothing, whereas products of coordinates near 1e6 would leave four digits of the
-area of a cell of size 1e-3.
+so a mesh far from the origin loses no digits. Products of coordinates near 1e6 would leave four digits of the area of a
+cell of size 1e-3.
 
-Shapely and SciPy's spatial structures are imported when somebody looks: they take .1 and .3 s.
+Shapely and SciPy's spatial structures are imported where they are used, because their imports take .1 and .3 s.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from vemcvx.base.arrays import Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
-    """The numbers starts[0], starts[0] + 1, ... (counts[0] of them), then those from starts[1] and so on."""
+    """Return ranges end to end: counts[0] whole numbers from starts[0] on, counts[1] from starts[1] on, ..."""
     before = np.cumsum(counts) - counts
     return np.repeat(starts - before, counts) + np.arange(counts.sum())
 
 
 def offsets_of(counts: Ints) -> Ints:
-    """The offsets at which rows of these lengths begin, and the last one's end."""
+    """Return the offsets at which rows of these lengths begin, and the end of the last row."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
 def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
-    """Offsets and entries of the rows with the given numbers, in this order."""
+    """Return offsets and entries of the rows with the given numbers, in this order."""
     counts = np.diff(offsets)[order]
     return offsets_of(counts), flat[spans(offsets[order], counts)]
 
 
-def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
-    """Vertices with the given rows listed the other way round, each from the same first vertex."""
+def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
+    """Return the vertices with the marked rows in reverse; each keeps its first vertex."""
     counts = np.repeat(np.diff(offsets), np.diff(offsets))
     start = np.repeat(offsets[:-1], np.diff(offsets))
     place = np.arange(len(vertices)) - start
@@ -60,16 +60,13 @@ def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
 
 
 def distinct(numbers: Ints) -> Ints:
-    """The different numbers of (k,), ascending.
-
-    Sorting takes a third of the time of np.unique, which looks up whole numbers in a table from numpy 2.3 on.
-    """
+    """Return the different numbers of (k,), ascending; in a third of the time that np.unique of numpy 2.3 takes."""
     ordered = np.sort(numbers)
     return ordered[np.concatenate([[True], ordered[1:] != ordered[:-1]])] if len(ordered) else ordered
 
 
 def among(numbers: Ints, known: Ints) -> Bools:
-    """Return True if each of the numbers (k,) is one of those known."""
+    """Return a mask (k,) of the numbers that are among the known ones."""
     ordered = distinct(known)
     if not len(ordered):
         return np.zeros(len(numbers), dtype=bool)
@@ -77,8 +74,8 @@ def among(numbers: Ints, known: Ints) -> Bools:
     return found
 
 
-def found_in(keys: Ints, wanted: Ints) -> Ints:
-    """The place of each of the wanted numbers among the keys (k,), the first of equal ones; -1 where it is missing."""
+def find_in(keys: Ints, wanted: Ints) -> Ints:
+    """Return the position of each wanted number among the keys (k,): the first of equal keys, -1 if missing."""
     if not len(keys):
         return np.full(len(wanted), -1)
     order = np.argsort(keys, kind="stable")
@@ -86,21 +83,21 @@ def found_in(keys: Ints, wanted: Ints) -> Ints:
     return np.where(keys[at] == wanted, at, -1)
 
 
-def all_found_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
-    """All pairs (i, j) of one of the wanted numbers and a place where it stands among the keys (k,), by i."""
+def find_all_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
+    """Return all pairs (i, j) for which wanted number i equals key j, sorted by i."""
     order = np.argsort(keys, kind="stable")
     begin, end = (np.searchsorted(keys[order], wanted, side=side) for side in ("left", "right"))
     return np.repeat(np.arange(len(wanted)), end - begin), order[spans(begin, end - begin)]
 
 
 def least_of_each(keys: Ints, values: Floats) -> Ints:
-    """The place of the least of the values (k,) that go with each of the different keys, by key."""
+    """Return, for each different key in ascending order, the position of the least value (k,) with this key."""
     order = np.lexsort((values, keys))
     return order[np.unique(keys[order], return_index=True)[1]]
 
 
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
+    """Group rows with the same entries in any order: return the first row of each group, and the group of each row."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -115,7 +112,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
 
 
 def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
-    """Number of the row that has the same entries as each wanted row, in any order; -1 where there is none."""
+    """Return the number of the row with the same entries, in any order, as each wanted row; -1 if there is none."""
     count = len(offsets) - 1
     whole = np.concatenate([offsets, offsets[-1] + wanted_offsets[1:]])
     first, number = same_rows(whole, np.concatenate([flat, wanted]))
@@ -124,7 +121,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def first_in_row(flags: Bools, offsets: Ints) -> Ints:
-    """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
+    """Return the position of the first True in each row, counted from the start of the row; 0 if there is none."""
     place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))
     none = len(flags)
     first = np.minimum.reduceat(np.where(flags, place, none), offsets[:-1])
@@ -132,7 +129,7 @@ def first_in_row(flags: Bools, offsets: Ints) -> Ints:
 
 
 def rotation(offsets: Ints, first: Ints) -> Ints:
-    """Positions of all entries with every row turned so that it begins with its entry number ``first``."""
+    """Return positions of all entries with every row rotated so that it begins with its entry number ``first``."""
     counts = np.diff(offsets)
     begin, count = np.repeat(offsets[:-1], counts), np.repeat(counts, counts)
     turned: Ints = (np.arange(offsets[-1]) - begin + np.repeat(first, counts)) % count
@@ -140,61 +137,62 @@ def rotation(offsets: Ints, first: Ints) -> Ints:
 
 
 def backwards(offsets: Ints) -> Ints:
-    """Positions of all entries with every row from its last to its first."""
+    """Return positions of all entries with every row in reverse."""
     return np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(offsets[-1])
 
 
 def next_corner(offsets: Ints) -> Ints:
-    """Position of the corner that follows each corner in its own cell."""
+    """Return the position of the corner that follows each corner in its cell."""
     follow = np.arange(1, offsets[-1] + 1)
     follow[offsets[1:] - 1] = offsets[:-1]
     return follow
 
 
 def previous_corner(offsets: Ints) -> Ints:
-    """Position of the corner that precedes each corner in its own cell."""
+    """Return the position of the corner that precedes each corner in its cell."""
     before = np.arange(-1, offsets[-1] - 1)
     before[offsets[:-1]] = offsets[1:] - 1
     return before
 
 
 def next_vertex(offsets: Ints, vertices: Ints) -> Ints:
-    """Vertex that follows each corner's vertex in its own cell."""
+    """Return the vertex that follows each corner in its cell."""
     return vertices[next_corner(offsets)]
 
 
 def cell_of_corner(offsets: Ints) -> Ints:
-    """Cell that each corner belongs to."""
+    """Return the cell of each corner."""
     return np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
 
 
-def directed_edges(offsets: Ints, vertices: Ints) -> Ints:
-    """The edge (a, b) that starts at each corner, (n_corners, 2)."""
+def corner_edges(offsets: Ints, vertices: Ints) -> Ints:
+    """Return the edge (a, b) that starts at each corner, (n_corners, 2)."""
     return np.column_stack([vertices, next_vertex(offsets, vertices)])
 
 
 def edge_keys(edges: Ints, n_nodes: int) -> Ints:
-    """One integer for each undirected edge (m, 2): min * n_nodes + max (exact below 3e9 nodes)."""
+    """Return one integer for each undirected edge (m, 2): min * n_nodes + max (exact below 3e9 nodes)."""
     return np.minimum(edges[:, 0], edges[:, 1]) * n_nodes + np.maximum(edges[:, 0], edges[:, 1])
 
 
 def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
-    """The positions of wanted edges (k, 2) among the edges (m, 2), in either direction; all must be there."""
-    return found_in(edge_keys(edges, n_nodes), edge_keys(wanted, n_nodes))
+    """Return the positions of wanted edges (k, 2), in either direction, among the edges (m, 2); all must exist."""
+    return find_in(edge_keys(edges, n_nodes), edge_keys(wanted, n_nodes))
 
 
-def with_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
-    """Offsets and vertices of outlines with more nodes on some of their edges, whichever way these run.
+def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+    """Insert nodes on some edges of outlines; return offsets and vertices.
 
-    On the edges with the given ends (k, 2) there are, from the first end to the second, ``nodes[rows[k]:rows[k + 1]]``.
+    From the first to the second of the ends (k, 2), edge k gets the nodes ``nodes[rows[k]:rows[k + 1]]``. The outlines
+    may run along the edge in either direction.
     """
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
     touched = np.zeros(count, dtype=bool)
     touched[ends] = True
-    edges = directed_edges(offsets, vertices)
-    corner = np.flatnonzero(touched[edges].all(axis=1))  # only these are looked up
-    line = found_in(edge_keys(ends, count), edge_keys(edges[corner], count))
+    edges = corner_edges(offsets, vertices)
+    corner = np.flatnonzero(touched[edges].all(axis=1))
+    line = find_in(edge_keys(ends, count), edge_keys(edges[corner], count))
     corner, line = corner[line >= 0], line[line >= 0]
     begin, new = rows_in_order(rows, nodes, line)
     counts, against = np.diff(begin), ends[line, 0] != edges[corner, 0]
@@ -205,35 +203,35 @@ def with_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Int
 
 @dataclass(frozen=True, eq=False)
 class SharedEdges:
-    """Corners of a mesh sorted by the undirected edge they start."""
+    """The corners of a mesh, sorted by the undirected edge that starts at them."""
 
-    corners: Ints  # (n_corners,) all corners, those of one edge side by side, in the order of their cells
-    first: Ints  # (n_edges,) where in `corners` each edge begins
+    corners: Ints  # (n_corners,) grouped by edge; within a group in the order of the cells
+    first: Ints  # (n_edges,) position in `corners` of the first corner of each edge
     counts: Ints  # (n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
     @cached_property
     def ends(self) -> Ints:
-        """(n_edges, 2) the nodes of each edge, the smaller first; edges are in the order of these pairs."""
-        return np.sort(directed_edges(*self.outlines)[self.corners[self.first]], axis=1)
+        """Nodes of each edge (n_edges, 2), the smaller first; edges are sorted by these pairs."""
+        return np.sort(corner_edges(*self.outlines)[self.corners[self.first]], axis=1)
 
     @cached_property
     def number(self) -> Ints:
-        """(n_corners,) the edge that starts at each corner."""
+        """Number of the edge that starts at each corner, (n_corners,)."""
         number = np.empty_like(self.corners)
         number[self.corners] = np.repeat(np.arange(len(self.first)), self.counts)
         return number
 
     @property
     def alone(self) -> Ints:
-        """Corners whose edge belongs to one cell only, in the order of the cells."""
+        """Corners at which edges of a single cell start, in the order of the cells."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
 
-def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
+def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
-    keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
-    # Not only for the order: keys of meshes come in runs, and this takes a sixth of the time of a quicksort.
+    keys = edge_keys(corner_edges(offsets, vertices), n_nodes)
+    # A stable sort also takes a sixth of the time of a quicksort, because keys of meshes come in runs.
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
@@ -241,37 +239,38 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Connected components: for each number below `count` the smallest that pairs (m, 2) link it to, (count,)."""
+    """Return, for each number below `count`, the smallest number that pairs (m, 2) link to it: connected components."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     first: Ints = np.unique(label, return_index=True)[1]
     return first[label]
 
 
-# Four units in the last place: the middle and the thirds of an edge, computed in any order, stay below two.
 TOLERANCE = 4.0 * np.finfo(float).eps
+"""Rounding of coordinates relative to their size: midpoints and thirds of edges differ by at most two units in the last
+place, whatever the order of operations."""
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """a x b of vectors (..., 2)."""
+    """Return a x b for vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def right_of(vectors: Floats) -> Floats:
-    """Vectors (..., 2) turned clockwise by a quarter: outward normals of counter-clockwise edges, as long as these."""
+    """Rotate vectors (..., 2) clockwise by 90 degrees: edges of counter-clockwise cells become outward normals."""
     return np.stack([vectors[..., 1], -vectors[..., 0]], axis=-1)
 
 
 def rounding(*points: Floats) -> Floats:
-    """Length below which a distance between the given points (m, 2) is rounding of their coordinates, (m,)."""
+    """Return the length (m,) below which a distance between points (m, 2) is rounding of their coordinates."""
     largest: Floats = np.max([np.abs(point).max(axis=1) for point in points], axis=0)
     return TOLERANCE * largest
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j], by i; boxes are (m, d).
+    """Return pairs (i, j), sorted by i, of boxes (m, d) that meet: [low_i, high_i] and [tree_low_j, tree_high_j].
 
-    A tree finds the pairs that meet along the two longest axes of all boxes together.
+    A tree finds the pairs that meet along the two axes along which all boxes together extend farthest.
     """
     from shapely import STRtree, linestrings, points
 
@@ -280,7 +279,7 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
 
     def diagonals(low: Floats, high: Floats) -> NDArray[Any]:
-        # The tree knows boxes of geometries alone; those of their diagonals take half the time of polygons to make.
+        # The tree stores bounding boxes only; a diagonal has the same box as a rectangle, and is made in half the time.
         return np.asarray(linestrings(np.stack([low[:, [u, v]], high[:, [u, v]]], axis=1)))
 
     asked = points(low[:, u], low[:, v]) if low is high else diagonals(low, high)
@@ -290,15 +289,15 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
 
 
 def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
-    """The polygons (n_cells,) as objects of Shapely."""
+    """Return the polygons (n_cells,) as Shapely objects."""
     import shapely
 
     rings = shapely.linearrings(points[vertices], indices=cell_of_corner(offsets))
     return np.asarray(shapely.polygons(rings))
 
 
-def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
-    """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
+def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
+    """Return pairs (i, j), sorted by i, where point i of (n, 2) lies in the closed polygon j."""
     import shapely
 
     i, j = shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects")
@@ -306,9 +305,9 @@ def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
 
 
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
-    """Pairs (i, j) of polygons that share an area, and the polygons that they share, some pairs several.
+    """Return pairs (i, j) of overlapping polygons and their common parts, a pair for each part.
 
-    A polygon that another covers is what they share: refined meshes need no intersections.
+    If one polygon covers the other, the smaller one is the common part: nested meshes need no intersections.
     """
     import shapely
 
@@ -326,29 +325,26 @@ def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDA
     return found[0], found[1], np.concatenate([second[one[1]], first[other[0]], shared[cut]])
 
 
-def triangulated(polygons: NDArray[Any]) -> Triangles:
-    """The triangles of simple polygons, between their own vertices."""
-    corners, owner = _cut_in_triangles(polygons)
-    return Triangles(corners[:, :, :2], signed_areas(corners[:, :, :2]), owner)
+def triangulate(polygons: NDArray[Any]) -> Triangles:
+    """Split simple polygons into triangles between their vertices."""
+    corners, owner = _split_into_triangles(polygons)
+    return Triangles(corners[:, :, :2], triangle_areas(corners[:, :, :2]), owner)
 
 
-def _cut_in_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Triangles (t, 3, 3) between the vertices of polygons, counter-clockwise, and the polygon of each.
-
-    Of all triangulations they are the one nearest to Delaunay's.
-    """
+def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
+    """Return counter-clockwise triangles (t, 3, 3) of a constrained Delaunay triangulation, and their polygons."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
     corners = shapely.get_coordinates(shapely.get_exterior_ring(parts), include_z=True).reshape(-1, 4, 3)[:, 2::-1]
-    backwards = signed_areas(corners[:, :, :2]) < 0.0
+    backwards = triangle_areas(corners[:, :, :2]) < 0.0
     return np.where(backwards[:, None, None], corners[:, ::-1], corners), owner
 
 
 def fans(polygons: NDArray[Any]) -> Triangles:
-    """The triangles from the first corner of each polygon to all its sides, those that turn right with negative areas.
+    """Return the triangles from the first corner of each polygon to all its sides; clockwise ones have negative areas.
 
-    They need not lie in the polygon, but what is a polynomial on it has the sum of their integrals.
+    They may leave the polygon, but their integrals of a polynomial add up to the integral over the polygon.
     """
     import shapely
 
@@ -356,19 +352,19 @@ def fans(polygons: NDArray[Any]) -> Triangles:
     first = np.flatnonzero(np.diff(owner, prepend=-1))
     side = np.setdiff1d(np.arange(len(x) - 1), np.append(first, first - 1))
     corners = np.stack([x[first][owner[side]], x[side], x[side + 1]], axis=1)
-    areas = signed_areas(corners)
+    areas = triangle_areas(corners)
     return Triangles(corners, areas, owner[side])
 
 
 def close_pairs(points: Floats, distance: float) -> Ints:
-    """Pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
+    """Return pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points).query_pairs(distance, output_type="ndarray").astype(np.int64)
 
 
 def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
-    """Distance (m,) from each place (m, dim) to the nearest of the points (n, dim), and its number (m,)."""
+    """Return the distance (m,) from each place (m, dim) to the nearest point of (n, dim), and its number (m,)."""
     from scipy.spatial import cKDTree
 
     distance, number = cKDTree(points).query(places)
@@ -376,7 +372,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Signed areas (n_cells,) and centroids (n_cells, 2); the centroid of a cell without area is its first vertex."""
+    """Return signed areas (n_cells,) and centroids (n_cells, 2); without an area, the centroid is the first vertex."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -388,13 +384,13 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
 
 
 def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Signed areas (c,) and centroids (c, 2) of polygons of n vertices each, (c, n, 2)."""
+    """Return signed areas (c,) and centroids (c, 2) of polygons with n vertices each, (c, n, 2)."""
     c, n, _ = corners.shape
     return areas_and_centroids(corners.reshape(-1, 2), np.arange(c + 1) * n, np.arange(c * n))
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Largest distance of two vertices of each cell, (n_cells,); each cell's vertices as a row, in any order."""
+    """Return the largest distance (n_cells,) between two vertices of each cell; rows of vertices in any order."""
     counts = np.diff(offsets)
     squared = np.zeros(len(counts))
     for count in np.unique(counts):
@@ -406,10 +402,10 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     return np.sqrt(squared)
 
 
-# Barycentric coordinates of the inner three-point rule of degree 2; its weights are equal.
-INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
-# Those of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5, and their weights, which add up to one:
-# the centroid with 9/40, and for r = -+ sqrt 15 the points (s, s, 1 - 2s), s = (6 + r) / 21, with (155 + r) / 1200.
+# Barycentric coordinates of the three-point rule of degree 2 with interior points; its weights are equal.
+DEGREE_2_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
+# Barycentric coordinates of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5, and their weights with
+# sum 1: the centroid with 9/40; for r = -+ sqrt 15 the points (s, s, 1 - 2s), s = (6 + r) / 21, with (155 + r) / 1200.
 RADON_POINTS = np.concatenate(
     [np.full((1, 3), 1.0 / 3.0)]
     + [np.full((3, 3), (6.0 + r) / 21.0) + (1.0 - r) / 7.0 * np.eye(3) for r in (-np.sqrt(15.0), np.sqrt(15.0))]
@@ -418,30 +414,33 @@ RADON_WEIGHTS = np.repeat([0.225, (155.0 - np.sqrt(15.0)) / 1200.0, (155.0 + np.
 
 
 class Triangles(NamedTuple):
-    """Triangles with their areas, and what each is a part of."""
+    """Triangles (t, 3, 2), their areas, and the polygon of each."""
 
     corners: Floats
     areas: Floats
     owner: Ints
 
 
-def signed_areas(corners: Floats) -> Floats:
-    """Areas (...,) of triangles (..., 3, 2), counter-clockwise positive."""
+def triangle_areas(corners: Floats) -> Floats:
+    """Return the areas (...,) of triangles (..., 3, 2), counter-clockwise positive."""
     return 0.5 * cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
 
 
 def places(corners: Floats, barycentric: Floats) -> Floats:
-    """The points (t, q, 2) with the given barycentric coordinates (q, 3) in each triangle."""
-    origin = corners[:, :1]  # Relative to the first vertex: a body far from the origin loses no digits.
+    """Return the points (t, q, 2) with the given barycentric coordinates (q, 3) in each triangle."""
+    origin = corners[:, :1]  # relative to the first vertex, which keeps the digits far from the origin
     within: Floats = np.matmul(barycentric, corners - origin)
     return origin + within
 
 
-def diagonals_of(corners: Floats) -> Ints:
-    """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise."""
+def split_at_vertices(corners: Floats) -> Ints:
+    """Split simple polygons (c, n, 2) into counter-clockwise triangles: return their corners (c, n - 2, 3).
+
+    Vertices on straight sides are corners, too.
+    """
     c, n, _ = corners.shape
     if c == 0:
         return np.zeros((0, n - 2, 3), dtype=np.int64)
-    number = np.tile(np.arange(n), c)  # corners are known by their third coordinates
+    number = np.tile(np.arange(n), c)  # third coordinates, by which corners are found again
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))
-    return _cut_in_triangles(polygons)[0][:, :, 2].astype(np.int64).reshape(c, n - 2, 3)
+    return _split_into_triangles(polygons)[0][:, :, 2].astype(np.int64).reshape(c, n - 2, 3)

@@ -1,7 +1,7 @@
-"""Polyhedra: their faces joined, areas, normals and volumes, and angles under which faces are seen.
+"""Polyhedra: shared faces, areas, normals, volumes, and the solid angles of triangles.
 
 Two listed faces are the same if they have the same vertices. Faces are numbered as they first appear, so the first cell
-of a face is the one of lower number, whose listing the face keeps.
+of a face has the lower number, and the face keeps the order of vertices from this cell.
 
 A face is summed over the fan of triangles from its first vertex o (d_i = x_i - o), with signed areas along its normal:
 
@@ -12,7 +12,7 @@ with a the area vectors outwards and c the centroids of faces:
 
     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 
-Coordinates are taken relative to a vertex or a mean nearby, so a mesh far from the origin loses nothing.
+Coordinates are relative to a nearby vertex or mean, so a mesh far from the origin loses no digits.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.base.arrays import CHUNK_SIZE, Floats, Ints
-from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, rows_in_order, same_rows, turned
+from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, reverse_rows, rows_in_order, same_rows
 
 
-class Listed(NamedTuple):
-    """Faces of cells that list all of theirs, one cell after the other."""
+class FaceLists(NamedTuple):
+    """All faces of each cell, cell by cell: a face between two cells is listed twice."""
 
-    offsets: Ints  # (n_listed + 1,) where in `vertices` each face begins
+    offsets: Ints  # (n_listed + 1,) start of each face in `vertices`
     vertices: Ints
-    cell_offsets: Ints  # (n_cells + 1,) which faces are each cell's
+    cell_offsets: Ints  # (n_cells + 1,) start of each cell in the list of faces
 
-    def in_order(self, cells: Ints) -> Listed:
-        """The faces of the cells with the given numbers, in this order."""
+    def in_order(self, cells: Ints) -> FaceLists:
+        """Return the faces of the cells with the given numbers, in this order."""
         cell_offsets, faces = rows_in_order(self.cell_offsets, np.arange(len(self.offsets) - 1), cells)
-        return Listed(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
+        return FaceLists(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
 
 
 class Faces(NamedTuple):
@@ -48,8 +48,8 @@ class Faces(NamedTuple):
     face_cells: Ints
 
 
-def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
-    """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
+def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
+    """Join the listed faces of cells, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
     first, number = same_rows(offsets, vertices)
     owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
@@ -58,19 +58,19 @@ def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
     return Faces(*rows_in_order(offsets, vertices, first), cell_offsets, number, cells)
 
 
-def listed_faces(faces: Faces) -> Listed:
-    """The faces of each cell, outwards: what `joined_faces` makes them of."""
+def list_faces(faces: Faces) -> FaceLists:
+    """List the faces of each cell, outwards: the inverse of `join_faces`."""
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
-    return Listed(offsets, turned(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
+    return FaceLists(offsets, reverse_rows(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
 
 
 def signs_of(faces: Faces) -> Floats:
-    """1 where the stored normal of a cell's face points out of it, -1 where into it; in the order of `cell_faces`."""
+    """Return 1 where the stored normal of a face points out of the cell, else -1; in the order of `cell_faces`."""
     return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
 
 
 def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
-    """Offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
+    """Return offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
     rows, nodes = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     cells = np.repeat(cell_of_corner(faces.cell_offsets), np.diff(rows))
     keys = np.sort(cells * n_nodes + nodes)
@@ -79,7 +79,7 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
 
 
 class FaceShapes(NamedTuple):
-    """Areas (n_faces,), unit normals and centroids (n_faces, 3); zero, zero and the first vertex of a flat face."""
+    """Areas (n_faces,), unit normals and centroids (n_faces, 3); 0, 0 and the first vertex if a face has no area."""
 
     areas: Floats
     normals: Floats
@@ -87,7 +87,7 @@ class FaceShapes(NamedTuple):
 
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
-    """Shapes of faces; normals by the right-hand rule."""
+    """Compute the shapes of faces; normals by the right-hand rule."""
     begin = range(0, max(len(offsets) - 1, 1), CHUNK_SIZE)
     parts = [_shapes_of_some(points, offsets[first : first + CHUNK_SIZE + 1], vertices) for first in begin]
     return FaceShapes(*map(np.concatenate, zip(*parts, strict=True)))
@@ -103,22 +103,22 @@ def _shapes_of_some(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes
     part = 0.5 * np.cross(here, after)
     vectors = np.add.reduceat(part, begin, axis=0)
     areas = np.linalg.norm(vectors, axis=1)
-    normals = _divided(vectors, areas)
+    normals = _divide_rows(vectors, areas)
     signed = np.einsum("ij,ij->i", part, np.repeat(normals, counts, axis=0))
     moments = np.add.reduceat((here + after) * signed[:, None], begin, axis=0)
-    return FaceShapes(areas, normals, origin + _divided(moments, 3.0 * areas))
+    return FaceShapes(areas, normals, origin + _divide_rows(moments, 3.0 * areas))
 
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Coordinates (m, 3) of places (m, 3) about the centroid of a face each: along two axes in it, and above it."""
-    # Rows that are taken come in half the time of rows that are indexed.
+    """Return coordinates (m, 3) of points (m, 3) relative to a face each: two in its plane, and the height above it."""
+    # `take` needs half the time of indexing.
     arms, axes = places - shapes.centroids.take(faces, axis=0), axes_in_planes(shapes)
     coordinates: Floats = np.einsum("mai,mi->ma", axes.take(faces, axis=0), arms)
     return coordinates
 
 
 def axes_in_planes(shapes: FaceShapes) -> Floats:
-    """Axes (n_faces, 3, 3) of faces: two in the plane of each, and its normal."""
+    """Return axes (n_faces, 3, 3) of faces: two in the plane of each, and its normal."""
     across = np.eye(3)[np.argmin(np.abs(shapes.normals), axis=1)]
     first = np.cross(shapes.normals, across)
     first /= np.linalg.norm(first, axis=1)[:, None]
@@ -126,9 +126,10 @@ def axes_in_planes(shapes: FaceShapes) -> Floats:
 
 
 def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, signs: Floats) -> tuple[Floats, Floats]:
-    """Signed volumes (n_cells,) and centroids (n_cells, 3) of cells.
+    """Return signed volumes (n_cells,) and centroids (n_cells, 3) of cells.
 
-    Cell c has the faces ``cell_faces[offsets[c]:offsets[c + 1]]``; `signs` (1 outwards, -1 inwards) goes with them.
+    Cell c has the faces ``cell_faces[offsets[c]:offsets[c + 1]]``; `signs` are 1 where the normal of such a
+    face points out of the cell, else -1.
     """
     counts = np.diff(offsets)
     place = faces.centroids[cell_faces]
@@ -138,16 +139,16 @@ def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, si
     part = np.einsum("ij,ij->i", faces.normals[cell_faces], arm) * (signs * faces.areas[cell_faces])
     volumes = np.add.reduceat(part, offsets[:-1])
     moments = np.add.reduceat(arm * part[:, None], offsets[:-1], axis=0)
-    return volumes / 3.0, apex + 0.75 * _divided(moments, volumes)
+    return volumes / 3.0, apex + 0.75 * _divide_rows(moments, volumes)
 
 
-def _divided(rows: Floats, by: Floats) -> Floats:
-    """Rows divided by a number each; zero where that is zero."""
+def _divide_rows(rows: Floats, by: Floats) -> Floats:
+    """Divide each row by a number; return zero where the number is zero."""
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# Faces, outwards, of cells that are usually given by their vertices: the bottom runs counter-clockwise seen from above,
-# and over it are, in the same order, the vertices of the top, or the apex.
+# Faces, outwards, of cells given by their vertices: those of the bottom, counter-clockwise seen from above, then in the
+# same order those of the top, or the apex.
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
@@ -157,9 +158,11 @@ FACES = {
 
 
 def angles_seen(arms: Floats) -> Floats:
-    """Solid angles (...,) of triangles whose corners are at arms (..., 3, 3) from the eye.
+    """Return the solid angles (...,) of triangles whose corners have the positions (..., 3, 3) relative to the eye.
 
-    tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a), the letters the arms and their lengths
+    tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a),
+
+    where a letter is a position or its length
     (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
     """
     a, b, c = (arms[..., k, :] for k in range(3))

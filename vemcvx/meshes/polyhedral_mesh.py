@@ -16,8 +16,8 @@ from vemcvx.base.arrays import Floats, Ints, brief, plain, read_only
 from vemcvx.base.canvas import draw_faces
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes import polygons, polyhedra
-from vemcvx.meshes.box import plotted_points, plotted_values
-from vemcvx.meshes.checks.space import checked_in_space
+from vemcvx.meshes.box import points_to_plot, values_to_plot
+from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.mesh import Mesh, Sides
 
@@ -29,32 +29,32 @@ if TYPE_CHECKING:
 class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
-    Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four
-    small ones it has four coplanar faces. Neither cells nor faces need be convex.
+    Cells are polyhedra with plane faces. Two cells meet in whole faces of both: a large cell that meets four small ones
+    has four coplanar faces there. Neither cells nor faces need be convex.
 
     Parameters
     ----------
     points : (n_nodes, 3) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
-        Faces of each cell, each the vertices in order around it. Those that do not run counter-clockwise seen from
-        outside are turned, with a `MeshWarning`.
+        Faces of each cell; a face lists its vertices counter-clockwise seen from outside. Other faces are reversed,
+        with a `MeshWarning`.
     boundaries : mapping of str to array_like, optional
-        Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" (all of it) is
-        always there, and means nothing else. If none are given, faces where x, y or z is least or greatest are "left",
-        "right", "front", "back", "bottom" and "top"; an empty mapping names nothing.
+        Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" is reserved for the
+        whole boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
+        "bottom" and "top"; an empty mapping names nothing.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Faces of one body that are also those of another, with nodes of their own.
+        Faces of one body that coincide with faces of another, with nodes of their own.
 
     Attributes
     ----------
     points : (n_nodes, 3) float
         Node coordinates.
     face_offsets, face_vertices : (n_faces + 1,) int, (n_corners,) int
-        Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``; by the right-hand rule their
-        order gives the normal out of its first cell.
+        Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``; by the right-hand rule, its
+        normal points out of its first cell.
     face_cells : (n_faces, 2) int
         First and second cell of each face; the second is -1 on the boundary.
     cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int
@@ -62,24 +62,30 @@ class PolyhedralMesh(Mesh):
     cell_data : mapping of str to (n_cells, ...) array
         Data on cells.
     interfaces : mapping of str to Interface
-        Where several bodies meet: see :func:`vemcvx.meshes.bodies`.
+        Coinciding boundaries of two bodies: see :func:`vemcvx.meshes.bodies`.
     node_map : (n,) int or None
-        If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
+        If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
 
     Raises
     ------
     MeshError
-        The points and cells are no valid mesh; the message names the cell or node and what to do. A face is plane if
-        its vertices are no farther from its plane than 1e-6 of its diameter.
+        The points and cells are no valid mesh; the message names the cell or node and a remedy. A face counts as plane
+        if its vertices are within 1e-6 of its diameter of its plane.
 
     Warns
     -----
     MeshWarning
-        Faces were turned, or unused nodes dropped.
+        Faces were reversed, or unused nodes dropped.
 
     Notes
     -----
-    All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
+    All arrays are read-only. Nodes and cells keep the given order; faces are numbered as they first appear.
+
+    Examples
+    --------
+    >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    >>> vx.PolyhedralMesh(corners, [[(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]]).volumes
+    array([0.16666667])
     """
 
     face_offsets: Ints
@@ -95,17 +101,17 @@ class PolyhedralMesh(Mesh):
     def __init__(
         self,
         points: ArrayLike,
-        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | polyhedra.Listed,
+        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | polyhedra.FaceLists,
         *,
         boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,
         interfaces: Mapping[str, Interface] | None = None,
     ):
-        self._take(checked_in_space(points, cells, interfaces), boundaries, cell_data)
+        self._take(check_polyhedral_mesh(points, cells, interfaces), boundaries, cell_data)
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:
-        """Faces of each cell, outwards: the vertex numbers of each, as `PolyhedralMesh` takes them."""
+        """Vertex numbers of the faces of each cell, outwards: the argument `cells` of `PolyhedralMesh`."""
         forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
         listed = [
             forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])
@@ -120,12 +126,12 @@ class PolyhedralMesh(Mesh):
 
     @property
     def n_faces(self) -> int:
-        """Number of faces, inner ones counted once."""
+        """Number of faces; a face between two cells counts once."""
         return len(self.face_offsets) - 1
 
     @property
     def faces(self) -> polyhedra.Faces:
-        """The topology: the faces of cells, and the vertices of faces."""
+        """The arrays of faces of cells and of vertices of faces, as one tuple."""
         return polyhedra.Faces(
             self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
         )
@@ -137,35 +143,35 @@ class PolyhedralMesh(Mesh):
 
     @property
     def face_areas(self) -> Floats:
-        """Area of each face, (n_faces,)."""
+        """Areas of the faces, (n_faces,)."""
         return self._face_shapes.areas
 
     @property
     def face_normals(self) -> Floats:
-        """Unit normal of each face, out of its first cell, (n_faces, 3)."""
+        """Unit normals (n_faces, 3) of the faces, out of their first cells."""
         return self._face_shapes.normals
 
     @property
     def face_centroids(self) -> Floats:
-        """Centroid of each face, (n_faces, 3)."""
+        """Centroids of the faces, (n_faces, 3)."""
         return self._face_shapes.centroids
 
     @cached_property
     def face_signs(self) -> Floats:
-        """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
+        """Signs in the order of ``cell_faces``: 1 where the normal of the face points out of the cell, else -1."""
         return read_only(polyhedra.signs_of(self.faces))
 
-    def _measured(self) -> tuple[Floats, Floats]:
+    def _measure_cells(self) -> tuple[Floats, Floats]:
         return polyhedra.volumes_and_centroids(self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs)
 
     @property
     def volumes(self) -> Floats:
-        """Volume of each cell, (n_cells,)."""
+        """Volumes of the cells, (n_cells,)."""
         return self.measures
 
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each and ascending."""
+        """Offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
         offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
         return read_only(offsets), read_only(nodes)
 
@@ -204,8 +210,8 @@ class PolyhedralMesh(Mesh):
 
         Parameters
         ----------
-        values, ax, displacement : as of `PolygonMesh.plot`
-            The axes are three-dimensional; what is returned and raised is the same, too.
+        values, ax, displacement : as in `PolygonMesh.plot`
+            Here the axes are three-dimensional.
         on : str
             The part of the boundary to draw.
         **style
@@ -217,9 +223,9 @@ class PolyhedralMesh(Mesh):
             raise MeshError(f"ax must be axes in space, figure.add_subplot(projection='3d'); got {brief(ax)}.")
         faces = self.boundaries[on]
         offsets, vertices = polygons.rows_in_order(self.face_offsets, self.face_vertices, faces)
-        on_cells = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
+        on_cells = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
         return draw_faces(
-            plotted_points(self.points, displacement),
+            points_to_plot(self.points, displacement),
             offsets,
             vertices,
             values=None if on_cells is None else on_cells[self.face_cells[faces, 0]],

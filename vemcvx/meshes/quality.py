@@ -1,25 +1,25 @@
-r"""The shape of cells: the constants that Assumption 3.3 of the paper asks of them, cell by cell.
+r"""The shapes of cells: two ratios that determine the constants of Assumption 3.3 of the paper.
 
-Assumption 3.3 wants every cell K cut into triangles, shape regular and of a size comparable to h_K, each edge of K a
-side of one. It holds with constants that depend on two ratios alone (L. Chen and J. Huang, Some error analysis on
-virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with small edges
-or faces, 2018), which are
+By Assumption 3.3 every cell K can be split into shape-regular triangles of a size comparable to h_K, and each edge of K
+is a side of a triangle. Its constants depend on two ratios only (L. Chen and J. Huang, Some error
+analysis on virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with
+small edges or faces, 2018):
 
-- star: rho_K / h_K, with rho_K the radius of the largest ball from all of whose points all of K is seen;
+- star: rho_K / h_K, with rho_K the radius of the largest ball about all of whose points K is star-shaped;
 - edge: the shortest edge / h_K.
 
-All of K is seen from x if x is on the inner side of all edges (faces), so that
+K is star-shaped about x if x is on the inner side of all edges (faces). Hence
 
-$$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ outwards, } a_e \text{ on } e, $$
+$$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward normal, } a_e \text{ a point on } e, $$
 
-which is the radius of the inscribed circle (sphere) where K is convex, and less than zero where K is not star-shaped:
-star is 0 then. In x and rho this is a linear program with a row n_e . x + rho <= n_e . a_e for every side; HiGHS solves
-those of thousands of cells at once.
+the radius of the inscribed circle (sphere) if K is convex. It is negative if K is not star-shaped; then star is 0. In x
+and rho this is a linear program with a row n_e . x + rho <= n_e . a_e for every side; HiGHS solves the programs of
+thousands of cells at once.
 
-What they cost: the stabilisation S is to be of the size of the energy a_mu of what Pi misses, (2.9). On a regular
-hexagon S / a_mu is 1.0 to 1.9. Stretched, it is .20 to 18 at ten to one (star .043), .020 to 195 at a hundred to one:
-both ways by the aspect. Square cells with a dent that leaves star .01 have .47 to 9.5. A short edge costs a logarithm:
-.65 to 2.5 at edge .1 and .13 to 2.5 at 1e-4 (problems/stabilisation_spectrum.py).
+The effect on the method: by (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside
+the range of Pi. On a regular hexagon S / a_mu is 1.0 to 1.9. Stretched ten to one (star .043), the ratio is .20 to 18;
+at a hundred to one, .020 to 195: the aspect ratio, both ways. Square cells with a dent that leaves star .01 have .47 to
+9.5. A short edge costs a logarithm: .65 to 2.5 at edge .1, .13 to 2.5 at 1e-4 (problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, right_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-STAR, EDGE = 0.05, 1e-4
-"""Ratios below which a warning is due: stretched by nine to one, where S / a_mu spreads over a factor of seventy, and
-edges that leave an eighth of the energy."""
+LEAST_STAR, LEAST_EDGE = 0.05, 1e-4
+"""Ratios below which a warning is issued. At star .05, cells are stretched nine to one and S / a_mu varies by a factor
+of seventy; at edge 1e-4, S is an eighth of the energy."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Quality(Outlined):
-    """Shapes of the cells of a mesh, by the two ratios on which the constants of Assumption 3.3 depend.
+    """The shapes of the cells of a mesh: the two ratios on which the constants of Assumption 3.3 depend.
 
     Attributes
     ----------
     star : (n_cells,)
-        The radius of the largest ball from which all of the cell is seen, in parts of its diameter; 0 where there is
-        none. At most 1/2; of a square .35, of a regular hexagon .43, of a cube .29.
+        Radius over cell diameter of the largest ball about whose points the cell is star-shaped; 0 if there is none. At
+        most 1/2: a square has .35, a regular hexagon .43, a cube .29.
     edge : (n_cells,)
-        The shortest edge in parts of the diameter.
+        Shortest edge over diameter.
     in_plane : bool
-        Whether short edges are remarked: of polyhedra what they cost is not measured.
+        True for a plane mesh. The effect of short edges is measured in the plane only.
     """
 
     star: Floats
@@ -65,26 +65,26 @@ class Quality(Outlined):
 
     @property
     def poor(self) -> Bools:
-        """(n_cells,) whether constants grow there: star below .05, or in the plane edge below 1e-4."""
-        poor: Bools = (self.star < STAR) | ((self.edge < EDGE) & self.in_plane)
+        """Mask (n_cells,) of cells on which the constants grow: star below .05, or in the plane edge below 1e-4."""
+        poor: Bools = (self.star < LEAST_STAR) | ((self.edge < LEAST_EDGE) & self.in_plane)
         return poor
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about cells where constants grow; none where all are well shaped."""
+        """Sentences about cells on which the constants grow; none if all cells are well shaped."""
         said = []
         for ratio, least, words in (
             (
                 self.star,
-                STAR,
-                "are stretched, dented or not star-shaped (star < .05): the stabilisation is off by their aspect, both "
-                "ways; halve them along, or cut them",
+                LEAST_STAR,
+                "are stretched, dented or not star-shaped (star < .05): the stabilisation is too large or too small "
+                "by factors up to their aspect ratio; cut them across, or remesh",
             ),
             (
                 self.edge if self.in_plane else np.ones_like(self.edge),
-                EDGE,
-                "have edges below 1e-4 of their diameter: the stabilisation falls with the logarithm of that; "
-                "collapse them",
+                LEAST_EDGE,
+                "have edges below 1e-4 of their diameter: the stabilisation decreases with the logarithm of this "
+                "ratio; collapse the edges",
             ),
         ):
             if (count := int((ratio < least).sum())) > 0:
@@ -93,20 +93,21 @@ class Quality(Outlined):
         return tuple(said)
 
     def in_a_line(self) -> str:
-        """Ranges of the ratios, and how many cells are poor."""
+        """Describe the ranges of the ratios and the number of poor cells in one line."""
         ranges = [f"{name} {values.min():.2g} to {values.max():.2g}" for name, values in self._named]
-        good = f" (good above {STAR:g} and {EDGE:g})" if self.in_plane else f" (star is good above {STAR:g})"
+        good = f"above {LEAST_STAR:g} and {LEAST_EDGE:g}" if self.in_plane else f"if star is above {LEAST_STAR:g}"
         count = int(self.poor.sum())
-        return ", ".join(ranges) + good + (f"; constants grow in {count} of {len(self.star)} cells" if count else "")
+        poor = f"; constants grow in {count} of {len(self.star)} cells" if count else ""
+        return f"{', '.join(ranges)} (good {good}){poor}"
 
     @property
     def _named(self) -> tuple[tuple[str, Floats], ...]:
         return ("star", self.star), ("edge", self.edge)
 
     def outline(self) -> Outline:
-        """The outline for prompts and notebooks."""
+        """Return the outline for prompts and notebooks."""
         ranges = [
-            (name, f"{values.min():.3g} to {values.max():.3g}, in the median {np.median(values):.3g}")
+            (name, f"{values.min():.3g} to {values.max():.3g}, median {np.median(values):.3g}")
             for name, values in self._named
         ]
         return Outline(
@@ -115,7 +116,7 @@ class Quality(Outlined):
 
 
 def quality_of(mesh: Mesh, *, warned: bool = True) -> Quality:
-    """The shapes of all cells; a MeshWarning says where constants grow, unless it is not `warned`."""
+    """Measure the shapes of all cells; if `warned`, issue a MeshWarning about cells on which the constants grow."""
     offsets, normals, away, lengths = walls_of(mesh)
     star = np.maximum(largest_balls(offsets, normals, away)[1], 0.0)
     edge = np.minimum.reduceat(lengths, offsets[:-1]) / mesh.diameters
@@ -126,16 +127,16 @@ def quality_of(mesh: Mesh, *, warned: bool = True) -> Quality:
 
 
 class Walls(NamedTuple):
-    """The lines, or planes, of the sides of all cells, cell by cell."""
+    """The lines (in space: planes) of the sides of all cells, cell by cell."""
 
     offsets: Ints
     normals: Floats  # (k, dim) outward unit normals
-    away: Floats  # (k,) how far they are from the centroid, in diameters
-    lengths: Floats  # (k,) of edges, in space of the shortest edge of each face
+    away: Floats  # (k,) distance from the centroid of the cell, over its diameter
+    lengths: Floats  # (k,) length of the edge, in space of the shortest edge of the face
 
 
 def walls_of(mesh: Mesh) -> Walls:
-    """The walls of all cells of a mesh."""
+    """Return the walls of all cells of a mesh."""
     if isinstance(mesh, PolygonMesh):
         along = _along(mesh.points, mesh.offsets, mesh.vertices)
         lengths = np.linalg.norm(along, axis=1)
@@ -151,12 +152,12 @@ def walls_of(mesh: Mesh) -> Walls:
 
 
 def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """The edges that start at corners, as vectors."""
+    """Return the edges that start at the corners, as vectors."""
     return points[vertices[next_corner(offsets)]] - points[vertices]
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Centres (c, dim) from the centroid, and radii rho_K (c,), both over h_K, for the walls of c cells."""
+    """Return centres (c, dim) relative to centroids, and radii rho_K (c,), both over h_K, from the walls of c cells."""
     from scipy.optimize import linprog
 
     size, cells = normals.shape[1] + 1, len(offsets) - 1

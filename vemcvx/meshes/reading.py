@@ -1,4 +1,4 @@
-"""Meshes read from files, and taken from objects of other libraries."""
+"""Meshes from files and from objects of other libraries."""
 
 from __future__ import annotations
 
@@ -20,58 +20,64 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.several_bodies import describe_gaps, join
 
 
-# To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
+# `| Any`, so that scripts need no cast: the type of the mesh depends on the file.
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
-    Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
-    wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
-    of your own whose warped faces are two triangles each, the same in both cells. Cells of higher order (triangle6,
-    quad8, quad9, tetra10, hexahedron20, hexahedron27 ...) are read by their corners, with straight edges.
+    The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra. Hexahedra, wedges and
+    pyramids must have plane faces. Where faces would be warped, mesh with tetrahedra, or make cells whose warped faces
+    are split into two triangles, the same two in both cells. Cells of higher order (triangle6, quad8, tetra10,
+    hexahedron20 ...) are read as their corners, with straight edges.
 
-    Named boundaries are those that `write` of a mesh wrote, the physical groups of lines (in space, of surfaces) of a
-    Gmsh file, the node sets and surfaces of an Abaqus file, or what has a property of a Nastran file. Cell data come
-    along; a physical group or element set is a cell datum of its name, 1 in the group and 0 outside. A group without a
-    name is called by its number. Node and cell order are the file's; of plane meshes, a constant third coordinate is
-    dropped.
+    Named boundaries come from the names that a mesh's `write` stored, the physical groups of lines (in space: surfaces)
+    of a Gmsh file, the node sets and surfaces of an Abaqus file, or the properties of a Nastran file. Cell data are
+    kept. A physical group or element set becomes a cell datum: 1 in the group, 0 outside. A group without a name is
+    named by its number. Nodes and cells keep their order. A constant third coordinate of a plane mesh is dropped.
 
-    If the file names no part of the boundary, what lies where x, y or z is least or greatest is called as families of
-    meshes call it ("left", "right", "bottom" and "top" in the plane): a `MeshWarning` says which there are.
+    If the file names no part of the boundary, the edges or faces where x, y or z is least or greatest get the names of
+    the sides of a box ("left", "right", "bottom" and "top" in the plane), and a `MeshWarning` lists the names.
 
     Parameters
     ----------
     path : str or Path
-        The file; its suffix tells the format. `meshio convert a.xyz a.vtu` converts files of other formats.
+        The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
-        Make a body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (if it
-        has none, of every element set), of every property of a Nastran file, as :func:`vemcvx.meshes.bodies` joins
-        them: where bodies meet, in nodes that they share or that are double, there is an interface. Boundaries are
-        called "plate.rim", and an interface "plate|pin", or by the one name that all of it has in the file, on both of
-        its sides or on one. Other names that are on interfaces alone are parts of these, under their name.
+        Make one body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (or
+        else of every element set), or of every property of a Nastran file. :func:`vemcvx.meshes.bodies` joins them:
+        where two bodies meet, in shared or double nodes, there is an interface. A boundary is called "plate.rim". An
+        interface is called "plate|pin", or by the file's name for it if there is exactly one for all of it. Other names
+        that lie entirely on interfaces become parts of them, under the same name.
     tolerance : float, optional
-        With `bodies`: how far apart boundaries may be that coincide, as of :func:`vemcvx.meshes.bodies`.
+        With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The mesh, checked.
+        The checked mesh.
 
     Raises
     ------
     MeshError
-        There is no such file, it is damaged or foreign, it has what would be read wrongly, or it holds no valid mesh.
+        The file does not exist, is damaged or of an unknown format; or it contains something that would be read
+        wrongly, or no valid mesh.
 
     Warns
     -----
     MeshWarning
-        Cells were turned, unused nodes dropped, cells of higher order read by their corners, named lines or faces
-        inside the mesh left out, sides named; what is in the file was not read; or a body touches no other.
+        Cells were reversed, unused nodes dropped, cells of higher order read as their corners, named lines or faces
+        inside the mesh left out, sides named, parts of the file not read; or a body touches no other body.
+
+    Examples
+    --------
+    >>> vx.meshes.squares(4).write("plate.vtu")
+    >>> vx.meshes.read("plate.vtu")
+    PolygonMesh(16 cells, 25 nodes, h = 0.3536, boundaries: left, right, bottom, top, boundary)
     """
     if bodies is None and tolerance is None:
         return load(path)
     if not isinstance(bodies, str) or bodies != "physical":
         raise MeshError(
-            f"read: found bodies = {brief(bodies)}; there is 'physical', with which tolerance= goes, or None for one "
+            f"read: found bodies = {brief(bodies)}; give bodies='physical' (tolerance= needs it), or None for a single "
             "mesh."
         )
     meshes, sides = load_bodies(path)
@@ -88,9 +94,9 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return sides of bodies that are on interfaces alone: name -> numbers of their pieces, those of first bodies.
+    """Return the named sides of bodies that lie entirely on interfaces: name -> positions of pieces of first bodies.
 
-    `origin` says of each part of the boundary of what it is a piece, `sides` are the names that a file has.
+    `origin` has the original edge or face of each piece of the boundary, `sides` the names in the file.
     """
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
@@ -105,20 +111,24 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 
 
 def convert(other: Any) -> PolygonMesh | Any:
-    """Return the mesh that an object of another library holds; `to` of a mesh is the way back.
+    """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
 
-    Order, names and data are kept, sides without names are named, and the mesh is checked, all as in :func:`read`.
+    Order, names and data are kept, sides without names are named, and the mesh is checked, as in :func:`read`.
 
     Parameters
     ----------
     other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Boundaries are named by cell sets of lines (in space, of polygons) or physical groups (meshio), named boundaries
-        (scikit-fem), and by what `to` of a mesh makes of them. Subdomains and cell sets are cell data, 1 inside and 0
-        outside.
+        Names of boundaries come from cell sets of lines (in space: polygons) or physical groups (meshio), from named
+        boundaries (scikit-fem), or from `to`. Subdomains and cell sets become cell data, 1 inside and 0 outside.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The mesh, checked; what is raised and warned of is as of :func:`read`.
+        The checked mesh; errors and warnings are those of :func:`read`.
+
+    Examples
+    --------
+    >>> vx.meshes.convert(vx.meshes.squares(4).to("meshio")).n_cells
+    16
     """
     return from_object(other)

@@ -1,12 +1,11 @@
-"""Interfaces made between several bodies whose boundaries coincide.
+"""Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-Meshes of bodies are laid side by side in one list of nodes and cells. Nodes of different bodies within the tolerance of
-each other are in one place: that of the node of the first body. A node within the tolerance of an edge of another body
-becomes a hanging vertex of it, where the node is; but a node of a later body that is off an edge of an earlier one, by
-more than rounding, first moves to the nearest point of it. So the earlier body keeps its outline, the later one takes
-it, and both have the same nodes along the common part. In space boundaries coincide in planes, or where both bodies are
-meshed alike; there the tilings of both are overlaid: :mod:`.overlay`. Cracks in one body are another thing:
-:mod:`.cracks`.
+The nodes and cells of all bodies go into one mesh. Nodes of different bodies within the tolerance share a place: the
+position of the node of the first body. A node within the tolerance of an edge of another body becomes a hanging vertex
+of this edge. If the node belongs to a later body and is off the edge by more than rounding, it first moves to the
+nearest point of the edge. So the earlier body keeps its outline, the later one adopts it, and both have the same nodes
+along the common part. In space, boundaries coincide in planes, or if both bodies have the same nodes there; the faces
+of both are overlaid: :mod:`.overlay`. For cracks in a single body see :mod:`.cracks`.
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
-from vemcvx.meshes.checks.space import checked_in_space, enclosed, find_upon
+from vemcvx.meshes.checks.space import check_polyhedral_mesh, find_touching_faces, is_enclosed
 from vemcvx.meshes.interfaces import Interface, coinciding_sides, on_boundary, pairs_of, places_of
-from vemcvx.meshes.overlay import CORNER, overlay_tilings, unmatched
+from vemcvx.meshes.overlay import CORNER_FACTOR, mismatch_error, overlay_tilings
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     TOLERANCE,
-    all_found_in,
     among,
     cell_of_corner,
     close_pairs,
     distinct,
+    find_all_in,
     least_of_each,
     nearest,
     offsets_of,
@@ -42,16 +41,16 @@ from vemcvx.meshes.polygons import (
     rows_in_order,
     smallest_linked,
 )
-from vemcvx.meshes.polyhedra import FaceShapes, listed_faces
+from vemcvx.meshes.polyhedra import FaceShapes, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
-# Bodies that programs of six digits or less drew apart are nearer than this part of the lowest cell.
 NARROW_BETWEEN_BODIES = 1e-3
-FACING = -0.5
-"""Cosine of the outward normals of faces that face each other; edges of flush bodies are near on faces that do not"""
+"""Relative to the lowest cell, the width of gaps that are errors: bodies from files with six digits or less."""
+FACING_COSINE = -0.5
+"""Largest cosine of the outward normals of faces that face each other; flush bodies have nearby faces that do not."""
 BODY = "body"
-SIGNS = (".", "|")
+RESERVED_CHARACTERS = (".", "|")
 
 
 def bodies(
@@ -60,42 +59,47 @@ def bodies(
     *,
     tolerance: float | None = None,
 ) -> AnyKind:
-    """Join the meshes of several bodies to one, with an interface wherever boundaries of two of them coincide.
+    """Join the meshes of several bodies to one, with an interface wherever boundaries of two bodies coincide.
 
-    Along an interface each body takes the nodes of the other as hanging vertices of its cells, so that both have the
-    same; nodes in one place stay double. In space each takes the intersections of its faces with those of the other as
-    coplanar faces of its cells; along curved surfaces mesh both bodies alike. Bodies need not touch, but must neither
-    overlap nor nearly touch.
+    Along an interface the nodes of each body become hanging vertices of the cells of the other body. Each body keeps
+    its own node in each place. In space, the faces along an interface are the intersections of the faces of both
+    bodies; along curved surfaces both bodies must have the same nodes. Bodies need not touch, but must not overlap or
+    leave a gap that is too narrow.
 
     Parameters
     ----------
     meshes : mapping of str to PolygonMesh, or of str to PolyhedralMesh
-        The bodies by name.
+        Name -> mesh of the body.
     interfaces : mapping of str to (str, str), optional
-        Names of interfaces: name -> (first body, second body). Otherwise an interface is called "first|second", in the
+        Names of interfaces: name -> (first body, second body). By default an interface is called "first|second", in the
         order of the bodies.
     tolerance : float, optional
-        Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
-        of all bodies. Of two boundaries in the plane that do not coincide to rounding, such as two polygons of one
-        circle (which are up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the
-        earlier one: its nodes move to the nearest points of the other's. In space nodes of two bodies within four times
-        the tolerance become one, that of the earlier body, and faces coincide if they are in one plane.
+        Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
+        the plane, nodes of the later body move to the nearest points of the earlier body, which keeps its shape. For
+        example, two polygons of one circle are up to h^2 / (8 R) apart if their edges have length h. In space, nodes of
+        two bodies within four times the tolerance move together, and faces coincide if they are in one plane.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        Cells of the bodies one after the other; their nodes likewise, and then the new ones.
-        ``mesh.interfaces`` has an `Interface` a name; ``mesh.boundaries`` has its edges (in space faces) of the first
-        body, and "lower.left" for what is left of the boundary "left" of "lower" without the interfaces (no such name
-        if nothing is). Cell data are those of the bodies, zero on the others; "body" is the number of the body, and a
-        datum of the name of each body is 1 on it and 0 elsewhere, so that ``Elasticity(..., on="lower")`` means its
-        cells.
+        Cells of the bodies one after the other; their nodes likewise, new nodes last. ``mesh.interfaces`` maps names to
+        `Interface`. ``mesh.boundaries`` has the edges (in space: faces) of the first body of each interface, and
+        "lower.left" for the part of the boundary "left" of "lower" outside interfaces, if there is one. Cell data are
+        kept, zero on other bodies. The datum "body" is the number of the body, and a datum named like a body is 1 on
+        its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
 
     Raises
     ------
     MeshError
-        Bodies overlap, touch in a point (in space, or an edge) only, or leave a gap above the tolerance that is hardly
-        one; surfaces in space are two polyhedra of one curved surface; an interface is named that is none; names clash.
+        Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap that is wider than the
+        tolerance but too narrow; curved surfaces in space have different nodes; two bodies have no interface to be
+        named; names clash.
+
+    Examples
+    --------
+    >>> lower, upper = vx.meshes.squares(2), vx.meshes.triangles(3, box=((0, 1), (1, 2)))
+    >>> list(vx.meshes.bodies({"lower": lower, "upper": upper}, {"joint": ("lower", "upper")}).interfaces)
+    ['joint']
     """
     return join(meshes, interfaces, tolerance)[0]
 
@@ -103,14 +107,14 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and of what each part of its boundary is a piece (see `Joined.origin`)."""
+    """Return the mesh of :func:`bodies`, and the origin of each boundary edge or face (see `JoinedBodies.origin`)."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
     length = _check_tolerance(tolerance, apart.points)
     body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
     match = _match_in_plane if isinstance(apart, PolygonMesh) else _match_in_space
-    joined: Joined[Any] = match(names, apart, body, length)
+    joined: JoinedBodies[Any] = match(names, apart, body, length)
     sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
     found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
     joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
@@ -118,7 +122,7 @@ def join(
         _check_apart_in_space(names, joined)
     _check_contact_in_points(names, joined)
     _check_whole(joined.mesh)
-    # What is left of named boundaries without the interfaces.
+    # the parts of named boundaries outside interfaces
     starts = offsets_of(np.array([len(mesh._boundary) for mesh in each]))
     mesh, named = joined.mesh, {}
     for start, (own, given) in zip(starts, meshes.items(), strict=False):
@@ -128,25 +132,25 @@ def join(
                 named[f"{own}.{name}"] = mesh._boundary[left]
     body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
     data = MappingProxyType(check_cell_data(_data(meshes, body_of_cell), mesh.n_cells))
-    made: AnyKind = mesh._replace(_named=mesh._checked_parts(named), cell_data=data)
+    made: AnyKind = mesh._replace(_named=mesh._check_parts(named), cell_data=data)
     return made, joined.origin
 
 
 def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
-    """Return a sentence on each body that is on no interface of the joined mesh: the nearest other body, and where."""
+    """Return a sentence for each body without an interface: the nearest other body, its distance and the place."""
     joined, said = {body for interface in mesh.interfaces.values() for body in interface.bodies}, {}
     for body in (name for name in meshes if name not in joined):
         gaps = {other: _gap(meshes[body], meshes[other]) for other in meshes if other != body}
         other, (distance, at) = min(gaps.items(), key=lambda gap: gap[1][0])
         said[frozenset((body, other))] = (
             f"{body!r} touches no other body: the nearest, {other!r}, is {distance:.3g} away near "
-            f"{coordinates(at, 6)}. If they are to touch, move one, or give tolerance=."
+            f"{coordinates(at, 6)}. If they should touch, move one of them, or give tolerance=."
         )
     return list(said.values())
 
 
 def _gap(one: AnyKind, other: AnyKind) -> tuple[float, Floats]:
-    """Return the distance of two bodies that are apart, in space that of their nearest nodes, and a place there."""
+    """Return the distance of two separate bodies (in space: of their nearest nodes), and a point there."""
     if isinstance(one, PolyhedralMesh):
         distance, _ = nearest(other.points, one.points)
         return float(distance.min()), one.points[np.argmin(distance)]
@@ -158,20 +162,20 @@ def _gap(one: AnyKind, other: AnyKind) -> tuple[float, Floats]:
     return float(distance[k]), shapely.get_coordinates(shapely.shortest_line(edges[mine[k]], across[its[k]]))[0]
 
 
-class Joined(NamedTuple, Generic[AnyKind]):
-    """Bodies in one mesh, with the same nodes where their boundaries coincide."""
+class JoinedBodies(NamedTuple, Generic[AnyKind]):
+    """Bodies in one mesh, with nodes in the same places where their boundaries coincide."""
 
     mesh: AnyKind
     body: Ints
-    """(n_nodes,) the body of each node"""
+    """Body of each node (n_nodes,)."""
     place: Ints
-    """(n_nodes,) the place of each node: the first of those there"""
+    """Place of each node (n_nodes,): the first node in the same place."""
     origin: Ints
-    """(m,) what each part of the boundary is a piece of: one of all parts that bodies side by side have had"""
+    """Original edge or face (m,) of each piece of the boundary, numbered body after body."""
 
 
 def _side_by_side(meshes: list[Any]) -> Any:
-    """Return the meshes in one, which share no node; nodes, faces and cells in their order."""
+    """Return one mesh of all bodies, without common nodes; nodes, faces and cells keep their order."""
     kind, arrays = type(meshes[0]), []
     for name in kind.ARRAYS:
         own = [getattr(mesh, name) for mesh in meshes]
@@ -186,7 +190,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return for each node the first of those in its place on the boundary; MeshError if a body has two of them."""
+    """Return the first node in the place of each node; raise MeshError if a body has two nodes in one place."""
     nodes = distinct(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -195,9 +199,9 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
     if (counts > 1).any():
         node = node[np.argmax(counts > 1)]
         raise MeshError(
-            f"bodies: two nodes of {names[body[node]]!r} near {coordinates(mesh.points[node], 6)} would come to "
-            f"one place, within {distance:.3g} of another body's node: the tolerance must be well below the edges. "
-            "Give a smaller tolerance=."
+            f"bodies: two nodes of {names[body[node]]!r} near {coordinates(mesh.points[node], 6)} would move to the "
+            f"same place, because both are within {distance:.3g} of a node of another body. The tolerance must be well "
+            "below the lengths of edges: give a smaller tolerance=."
         )
     return place
 
@@ -205,8 +209,10 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 # In the plane.
 
 
-def _match_in_plane(names: tuple[str, ...], apart: PolygonMesh, body: Ints, tolerance: float) -> Joined[PolygonMesh]:
-    """Hang nodes of each body into the edges of the others."""
+def _match_in_plane(
+    names: tuple[str, ...], apart: PolygonMesh, body: Ints, tolerance: float
+) -> JoinedBodies[PolygonMesh]:
+    """Insert the nodes of each body into coinciding edges of the others."""
     place = _same_places(names, body, apart, tolerance)
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
@@ -216,11 +222,11 @@ def _match_in_plane(names: tuple[str, ...], apart: PolygonMesh, body: Ints, tole
     body = np.concatenate([body, body[apart._boundary[edge, 0]]])
     _check_apart(names, mesh, body)
     origin = np.repeat(np.arange(len(apart._boundary)), 1 + np.bincount(edge, minlength=len(apart._boundary)))
-    return Joined(mesh, body, np.concatenate([place, place[node]]), origin)
+    return JoinedBodies(mesh, body, np.concatenate([place, place[node]]), origin)
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return points moved into their places; nodes (q,) to hang on edges (q,) of the boundary, in order on each."""
+    """Return the moved points, and nodes (q,) to insert into boundary edges (q,), in order along each edge."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -229,14 +235,14 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # Of each body that has no node in the place, the nearest edge.
+    # the nearest edge of each body that has no node in the place
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~among(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
-    off = off[np.unique(node[off], return_index=True)[1]]  # of several earlier bodies, the first
+    off = off[np.unique(node[off], return_index=True)[1]]  # the first of several earlier bodies
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
     moved = points.copy()
     moved[node[off]] = shapely.get_coordinates(meeting)[::2]
@@ -252,7 +258,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
 def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
-    """Return interfaces by name: sides of earlier bodies and their partners, rows (k, n) of nodes each."""
+    """Return interfaces by name, from rows (k, n) of nodes of earlier bodies and of their partners."""
     named = _check_names(interfaces, names)
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
@@ -262,14 +268,14 @@ def _by_name(
         pair = names[a], names[b]
         name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
         if pair[::-1] in named:
-            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]  # which run the other way
+            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]  # which run in the opposite direction
         found[name] = Interface(pair, edges, partners)
     missing = [pair for pair, name in named.items() if name not in found]
     if missing:
         (a, b), there = missing[0], ", ".join(repr("|".join(interface.bodies)) for interface in found.values())
         raise MeshError(
-            f"bodies: interface {named[a, b]!r} is to be between {a!r} and {b!r}, whose boundaries nowhere coincide; "
-            f"there are {there or 'none'}. Bring the bodies together, or give a larger tolerance=."
+            f"bodies: interface {named[a, b]!r} is to join {a!r} and {b!r}, whose boundaries do not coincide. "
+            f"Interfaces: {there or 'none'}. Bring the bodies together, or give a larger tolerance=."
         )
     return found
 
@@ -277,7 +283,7 @@ def _by_name(
 def _check_names(
     interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
 ) -> dict[tuple[str, str], str]:
-    """Return (first body, second body) -> name of their interface, as far as given; or raise MeshError."""
+    """Return the given names of interfaces, (first body, second body) -> name, or raise MeshError."""
     interfaces = {} if interfaces is None else interfaces
     if not isinstance(interfaces, Mapping):
         raise MeshError(f"bodies: interfaces must map names to pairs of bodies; got {brief(interfaces)}.")
@@ -291,17 +297,17 @@ def _check_names(
                 f"{brief(pair)}."
             )
         if given in named or given[::-1] in named:
-            raise MeshError(f"bodies: {given[0]!r} and {given[1]!r} are named twice in interfaces; they have one.")
+            raise MeshError(f"bodies: the interface of {given[0]!r} and {given[1]!r} is named twice; name it once.")
         named[given] = name
     return named
 
 
 def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
-    """Raise MeshError where bodies overlap or leave a slit, or moved nodes spoil a cell."""
+    """Raise MeshError if bodies overlap or leave a narrow gap, or moved nodes make a cell invalid."""
     try:
         check_cells(mesh.points, mesh.offsets, mesh.vertices)
     except MeshError as error:
-        raise MeshError(f"bodies: nodes that were moved to an interface spoil a cell; {error}") from None
+        raise MeshError(f"bodies: moving nodes to an interface makes a cell invalid; {error}") from None
     width = NARROW_BETWEEN_BODIES * lowest(mesh.points, mesh.offsets, mesh.vertices)
     of_cell = body[mesh.vertices[mesh.offsets[:-1]]]
     misfit = find_misfit(outlines(mesh.points, mesh.offsets, mesh.vertices), width, of_cell)
@@ -316,7 +322,8 @@ def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
 
 def _overlap(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
     a, b = (names[number] for number in sorted(pair))
-    cure = "give tolerance=, the largest distance between these" if len(at) == 2 else "mesh both bodies alike there"
+    same = "give both bodies the same nodes there"
+    cure = "give tolerance=, the largest distance between them" if len(at) == 2 else same
     return MeshError(
         f"bodies: {a!r} and {b!r} overlap near {coordinates(at, 6)}. Move one of them; if their boundaries "
         f"approximate one curve or curved surface, {cure}."
@@ -326,15 +333,15 @@ def _overlap(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
 def _hardly_apart(names: tuple[str, ...], pair: Ints, distance: float, at: Floats) -> MeshError:
     a, b = (names[number] for number in sorted(pair))
     return MeshError(
-        f"bodies: {a!r} and {b!r} are apart by {distance:.3g} near {coordinates(at, 6)}, less than "
-        f"{NARROW_BETWEEN_BODIES:g} of the lowest cell, and without an interface never in contact. Bring them together "
-        "(tolerance= matches what is farther apart than rounding; a clearance is the gap= of a contact), or leave a "
-        "larger gap."
+        f"bodies: {a!r} and {b!r} are {distance:.3g} apart near {coordinates(at, 6)}, less than "
+        f"{NARROW_BETWEEN_BODIES:g} of the height of the lowest cell, and without an interface they are never in "
+        "contact. Bring them together (tolerance= joins boundaries that are farther apart than rounding; a clearance "
+        "is the gap= of a contact), or leave a larger gap."
     )
 
 
-def _check_contact_in_points(names: tuple[str, ...], joined: Joined[Any]) -> None:
-    """Raise MeshError where bodies share a place, but no interface goes there."""
+def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) -> None:
+    """Raise MeshError if bodies share a place without an interface."""
     mesh, body, place = joined.mesh, joined.body, joined.place
     alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
     if len(alone):
@@ -343,9 +350,9 @@ def _check_contact_in_points(names: tuple[str, ...], joined: Joined[Any]) -> Non
 
 def _touching(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
     first, second = (names[number] for number in sorted(pair))
-    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point, near", "a face")
+    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point near", "a face")
     return MeshError(
-        f"bodies: {first!r} and {second!r} touch only in {where} {coordinates(at, 6)}, which is no interface. "
+        f"bodies: {first!r} and {second!r} touch only in {where} {coordinates(at, 6)}, so there is no interface. "
         f"Leave a gap there, or let them share {share}."
     )
 
@@ -355,18 +362,18 @@ def _touching(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
 
 def _match_in_space(
     names: tuple[str, ...], apart: PolyhedralMesh, body: Ints, tolerance: float
-) -> Joined[PolyhedralMesh]:
-    """Cut the faces of all bodies where they coincide."""
-    place = _same_places(names, body, apart, CORNER * tolerance)
+) -> JoinedBodies[PolyhedralMesh]:
+    """Split the faces of all bodies where they coincide."""
+    place = _same_places(names, body, apart, CORNER_FACTOR * tolerance)
     tiled = overlay_tilings(apart.points, apart.faces, body, place, tolerance)
     mesh = type(apart).unchecked(tiled.points, *tiled.faces)
-    return Joined(mesh, tiled.body, tiled.place, apart._places(tiled.origin[mesh._boundary]))
+    return JoinedBodies(mesh, tiled.body, tiled.place, apart._places(tiled.origin[mesh._boundary]))
 
 
-def _check_apart_in_space(names: tuple[str, ...], joined: Joined[PolyhedralMesh]) -> None:
-    """Raise MeshError where bodies overlap, touch in nodes, or leave a slit or a pocket.
+def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[PolyhedralMesh]) -> None:
+    """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
 
-    Bodies overlap if a node of one body that is no other's, or what is below the middle of a face, is inside another.
+    Bodies overlap if an unshared node of one body, or a point just below the centroid of a face, is inside another.
     """
     mesh, body = joined.mesh, joined.body
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
@@ -379,7 +386,7 @@ def _check_apart_in_space(names: tuple[str, ...], joined: Joined[PolyhedralMesh]
     owner = np.append(body[rim], of_face[mesh._boundary])
     _check_outside(names, joined, owner, np.concatenate([mesh.points[rim], below]), _overlap)
     shapes = FaceShapes(mesh.face_areas[free], normals, middles)
-    upon = find_upon(mesh.points, offsets, vertices, shapes, width, body=of_face[free])
+    upon = find_touching_faces(mesh.points, offsets, vertices, shapes, width, body=of_face[free])
     if len(upon.one):
         pair = of_face[free[[upon.one[0], upon.other[0]]]]
         raise _hardly_apart(names, pair, upon.distance[0], middles[upon.other[0]])
@@ -390,22 +397,22 @@ def _check_apart_in_space(names: tuple[str, ...], joined: Joined[PolyhedralMesh]
 
 
 def _check_whole(mesh: PolygonMesh | PolyhedralMesh) -> None:
-    """Raise MeshError where cells in space are no polyhedra any more, or do not fit together."""
+    """Raise MeshError if cells in space are no longer valid polyhedra, or do not fit together."""
     if isinstance(mesh, PolyhedralMesh):
         try:
-            checked_in_space(mesh.points, listed_faces(mesh.faces), mesh.interfaces)
+            check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
         except MeshError as error:
-            raise MeshError(f"bodies: surfaces do not fit together; {error} Mesh both bodies alike there.") from None
+            raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
 
 
 def _check_outside(
     names: tuple[str, ...],
-    joined: Joined[PolyhedralMesh],
+    joined: JoinedBodies[PolyhedralMesh],
     owner: Ints,
     places: Floats,
     error: Callable[[tuple[str, ...], Ints, Floats], MeshError],
 ) -> None:
-    """Raise an error where places (m, 3) of the bodies `owner` are inside another body."""
+    """Raise an error if points (m, 3) of the bodies `owner` are inside another body."""
     mesh = joined.mesh
     offsets, vertices = mesh._outlines
     of_face = joined.body[vertices[offsets[:-1]]]
@@ -414,38 +421,38 @@ def _check_outside(
         x = mesh.points[rows[1]]
         near = (owner != number) & ((places >= x.min(axis=0)) & (places <= x.max(axis=0))).all(axis=1)
         there = np.flatnonzero(near)
-        inside = there[enclosed(places[there], mesh.points, *rows)]
+        inside = there[is_enclosed(places[there], mesh.points, *rows)]
         if len(inside):
             raise error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
 
 
 def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError where faces of two bodies have all nodes in places of both and face each other, but differ."""
+    """Raise MeshError if different faces of two bodies face each other and have all nodes in common places."""
     free = mesh._boundary[mesh._outer]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     shared = np.bincount(place)[place] > 1
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     places, owner = place[nodes], cell_of_corner(rows)
-    one, other = (owner[corner] for corner in all_found_in(places, places))
+    one, other = (owner[corner] for corner in find_all_in(places, places))
     faces = free[some]
     apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
     cosine = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]])
-    pocket = one[apart & (cosine < FACING)]
+    pocket = one[apart & (cosine < FACING_COSINE)]
     if len(pocket):
-        raise unmatched(mesh.face_centroids[faces[pocket[0]]])
+        raise mismatch_error(mesh.face_centroids[faces[pocket[0]]])
 
 
-# Of both.
+# Cell data and arguments.
 
 
 def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
-    """Return cell data of all bodies, zero where a body has none, the number of the body, and where each body is."""
+    """Return cell data of all bodies (zero where a body has none), body numbers, and a mask of each body."""
     data: dict[str, NDArray[Any]] = {}
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # As files have a group of all cells that is called like the body.
+                continue  # a group of all cells in a file, named like the body
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")
@@ -453,36 +460,31 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
             known[body == number] = values
     taken = [name for name in (BODY, *meshes) if name in data]
     if taken:
-        raise MeshError(
-            f"bodies: a mesh has the cell datum {taken[0]!r}, which is to tell the bodies. Name it otherwise."
-        )
+        raise MeshError(f"bodies: a mesh has the cell datum {taken[0]!r}, a name that marks bodies. Rename the datum.")
     return data | {BODY: body} | {name: (body == number).astype(np.uint8) for number, name in enumerate(meshes)}
 
 
 def _check_meshes(meshes: Mapping[str, AnyKind]) -> None:
     if not isinstance(meshes, Mapping) or len(meshes) < 2:
-        raise MeshError(
-            f"bodies: wanted is a mapping of names to the meshes of two bodies or more; got {brief(meshes)}."
-        )
+        raise MeshError(f"bodies: meshes must map names to the meshes of at least two bodies; got {brief(meshes)}.")
     for name, mesh in meshes.items():
-        if not isinstance(name, str) or not name or any(sign in name for sign in SIGNS) or name == BODY:
+        if not isinstance(name, str) or not name or any(sign in name for sign in RESERVED_CHARACTERS) or name == BODY:
             raise MeshError(
-                f"bodies: a body's name is a string without {' and '.join(SIGNS)}, not {BODY!r}; got {brief(name)}."
+                f"bodies: the name of a body must be a string without {' and '.join(RESERVED_CHARACTERS)}, other than "
+                f"{BODY!r}; got {brief(name)}."
             )
         if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
-            raise MeshError(
-                f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh or PolyhedralMesh is wanted."
-            )
+            raise MeshError(f"bodies: the mesh of {name!r} must be a PolygonMesh or PolyhedralMesh; got {brief(mesh)}.")
         if mesh.interfaces:
-            raise MeshError(f"bodies: {name!r} has interfaces itself; give all bodies at once, each with its own mesh.")
+            raise MeshError(f"bodies: {name!r} already has interfaces; give all bodies at once, a mesh for each.")
     if len({mesh.points.shape[1] for mesh in meshes.values()}) > 1:
-        raise MeshError("bodies: some are in the plane, and some in space; extrude the plane ones.")
+        raise MeshError("bodies: some meshes are in the plane, and some in space; extrude the plane ones.")
 
 
 def _check_tolerance(tolerance: float | None, points: Floats) -> float:
     extent = float(np.ptp(points, axis=0).max())
     if tolerance is None:
-        # Well above the digits that files print, well below any edge.
+        # well above the rounding of coordinates in files, well below the length of any edge
         return max(SAME * extent, TOLERANCE * float(np.abs(points).max()))
     if not is_real(tolerance) or not 0.0 <= tolerance < extent:
         raise MeshError(

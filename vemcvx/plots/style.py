@@ -17,7 +17,7 @@ from vemcvx.base.arrays import ROUNDING, SAME, Bools, Floats, as_shaped_array, b
 from vemcvx.base.canvas import figure_of
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
-from vemcvx.meshes.polygons import directed_edges
+from vemcvx.meshes.polygons import corner_edges
 from vemcvx.results import Results
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
         return 1.0
     mesh = history.mesh
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
-    a, b = np.unique(np.sort(directed_edges(*sides), axis=1), axis=0).T
+    a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(rounded_down(0.15 * size, largest), rounded_down(0.5, strain))

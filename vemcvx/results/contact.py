@@ -24,7 +24,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import EPS, Bools, Floats, Ints, array_fields, sum_columns, totals
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.meshes.polygons import found_in
+from vemcvx.meshes.polygons import find_in
 from vemcvx.results.contact_tiles import ContactTiles, find_unmatched
 from vemcvx.scene.contact import Terms
 from vemcvx.scene.pose import PosedScene
@@ -124,7 +124,7 @@ class Contact(ArrayRecord):
         """Return the row (k,) of the contact node of each of `rows`, with either body first; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         pairs = pair_numbers(self.nodes, self.partners, largest)
-        at, reversed_at = (found_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
+        at, reversed_at = (find_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
         return np.where(at >= 0, at, reversed_at)
 
     @property

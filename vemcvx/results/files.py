@@ -47,10 +47,10 @@ from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.base.owned_files import Owned, path_of
 from vemcvx.base.version import __version__
 from vemcvx.meshes import Interface, Mesh, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.interfaces import padded
-from vemcvx.meshes.io.vtu import packed_cells, write_cells
+from vemcvx.meshes.interfaces import pad_rows
+from vemcvx.meshes.io.vtu import pack_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
-from vemcvx.meshes.polyhedra import Faces, listed_faces
+from vemcvx.meshes.polyhedra import Faces, list_faces
 from vemcvx.results.forces import largest
 from vemcvx.results.quoted import Extreme, Quantity
 from vemcvx.results.results import RECORDS, Results, list_arrays, size_of
@@ -153,12 +153,12 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
     for name, (one, other) in bodies.items():
         sides = named.pop(name)
         if solid:  # the numbers of faces
-            sides = padded(*rows_in_order(arrays["mesh.face_offsets"], arrays["mesh.face_vertices"], sides))
+            sides = pad_rows(*rows_in_order(arrays["mesh.face_offsets"], arrays["mesh.face_vertices"], sides))
         matched[name] = Interface((one, other), sides, arrays[f"partners.{name}"])
     if solid:
         faces = Faces(*(arrays[f"mesh.{name}"] for name in Faces._fields))
         return PolyhedralMesh(
-            arrays["mesh.points"], listed_faces(faces), boundaries=named, cell_data=data, interfaces=matched
+            arrays["mesh.points"], list_faces(faces), boundaries=named, cell_data=data, interfaces=matched
         )
     cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
     return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=data, interfaces=matched)
@@ -314,7 +314,7 @@ def _write_series(history: Results, place: Callable[[str], Path], progress: Call
     """Write the PVD file and the steps beside it."""
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
-    digits, packed = max(4, len(str(history.steps))), packed_cells(history.mesh)
+    digits, packed = max(4, len(str(history.steps))), pack_cells(history.mesh)
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
         write_cells(place(name), packed, _at_nodes(history, row), history.on_cells(int(step)))

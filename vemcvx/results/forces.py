@@ -28,7 +28,7 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, sum_column
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import ContactSurface, Effect
-from vemcvx.meshes.polygons import all_found_in
+from vemcvx.meshes.polygons import find_all_in
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows
@@ -210,7 +210,7 @@ def _distribute(
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
-    row, end = all_found_in(ends.nodes, nodes)
+    row, end = find_all_in(ends.nodes, nodes)
     weight = ends.lengths[end]
     if directions is not None:
         normal = np.abs(np.einsum("ed,ed->e", ends.normals[end], directions[row])) > np.sqrt(0.5)

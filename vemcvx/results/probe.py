@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, finite, is_whole, one_point, shape_in_words
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
-from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, holding, next_vertex, outlines, overlapping_boxes
+from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, find_containing, next_vertex, outlines, overlapping_boxes
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
 
@@ -49,7 +49,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     order = order[distance[order] <= reach[s[order]]]
     i, s, along = i[order], s[order], along[order]
     # Pairs of a point and a closed cell that contains it, sorted by point, then by cell.
-    inside = holding(outlines(mesh.points, mesh.offsets, mesh.vertices), points)
+    inside = find_containing(outlines(mesh.points, mesh.offsets, mesh.vertices), points)
     on = i * mesh.n_cells + owner[s]
     pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)
     if mesh.interfaces:

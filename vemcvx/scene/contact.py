@@ -16,7 +16,7 @@ from vemcvx.base.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.effects import ContactSurface, Friction, Law, Obstacle, Support
 from vemcvx.effects.data import finite_a_row, weight_a_row
 from vemcvx.meshes import Interface
-from vemcvx.meshes.polygons import all_found_in
+from vemcvx.meshes.polygons import find_all_in
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits, Norms
 from vemcvx.scene.rows import ContactRows, along, build_summation, distinct_pairs, merge_terms, pair_numbers, pairs_of
 from vemcvx.scene.supports import Supports
@@ -108,7 +108,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
         pair_numbers(np.maximum(*pair), np.minimum(*pair), len(supports.points))
         for pair in ((rows.nodes, rows.partners), (nodes, partners))
     )
-    row, col = all_found_in(known, wanted)
+    row, col = find_all_in(known, wanted)
     cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
     same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
     row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]

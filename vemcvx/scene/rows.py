@@ -18,7 +18,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats, Ints
 from vemcvx.effects import ContactSurface, Support
-from vemcvx.meshes.polygons import found_in
+from vemcvx.meshes.polygons import find_in
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
@@ -114,7 +114,7 @@ class ContactRows:
         """Find a row (k,) with the node and partner of each of the k `rows`; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
-        return found_in(known, wanted)
+        return find_in(known, wanted)
 
     def matrix(self, directions: Floats, points: Floats) -> sp.csr_matrix:
         """Return the matrix (m * q, n_u) of d . jump, for q directions (m, q, dim) per row."""

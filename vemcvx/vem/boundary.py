@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes import PolyhedralMesh
-from vemcvx.meshes.polygons import TOLERANCE, found_in, offsets_of
+from vemcvx.meshes.polygons import TOLERANCE, find_in, offsets_of
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
 
@@ -179,7 +179,7 @@ def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tupl
     if inside is None or not inside.any():
         return own, own
     normals = _outward(points[edges[:, 1]] - points[edges[:, 0]])[0]
-    after = found_in(edges[:, 0], edges[:, 1])
+    after = find_in(edges[:, 0], edges[:, 1])
     straight = np.linalg.norm(normals[after] - normals, axis=1) < DIRECTION_TOLERANCE
     hung = np.flatnonzero((after >= 0) & inside[:, 1] & inside[after, 0] & straight)
     first, last = own.copy(), own.copy()

@@ -20,12 +20,12 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import Bools, Floats, Ints, totals
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import (
-    INNER,
+    DEGREE_2_POINTS,
     cross,
-    diagonals_of,
     places,
     polygon_centroids,
-    signed_areas,
+    split_at_vertices,
+    triangle_areas,
 )
 from vemcvx.vem.boundary import Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, PolyhedronGroup
@@ -81,7 +81,7 @@ def cell_quadrature(group: CellGroup) -> Rule:
     inside = _all_inside(ring, about, areas)
     whole, cut = np.flatnonzero(inside), np.flatnonzero(~inside)
     four = (ring + centres[:, None])[whole].reshape(-1, 2), np.repeat(0.25 * areas[whole], 4), np.repeat(whole, 4)
-    triangles = corners[cut[:, None, None], diagonals_of(corners[cut])]
+    triangles = corners[cut[:, None, None], split_at_vertices(corners[cut])]
     pieces = four, _on_triangles(triangles, np.repeat(cut, triangles.shape[1]))
     points, weights, owner = (np.concatenate(part) for part in zip(*pieces, strict=True))
     return points + origin[owner], weights, owner
@@ -114,8 +114,8 @@ def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
     """Return the rule with three points in each triangle (..., 3, 2); `owner` are the cells of the triangles."""
     triangles = triangles.reshape(-1, 3, 2)
-    weights = np.repeat(signed_areas(triangles) / 3.0, 3)
-    return places(triangles, INNER).reshape(-1, 2), weights, np.repeat(owner, 3)
+    weights = np.repeat(triangle_areas(triangles) / 3.0, 3)
+    return places(triangles, DEGREE_2_POINTS).reshape(-1, 2), weights, np.repeat(owner, 3)
 
 
 # Loads of Section 3, before (3.14): matrices from point values of a force to a nodal load vector.

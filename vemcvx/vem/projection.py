@@ -14,8 +14,8 @@ from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
     RADON_WEIGHTS,
-    diagonals_of,
     spans,
+    split_at_vertices,
 )
 
 
@@ -194,7 +194,7 @@ def _split_along_diagonals(corners: Floats) -> Ints:
     """Return the triangles (f, n - 2, 3) of faces (f, n, 3)."""
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
-    return diagonals_of(np.einsum("fbi,fni->fnb", plane, corners))
+    return split_at_vertices(np.einsum("fbi,fni->fnb", plane, corners))
 
 
 CACHED_NUMBERS = 2**16

@@ -21,9 +21,9 @@ from vemcvx.meshes.polygons import (
     next_corner,
     outlines,
     places,
-    triangulated,
+    triangulate,
 )
-from vemcvx.meshes.polyhedra import listed_faces
+from vemcvx.meshes.polyhedra import list_faces
 from vemcvx.results import Results
 from vemcvx.vem import Space, stresses
 
@@ -192,7 +192,7 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
     mesh = space.mesh
     if isinstance(mesh, PolyhedralMesh):
         return _on_tetrahedra(mesh)
-    triangles = triangulated(outlines(mesh.points, *mesh.cell_nodes))
+    triangles = triangulate(outlines(mesh.points, *mesh.cell_nodes))
     points = places(triangles.corners, RADON_POINTS).reshape(-1, 2)
     weights = triangles.areas[:, None] * RADON_WEIGHTS
     return points, weights.ravel(), np.repeat(triangles.owner, len(RADON_WEIGHTS))
@@ -200,7 +200,7 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
 
 def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
     """Return the rule with four points in each tetrahedron of a cell centroid, a face centroid and an edge."""
-    rows, nodes, cells = listed_faces(mesh.faces)
+    rows, nodes, cells = list_faces(mesh.faces)
     at = cell_of_corner(rows)
     cell, face = cell_of_corner(cells)[at], mesh.cell_faces[at]
     ends = [mesh.points[nodes], mesh.points[nodes[next_corner(rows)]]]

@@ -1,1 +1,1 @@
-"""Is what a user hands in a valid mesh? Checks of cells, of the tiling, of names and data."""
+"""Checks of the points and cells that users give."""

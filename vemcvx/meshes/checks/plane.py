@@ -1,9 +1,9 @@
-"""A mesh of the plane checked: from what a user hands in to arrays of cells that tile a domain, or to a MeshError.
+"""Checks of plane meshes: from user input to arrays of cells that tile a domain, or a MeshError.
 
-Faults are told in the order in which they can be: numbers, places of nodes, single cells, how cells fit together.
-Clockwise cells are turned and nodes that no cell uses dropped, each with a note for a warning. Shapely decides whether
-a polygon is simple, and whether polygons are a coverage: none overlap, and where two meet they have the same vertices.
-So at most two cells have an edge in common, one on either side.
+The order of the checks is: numbers, coincident nodes, single cells, the tiling. Clockwise cells are reversed and unused
+nodes dropped, each with a note for a warning. Shapely decides whether a polygon is simple, and whether polygons are a
+coverage: none overlap, and two that meet have the same vertices there. So an edge belongs to at most two cells, one on
+either side.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, plain
+from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, brief, plain
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import LARGEST
@@ -28,26 +28,26 @@ from vemcvx.meshes.polygons import (
     diameters,
     offsets_of,
     outlines,
-    turned,
+    reverse_rows,
 )
 
 Name = Callable[[int], str]
-"""Words for a polygon or a row of nodes by its number"""
+"""Function from the number of a polygon or row of nodes to its name in messages."""
 
 
-class Checked(NamedTuple):
-    """Valid arrays made of a user's points and cells."""
+class CheckedMesh(NamedTuple):
+    """Valid arrays, made of points and cells that a user gave."""
 
-    arrays: tuple[NDArray[Any], ...]  # as the class of the mesh names them
-    interfaces: dict[str, Interface]  # as given
+    arrays: tuple[NDArray[Any], ...]  # in the order of `ARRAYS` of the mesh
+    interfaces: dict[str, Interface]
     node_map: Ints | None
-    notes: list[str]  # on what was mended
+    notes: list[str]  # on corrections
 
 
-def checked(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> Checked:
+def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> CheckedMesh:
     """Return points, offsets and vertices of a `PolygonMesh`, or raise MeshError.
 
-    Only at interfaces may two nodes be in one place; how cells fit together is checked as if nodes there were one.
+    Two nodes may have the same place only at interfaces. The tiling is checked as if they were one node.
     """
     points = check_points(points)
     offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), _cell)
@@ -64,14 +64,14 @@ def checked(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] |
     if backwards.any():
         notes.append(
             f"{backwards.sum()} of {len(backwards)} cells were listed clockwise (the first is cell "
-            f"{np.argmax(backwards)}) and have been turned."
+            f"{np.argmax(backwards)}) and have been reversed."
         )
-    points, vertices, node_map, more = drop_unused(points, turned(offsets, own, backwards))
-    return Checked((points, offsets, vertices), interfaces, node_map, notes + more)
+    points, vertices, node_map, more = drop_unused(points, reverse_rows(offsets, own, backwards))
+    return CheckedMesh((points, offsets, vertices), interfaces, node_map, notes + more)
 
 
 def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
-    """Return points and vertices without nodes that no cell uses, new numbers of all nodes (-1 if dropped), a note."""
+    """Return points and vertices without unused nodes, new numbers of all nodes (-1 if dropped), and a note."""
     used = np.unique(vertices)
     if len(used) == len(points):
         return points, vertices, None, []
@@ -84,14 +84,14 @@ def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | No
     return points[used], node_map[vertices], node_map, [note]
 
 
-# Numbers, in the plane and in space.
+# Numbers and coincident nodes, in the plane and in space.
 
 
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     """Return a copy of the points as finite floats (n_nodes, dimension), or raise MeshError."""
     given, wanted = plain(points), f"points must be real numbers of shape (n_nodes, {dimension})"
     if given is None or given.dtype.kind not in "biuf":
-        raise MeshError(f"{wanted}; what was given does not read as such.")
+        raise MeshError(f"{wanted}; got {brief(points)}.")
     array = np.array(given, dtype=float)
     if array.ndim != 2 or array.shape[1] != dimension:
         other = "PolyhedralMesh is for points in space" if dimension == 2 else "PolygonMesh is for points in the plane"
@@ -106,17 +106,17 @@ def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
 
 
 def list_of(given: Any, wanted: str) -> list[Any]:
-    """Return what a user gives as a list, or raise MeshError."""
+    """Return the given object as a list, or raise MeshError."""
     try:
         return list(given)
-    except Exception:  # of whatever a user hands in
+    except Exception:  # users may pass any object
         raise MeshError(f"{wanted}; got {type(given).__name__}.") from None
 
 
 def lay_flat(rows: list[Any], name: Name, hint: str = "") -> tuple[Ints, Ints]:
     """Return offsets and entries of rows of whole numbers, or raise MeshError."""
     flat, counts = None, np.zeros(len(rows), dtype=np.int64)
-    with contextlib.suppress(Exception):  # rows of other shapes, or of no numbers
+    with contextlib.suppress(Exception):  # rows may have other shapes or no numbers
         counts[:] = list(map(len, rows))
         flat = np.concatenate([np.empty(0, dtype=np.int64), *rows])
     if flat is None or flat.ndim != 1 or flat.dtype != np.int64:
@@ -147,7 +147,7 @@ def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, name: Name) -> N
 
 
 def brief_row(nodes: Ints) -> str:
-    """Return node numbers in brackets, of long rows the first six."""
+    """Return the first six node numbers of a row, in brackets."""
     shown = list(map(str, nodes))
     return f"({', '.join(shown[:6])}{', ...' if len(shown) > 6 else ''})"
 
@@ -159,9 +159,9 @@ def check_coincident(points: Floats, vertices: Ints) -> None:
     if len(pairs):
         a, b = sorted(pairs[0])
         raise MeshError(
-            f"nodes {a} and {b} are in the same place, {coordinates(points[a], 9)}. Give them one number, so "
-            "that the cells around them are joined; or, if two bodies meet there, make a mesh (a file) of each and "
-            "put them together with vx.meshes.bodies, which keeps the nodes of each and names the interface."
+            f"nodes {a} and {b} are in the same place, {coordinates(points[a], 9)}. Replace them by one node, to "
+            "join the cells around them. Or, if two bodies meet there, make a mesh (a file) of each body and join "
+            "them with vx.meshes.bodies, which keeps both nodes and names the interface."
         )
 
 
@@ -173,7 +173,7 @@ def _cell(number: int) -> str:
 
 
 def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return signed areas (n_cells,), or raise MeshError at the first cell that is no simple polygon with an area."""
+    """Return signed areas (n_cells,), or raise MeshError for the first cell that is no simple polygon with an area."""
     places, sizes = points[vertices], diameters(points, offsets, vertices)
     areas = areas_and_centroids(points, offsets, vertices)[0]
     rounding = roundings(places, offsets)
@@ -183,12 +183,12 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def roundings(places: Floats, offsets: Ints) -> Floats:
-    """Return the distance that is rounding of the coordinates of each row of places."""
+    """Return, for each row of points, the distance that is rounding of their coordinates."""
     return TOLERANCE * np.maximum.reduceat(np.abs(places).max(axis=1), offsets[:-1])
 
 
 def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> None:
-    """Raise MeshError at the first polygon whose area is rounding; `sizes` are diameters."""
+    """Raise MeshError for the first polygon whose area is rounding; `sizes` are diameters."""
     flat = np.flatnonzero(np.abs(areas) <= rounding * sizes)
     if len(flat):
         k = flat[0]
@@ -199,7 +199,7 @@ def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> N
 
 
 def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) -> None:
-    """Raise MeshError at the first outline that meets itself up to rounding; places (m, 2) are those of corners."""
+    """Raise MeshError for the first outline that meets itself up to rounding; `places` (m, 2) are its corners."""
     import shapely
 
     polygons = outlines(places, offsets, np.arange(len(places)))
@@ -214,8 +214,7 @@ def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) ->
 
 
 def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
-    """Raise MeshError where cells overlap, or hardly do not meet."""
-    # Narrower slits are mistakes, not a geometry.
+    """Raise MeshError if cells overlap, do not meet in whole edges, or leave a gap too narrow to be intended."""
     width = SINGLE_EPS * lowest(points, offsets, vertices)
     misfit = find_misfit(outlines(points, offsets, vertices), width)
     if misfit is None:
@@ -224,29 +223,29 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     if misfit.overlap:
         raise MeshError(f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them.")
     raise MeshError(
-        f"cells {one} and {other} do not fit together near {at}: a node on an edge of one is a vertex of the other "
-        f"only, or there is a gap narrower than {width:.3g}, {SINGLE_EPS:g} of the lowest cell. Give both the same "
+        f"cells {one} and {other} do not fit together near {at}: a vertex of one lies on an edge of the other, which "
+        f"lacks it, or there is a gap narrower than {width:.3g}, {SINGLE_EPS:g} of the lowest cell. Give both the same "
         "vertices there, hanging nodes included, or open the gap."
     )
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the least area of a cell over its diameter: slits are narrow by its measure, however flat cells are."""
+    """Return the least height of a cell, its area over its diameter: the scale for narrow gaps."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
 class Misfit(NamedTuple):
-    """Two cells that are no coverage."""
+    """Two cells that overlap or leave a narrow gap."""
 
     cells: tuple[int, int]
-    overlap: bool  # else they are apart by a distance below the width of slits, zero at a hanging node
-    at: Floats  # (2,) a point of the overlap or beside the slit
+    overlap: bool  # else there is a gap, of width 0 at a hanging node
+    at: Floats  # (2,) a point of the overlap or beside the gap
     distance: float
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> Misfit | None:
-    """Return the two cells, of different bodies if these are given, that overlap most, or leave the widest slit."""
+    """Return the two cells (of different bodies, if given) that overlap most, or leave the widest of narrow gaps."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -261,7 +260,7 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
         return Misfit(
             (int(one[k]), int(other[k])), True, shapely.get_coordinates(shapely.point_on_surface(common[k]))[0], 0.0
         )
-    # Across a hanging node the edges have a line in common, across a slit they are farthest apart.
+    # at a hanging node the edges have a segment in common; across a gap they are apart
     apart, along = (
         shapely.distance(edges[one], edges[other]),
         shapely.length(shapely.intersection(edges[one], edges[other])),

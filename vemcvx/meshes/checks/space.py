@@ -1,15 +1,15 @@
-"""A mesh of space checked: from points and cells to polyhedra that fit together, or to a MeshError.
+"""Checks of meshes in space: from points and cells to polyhedra that fit together, or a MeshError.
 
-Faults are told in the order in which they can be: numbers, places of nodes, single faces, single cells, how cells fit
-together. Faces that do not run outwards are turned and nodes that no cell uses dropped, each with a note for a warning.
+The order of the checks is: numbers, coincident nodes, single faces, single cells, the tiling. Faces that do not run
+outwards are reversed and unused nodes dropped, each with a note for a warning.
 
-Each edge of a cell is in exactly two of its faces, which run it in opposite directions if their normals point to the
-same side of the cell. Where they do not, the faces to be turned are read off the components of a graph of twice as many
-nodes, one a face as it is and one a face turned: links join what runs along together. A cell whose face is linked to
-itself turned has no inside.
+Each edge of a cell belongs to exactly two of its faces. They traverse it in opposite directions if both normals point
+outwards or both inwards. To find the faces to reverse, we build a graph with two vertices per face, one for the face as
+given and one for its reverse; links join consistent orientations of neighbouring faces. The connected components are
+the consistent orientations of a cell. If a face is linked to its own reverse, the cell has no inside.
 
-Two cells meet in whole faces of both: no two faces of the boundary may lie on one another. Cells that pierce each other
-are not looked for; they are found if their volumes add up to more than that of the convex hull of all.
+Two cells must meet in whole faces of both: no two boundary faces may lie on one another. There is no direct check for
+cells that intersect; an error is raised if their volumes add up to more than the volume of the convex hull.
 """
 
 from __future__ import annotations
@@ -27,17 +27,19 @@ from vemcvx.meshes import polygons, polyhedra
 from vemcvx.meshes.checks import plane
 from vemcvx.meshes.checks.plane import brief_row
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
-from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, directed_edges, offsets_of, rows_in_order, turned
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, Listed
+from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, corner_edges, offsets_of, reverse_rows, rows_in_order
+from vemcvx.meshes.polyhedra import FaceLists, Faces, FaceShapes
 
 
-def checked_in_space(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> plane.Checked:
+def check_polyhedral_mesh(
+    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
+) -> plane.CheckedMesh:
     """Return points and `Faces` of a `PolyhedralMesh`, or raise MeshError.
 
-    Only at interfaces may two nodes be in one place; how cells fit together is checked as if nodes there were one.
+    Two nodes may have the same place only at interfaces. The tiling is checked as if they were one node.
     """
     points = plane.check_points(points, 3)
-    listed = cells if isinstance(cells, Listed) else _listed(cells)
+    listed = cells if isinstance(cells, FaceLists) else _list_faces(cells)
     _check_lists(listed, len(points))
     interfaces = check_interfaces(interfaces, len(points), 3)
     place = places_of(pairs_of(interfaces), points)
@@ -49,34 +51,34 @@ def checked_in_space(points: ArrayLike, cells: Any, interfaces: Mapping[str, Int
         mended = np.unique(cell_of_corner(listed.cell_offsets)[turn])
         notes.append(
             f"{len(mended)} of {len(listed.cell_offsets) - 1} cells had faces that did not run outwards, "
-            f"counter-clockwise seen from outside (the first is cell {mended[0]}); they have been turned."
+            f"counter-clockwise seen from outside (the first is cell {mended[0]}); they have been reversed."
         )
-    outwards = turned(listed.offsets, listed.vertices, turn)
-    faces = polyhedra.joined_faces(listed.offsets, outwards, listed.cell_offsets)
+    outwards = reverse_rows(listed.offsets, listed.vertices, turn)
+    faces = polyhedra.join_faces(listed.offsets, outwards, listed.cell_offsets)
     points, vertices, node_map, more = plane.drop_unused(points, faces.face_vertices)
-    return plane.Checked((points, *faces._replace(face_vertices=vertices)), interfaces, node_map, notes + more)
+    return plane.CheckedMesh((points, *faces._replace(face_vertices=vertices)), interfaces, node_map, notes + more)
 
 
 # Lists of faces.
 
 
-BY_VERTICES = (
-    " Tetrahedra, hexahedra, wedges and pyramids given by their vertices come in by "
+VERTEX_CELLS_HINT = (
+    " For tetrahedra, hexahedra, wedges and pyramids given by their vertices, use "
     'vx.meshes.convert(meshio.Mesh(points, {"tetra": cells})).'
 )
 
 
-def _listed(cells: Any) -> Listed:
-    """Return the faces of cells as a user gives them, or raise MeshError."""
+def _list_faces(cells: Any) -> FaceLists:
+    """Return the given faces of cells as flat arrays, or raise MeshError."""
     wanted = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
     rows = [plane.list_of(cell, wanted) for cell in plane.list_of(cells, wanted)]
     cell_offsets = offsets_of(np.array([len(row) for row in rows], dtype=np.int64))
     faces = list(chain.from_iterable(rows))
-    return Listed(*plane.lay_flat(faces, lambda face: _face(face, cell_offsets), BY_VERTICES), cell_offsets)
+    return FaceLists(*plane.lay_flat(faces, lambda face: _face(face, cell_offsets), VERTEX_CELLS_HINT), cell_offsets)
 
 
-def _check_lists(listed: Listed, n_nodes: int) -> None:
-    """Raise MeshError unless cells have four faces, and these three different nodes that exist, at least."""
+def _check_lists(listed: FaceLists, n_nodes: int) -> None:
+    """Raise MeshError unless cells have at least four faces, and faces at least three different nodes that exist."""
     counts = np.diff(listed.cell_offsets)
     if not len(counts):
         raise MeshError("a mesh needs at least one cell; got none.")
@@ -93,8 +95,8 @@ def _face(number: int, cell_offsets: Ints) -> str:
 # Cells.
 
 
-def _check_cells(points: Floats, listed: Listed) -> Bools:
-    """Return a mask of listed faces to turn so that all run outwards, or raise MeshError."""
+def _check_cells(points: Floats, listed: FaceLists) -> Bools:
+    """Return a mask of the listed faces that must be reversed to run outwards, or raise MeshError."""
     owner = cell_of_corner(listed.cell_offsets)
     first = polygons.same_rows(listed.offsets, listed.vertices)[0]
     shapes = polyhedra.face_shapes(points, listed.offsets, listed.vertices)
@@ -103,21 +105,21 @@ def _check_cells(points: Floats, listed: Listed) -> Bools:
     signs = np.where(turn, -1.0, 1.0)
     volumes = polyhedra.volumes_and_centroids(shapes, listed.cell_offsets, np.arange(len(owner)), signs)[0]
     turn ^= (volumes < 0.0)[owner]
-    outwards = listed._replace(vertices=turned(listed.offsets, listed.vertices, turn))
+    outwards = listed._replace(vertices=reverse_rows(listed.offsets, listed.vertices, turn))
     _check_sharing(outwards, owner)
     normals = np.where(turn[first, None], -shapes.normals[first], shapes.normals[first])
-    faces = polyhedra.joined_faces(*outwards)
+    faces = polyhedra.join_faces(*outwards)
     _check_volumes(points, faces, np.abs(volumes), FaceShapes(shapes.areas[first], normals, shapes.centroids[first]))
     return turn
 
 
-def _check_sharing(listed: Listed, owner: Ints) -> None:
-    """Raise MeshError unless one cell has each face, or two on either side of it, which run around it the other way."""
+def _check_sharing(listed: FaceLists, owner: Ints) -> None:
+    """Raise MeshError unless each face belongs to one cell, or to two cells on opposite sides of it."""
     offsets, vertices, _ = listed
     first, number = polygons.same_rows(offsets, vertices)
     other = rows_in_order(offsets, vertices, first[number])[1]
     face, count = cell_of_corner(offsets), int(vertices.max()) + 1
-    corner = polygons.found_in(face * count + other, face * count + vertices)
+    corner = polygons.find_in(face * count + other, face * count + vertices)
     follow, before = vertices[polygons.next_corner(offsets)], other[polygons.previous_corner(offsets)]
     against = np.logical_and.reduceat(before[corner] == follow, offsets[:-1])
     later = first[number] != np.arange(len(owner))
@@ -125,16 +127,16 @@ def _check_sharing(listed: Listed, owner: Ints) -> None:
     if len(bad):
         cells = ", ".join(map(str, owner[number == number[bad[0]]]))
         raise MeshError(
-            f"cells {cells} overlap at their face {_row(listed, bad[0])}: wanted are two cells at most, one on either "
-            "side, which list its vertices in the same order around it. Remove or correct the others."
+            f"cells {cells} overlap at their face {_row(listed, bad[0])}: a face belongs to at most two cells, one on "
+            "either side, which list its vertices in the same order around it. Remove or correct the other cells."
         )
 
 
-def _faces_to_turn(listed: Listed, n_nodes: int) -> Bools:
-    """Return a mask of listed faces to turn so that faces of a cell run as its first one does, or raise MeshError."""
+def _faces_to_turn(listed: FaceLists, n_nodes: int) -> Bools:
+    """Return a mask of the listed faces to reverse so that they agree with the first face of the cell."""
     offsets, vertices, cell_offsets = listed
     owner, count = cell_of_corner(cell_offsets), len(offsets) - 1
-    ends = directed_edges(offsets, vertices)
+    ends = corner_edges(offsets, vertices)
     corners = _pairs(ends, owner[cell_of_corner(offsets)], n_nodes)
     one, other = cell_of_corner(offsets)[corners].T
     backwards = other + count * (ends[corners[:, 0], 0] == ends[corners[:, 1], 0])
@@ -143,11 +145,11 @@ def _faces_to_turn(listed: Listed, n_nodes: int) -> Bools:
     forth, back = label[:count], label[count:]
     first = cell_offsets[:-1][owner]
     for bad, what in (
-        (forth == back, "has no inside: its faces close like those of a Klein bottle. Correct its faces."),
+        (forth == back, "has no inside: its faces form a surface like a Klein bottle. Correct its faces."),
         (
             (forth != forth[first]) & (forth != back[first]),
-            "falls into several closed surfaces; a cell has one. Make each a cell of its own, or split a cell with a "
-            "cavity in two.",
+            "has several closed surfaces, and a cell must have one. Make each a cell of its own, or split a cell with "
+            "a cavity in two.",
         ),
     ):
         if bad.any():
@@ -156,7 +158,7 @@ def _faces_to_turn(listed: Listed, n_nodes: int) -> Bools:
 
 
 def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
-    """Return the two corners (m, 2) of each cell that start an edge of it; MeshError if there are more or fewer."""
+    """Return the two corners (m, 2) of each edge of each cell, or raise MeshError if there are not exactly two."""
     edges, number = np.unique(polygons.edge_keys(ends, n_nodes), return_inverse=True)
     keys = cells * len(edges) + number
     order = np.argsort(keys, kind="stable")
@@ -167,21 +169,21 @@ def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
         corner = order[starts[k]]
         raise MeshError(
             f"cell {cells[corner]} is not closed, or touches itself: its edge {brief_row(np.sort(ends[corner]))} "
-            f"belongs to {counts[k]} of its faces, wanted are two. List all its faces once, and cut edges in two "
-            "where a neighbour's edge is cut by a node; split a cell that touches itself."
+            f"belongs to {counts[k]} of its faces instead of two. List each face once; insert hanging nodes of "
+            "neighbours into edges; split a cell that touches itself."
         )
     return order.reshape(-1, 2)
 
 
-def _row(listed: Listed | Faces, face: int) -> str:
+def _row(listed: FaceLists | Faces, face: int) -> str:
     return brief_row(listed[1][listed[0][face] : listed[0][face + 1]])
 
 
-# Shapes of faces, volumes of cells, and how these fit together.
+# Shapes of faces, volumes of cells, and the tiling.
 
 
-def _check_faces(points: Floats, listed: Listed, some: Ints, shapes: FaceShapes) -> None:
-    """Raise MeshError at the first of some listed faces that is no plane simple polygon."""
+def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShapes) -> None:
+    """Raise MeshError for the first of some listed faces that is no plane simple polygon."""
     offsets, vertices = rows_in_order(listed.offsets, listed.vertices, some)
     shapes, face = FaceShapes(*(values[some] for values in shapes)), cell_of_corner(offsets)
     sizes, rounding = polygons.diameters(points, offsets, vertices), plane.roundings(points[vertices], offsets)
@@ -198,7 +200,7 @@ def _check_faces(points: Floats, listed: Listed, some: Ints, shapes: FaceShapes)
         raise MeshError(
             f"{name(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane, "
             f"and {SINGLE_EPS:g} of its diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, "
-            "the same ones in both cells that have it, or move the node."
+            "the same in both cells, or move the node."
         )
     plane.check_simple(places[:, :2], offsets, rounding, name)
 
@@ -218,20 +220,20 @@ def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSh
     _check_outer_faces(points, faces, shapes, SINGLE_EPS * float((volumes / sizes**2).min()))
     try:
         hull = float(ConvexHull(points[np.unique(nodes)]).volume)
-    except QhullError:  # as flat as rounding
+    except QhullError:  # the points lie in a plane up to rounding
         hull = np.inf
     if volumes.sum() > (1.0 + SINGLE_EPS) * hull:
         raise MeshError(
-            f"cells overlap: their volumes add up to {volumes.sum():.6g}, and the convex hull of all has {hull:.6g}. "
-            "Remove or correct some of them."
+            f"cells overlap: their volumes add up to {volumes.sum():.6g}, but the convex hull of all cells has only "
+            f"{hull:.6g}. Remove or correct some of them."
         )
 
 
 def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: float) -> None:
-    """Raise MeshError where two faces of the boundary lie on one another, or hardly apart."""
+    """Raise MeshError if two boundary faces lie on one another within a width."""
     outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
     rows = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
-    upon = find_upon(points, *rows, FaceShapes(*(values[outer] for values in shapes)), width)
+    upon = find_touching_faces(points, *rows, FaceShapes(*(values[outer] for values in shapes)), width)
     if len(upon.one):
         first, second = (
             f"the face {_row(faces, face)} of cell {faces.face_cells[face, 0]}"
@@ -239,21 +241,21 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
         )
         raise MeshError(
             f"{first} and {second} lie on one another, {upon.distance[0]:.3g} apart. Two cells must meet in whole "
-            "faces of both: cut the larger face into the faces of its neighbours, and make a node on an edge a vertex "
-            "of every face that has the edge; if the cells overlap, correct the vertices."
+            "faces of both: split the larger face into the faces of its neighbours, and insert a node on an edge into "
+            "every face with this edge. If the cells overlap, correct the vertices."
         )
 
 
-class Upon(NamedTuple):
-    """Pairs of outer faces that lie on one another, or hardly apart."""
+class TouchingFaces(NamedTuple):
+    """Pairs of boundary faces that lie on one another, or nearly so."""
 
     one: Ints
-    """(k,) where they stand among the outer faces, the smaller number"""
+    """Positions (k,) among the boundary faces, the smaller of each pair."""
     other: Ints
     distance: Floats
 
 
-def find_upon(
+def find_touching_faces(
     points: Floats,
     offsets: Ints,
     vertices: Ints,
@@ -262,10 +264,10 @@ def find_upon(
     *,
     body: Ints | None = None,
     part: float = SINGLE_EPS,
-) -> Upon:
-    """Return pairs of outer faces, of different bodies if these (f,) are given, within a width of each other.
+) -> TouchingFaces:
+    """Return pairs of boundary faces (of different bodies (f,), if given) whose distance is at most a width.
 
-    They have more than a part of the smaller one in common.
+    Their common area is more than a `part` of the smaller face.
     """
     import shapely
 
@@ -280,7 +282,7 @@ def find_upon(
     near = apart + tilt * np.sqrt(shapes.areas[other]) <= slack
     one, other, apart = one[near], other[near], apart[near]
     if not len(one):
-        return Upon(one, other, apart)
+        return TouchingFaces(one, other, apart)
 
     def in_plane(listed: Ints) -> NDArray[Any]:
         rows, nodes = rows_in_order(offsets, vertices, listed)
@@ -289,18 +291,18 @@ def find_upon(
 
     common = shapely.area(shapely.intersection(in_plane(one), in_plane(other)))
     over = common > part * np.minimum(shapes.areas[one], shapes.areas[other])
-    return Upon(one[over], other[over], apart[over])
+    return TouchingFaces(one[over], other[over], apart[over])
 
 
-# Rays go along the third axis of a frame that is turned against whatever a mesh is aligned with.
-RAYS = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
+RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
+"""Frame whose third axis is the direction of rays; no mesh is likely to be aligned with it."""
 
 
-def enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
-    """Return a mask of places (m, 3) inside a closed surface of faces that run outwards: rays from there leave it."""
+def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
+    """Return a mask of the points (m, 3) inside a closed surface of outward faces, by the crossings of rays."""
     if not len(places):
         return np.zeros(0, dtype=bool)
-    places, points = places @ RAYS, points @ RAYS
+    places, points = places @ RAY_FRAME, points @ RAY_FRAME
     first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]
     corners = corners[(first != vertices) & (first != vertices[after])]

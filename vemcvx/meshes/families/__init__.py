@@ -1,1 +1,1 @@
-"""Families of meshes of a box, one a file, and an L."""
+"""Families of meshes of boxes, an L and rings."""

@@ -1,4 +1,4 @@
-"""Families of meshes of the plane whose cells follow a grid, or circles and rays about a centre."""
+"""Families of plane meshes whose cells follow a grid, or circles and rays about a centre."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vemcvx.meshes.box import (
     check_fraction,
     check_total,
     check_whole,
-    listed,
+    is_list,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import offsets_of
@@ -30,19 +30,19 @@ from vemcvx.meshes.polygons import offsets_of
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Mesh a box with equal squares; other families take what this one takes, and name the sides as it does.
+    """Return a mesh of a box with equal squares; other families have the same parameters and names of sides.
 
     Parameters
     ----------
     n : int or (int, int)
-        Cells across the shortest side of the box, and along the other as many as make them most nearly squares; or the
-        numbers of cells along x and y.
+        Number of cells across the shortest side of the box; along the other side cells are as near to squares as
+        possible. Or the numbers of cells along x and y.
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
-        Start of the random numbers: the same seed gives the same mesh. Nothing is random here.
+        Seed of random numbers: the same seed gives the same mesh. This mesh has nothing random.
     size : float
-        The width of a cell, instead of n; cells are as near to it as whole numbers of them come.
+        Width of a cell, instead of n; the nearest width that fits is used.
 
     Returns
     -------
@@ -55,6 +55,11 @@ def squares(
     MeshError
         n is not a positive whole number, size is not a positive length, both or neither are given, or box is not a
         rectangle.
+
+    Examples
+    --------
+    >>> vx.meshes.squares(4, box=((0, 2), (0, 1)))
+    PolygonMesh(32 cells, 45 nodes, h = 0.3536, boundaries: left, right, bottom, top, boundary)
     """
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
@@ -70,10 +75,10 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
     return points, first[:, None] + np.array([0, 1, nx + 2, nx + 1])
 
 
-def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
-    """Return the mesh of the nodes ``present`` whose cells are ``rows`` less the absent nodes and the entries -1.
+def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
+    """Return the mesh of the points marked as ``present``.
 
-    Of n candidates for nodes, the rows (n_cells, k) list those of each cell, counter-clockwise.
+    The rows (n_cells, k) list points of each cell, counter-clockwise; absent points and entries -1 are left out.
     """
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
@@ -84,16 +89,21 @@ def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> Polygon
 def triangles(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Mesh a box with right-angled triangles, two to each square of `squares`; halving n nests the meshes.
+    """Return a mesh of a box with right-angled triangles, two per square of `squares`; n and 2 n are nested.
 
     Parameters
     ----------
-    n, box, seed, size : as of `squares`
+    n, box, seed, size : as in `squares`
 
     Returns
     -------
     PolygonMesh
-        Nodes row by row, the lower then the upper triangle of each square.
+        Nodes row by row; the lower, then the upper triangle of each square.
+
+    Examples
+    --------
+    >>> vx.meshes.triangles(4).n_cells
+    32
     """
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size, each=2)
@@ -102,62 +112,69 @@ def triangles(
     return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, box=rectangle)
 
 
-# Hexagons in staggered rows, cut off straight at the box.
+# Hexagons in staggered rows, cut off at the sides of the box.
 #
-# Rows of cells are parted by zigzag lines of nodes half a cell apart. Regular hexagons of width a have rows a sqrt(3)/2
-# apart and zigzags of height 1/3 of that; the counts are rounded so that rows and columns fill the box.
+# Rows of cells are separated by zigzag lines of nodes half a cell apart. Rows of regular hexagons of width a are
+# a sqrt(3)/2 apart, with zigzags of a third of this height. Numbers of rows and columns are rounded to fill the box.
 
 
-# Width of a regular hexagon of area 1, so that hexagons are as many as squares: a^2 sqrt(3)/2 = 1.
-WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
+HEXAGON_WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
+"""Width a of a regular hexagon of area a^2 sqrt(3)/2 = 1, so that there are as many hexagons as squares."""
 
 
 def hexagons(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Mesh a box with hexagons, regular up to a stretch that makes them fit; cut in half or to pentagons at the sides.
+    """Return a mesh of a box with hexagons, stretched to fit; at the sides there are half hexagons and pentagons.
 
     Parameters
     ----------
-    n, box, seed, size : as of `squares`
-        As many cells as squares, nearly; every other of the rows has a half cell at either end in place of one whole.
+    n, box, seed, size : as in `squares`
+        There are about as many cells as squares; every second row has a half cell at either end.
 
     Returns
     -------
     PolygonMesh
         Nodes and cells row by row.
+
+    Examples
+    --------
+    >>> vx.meshes.hexagons(4).n_cells
+    18
     """
     rectangle = check_box(box)
-    columns, rows = cell_counts(n, rectangle, size, stretch=WIDTH)
+    columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Row k has its upright edges where k + i is even; there the line below it is high and the line above it low.
+    # row k has upright edges where k + i is even; there the line below it is high and the line above it low
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
     present = np.where(line == 0, high, np.where(line == rows, ~high, True)) | ends
     zigzag = np.where(flat, 0.0, np.where(high, 1.0, -1.0)) * (rectangle.lengths[1] / rows / 6.0)
     points = np.column_stack([x[half.ravel()], y[line.ravel()] + zigzag.ravel()])
-    # Between upright edges: three candidates for vertices on the line below, three on the line above.
+    # between upright edges: three candidates for vertices on the line below, three on the line above
     row, middle = np.nonzero(~high[:-1])
     across = middle[:, None] + np.array([-1, 0, 1])
     below, above = (across + (2 * columns + 1) * (row + k)[:, None] for k in (0, 1))
     cells = np.hstack([below, above[:, ::-1]])
     outside = (across < 0) | (across > 2 * columns)
-    return padded_mesh(points, present.ravel(), np.where(np.hstack([outside, outside[:, ::-1]]), -1, cells), rectangle)
+    return mesh_from_rows(
+        points, present.ravel(), np.where(np.hstack([outside, outside[:, ::-1]]), -1, cells), rectangle
+    )
 
 
 def distorted(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, amount: float = 0.5
 ) -> PolygonMesh:
-    """Mesh a box with distorted squares.
+    """Return a mesh of a box with distorted squares.
 
     Parameters
     ----------
-    n, box, seed, size : as of `squares`
+    n, box, seed, size : as in `squares`
     amount : float
-        In [0, 1): inner nodes move by up to this part of half a cell along each axis. Nodes then stay in disjoint
-        boxes about their places, so opposite edges of a cell never meet and every cell is valid.
+        In [0, 1): inner nodes move along each axis by up to this fraction of half a cell. Below 1 nodes stay in
+        disjoint boxes, so opposite edges of a cell never meet and every cell is valid.
 
     Returns
     -------
@@ -168,6 +185,11 @@ def distorted(
     ------
     MeshError
         As `squares`, or ``amount`` is not in [0, 1).
+
+    Examples
+    --------
+    >>> vx.meshes.distorted(4, amount=0.3).n_cells
+    16
     """
     rectangle = check_box(box)
     amount = check_fraction("amount", amount, 1.0)
@@ -179,7 +201,7 @@ def distorted(
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
-# Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.
+# Nodes of a 3 x 3 block, numbered from the lower left row by row: once around it, and around its four quarters.
 AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])
 QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
 
@@ -187,24 +209,29 @@ QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
 def hanging(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, fraction: float = 0.3
 ) -> PolygonMesh:
-    """Mesh a box with squares of two sizes and hanging nodes between them.
+    """Return a mesh of a box with squares of two sizes and hanging nodes between them.
 
     Parameters
     ----------
-    n, box, seed, size : as of `squares`
-        With n for the large cells; which of them are cut is random.
+    n, box, seed, size : as in `squares`
+        n is the number of large cells. The seed chooses the cells to split.
     fraction : float
-        In [0, 1]: the part of the large cells that is cut in four.
+        In [0, 1]: the fraction of large cells that are split in four.
 
     Returns
     -------
     PolygonMesh
-        Nodes row by row; large cells row by row, each cut one followed by its four quarters in its place.
+        Nodes row by row; large cells row by row, with four quarters in the position of a split cell.
 
     Raises
     ------
     MeshError
         As `squares`, or ``fraction`` is not in [0, 1].
+
+    Examples
+    --------
+    >>> vx.meshes.hanging(4, fraction=0.5).n_cells
+    40
     """
     rectangle = check_box(box)
     fraction = check_fraction("fraction", fraction, 1.0, closed=True)
@@ -222,36 +249,41 @@ def hanging(
     present = np.zeros(len(points), dtype=bool)
     present[blocks[:, [0, 2, 6, 8]]] = True
     present[blocks[cut]] = True
-    return padded_mesh(points, present, rows[rows[:, :, 0] >= 0], rectangle)
+    return mesh_from_rows(points, present, rows[rows[:, :, 0] >= 0], rectangle)
 
 
 def nonconvex(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, zigzag: float = 0.15
 ) -> PolygonMesh:
-    """Mesh a box with cells of up to twelve vertices that lock into each other: none is convex, if there are several.
+    """Return a mesh of a box with interlocking nonconvex cells of up to twelve vertices.
 
     Parameters
     ----------
-    n, box, seed, size : as of `squares`
+    n, box, seed, size : as in `squares`
     zigzag : float
-        In [0, 1/3): how far the thirds of every inner edge swerve to either side, in parts of a cell. Below 1/3 the
-        edges of a corner stay apart.
+        In [0, 1/3): inner edges are zigzag lines whose third points are off by this fraction of a cell. Below 1/3 the
+        edges at a corner do not meet.
 
     Returns
     -------
     PolygonMesh
-        Cells row by row; first the corner nodes in the order of `squares`, then the nodes of the zigzags.
+        Cells row by row; first the nodes of `squares`, then the nodes of the zigzags.
 
     Raises
     ------
     MeshError
         As `squares`, or ``zigzag`` is not in [0, 1/3).
+
+    Examples
+    --------
+    >>> max(map(len, vx.meshes.nonconvex(4).cells))
+    12
     """
     rectangle = check_box(box)
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    # Two nodes an edge, level edges first: off to the left at a third, off to the right at two thirds.
+    # two nodes per edge, level edges first: to the left at one third, to the right at two thirds
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
@@ -269,84 +301,88 @@ def nonconvex(
         uprights[:, :-1, ::-1].reshape(-1, 2),
     ]
     present = np.ones(len(points) + len(number), dtype=bool)
-    for straight in (levels[[0, -1]], uprights[:, [0, -1]]):  # those on the sides of the box
+    for straight in (levels[[0, -1]], uprights[:, [0, -1]]):  # edges on the sides of the box
         present[straight] = False
     nodes = np.concatenate([points, level.reshape(-1, 2), upright.reshape(-1, 2)])
-    return padded_mesh(nodes, present, np.concatenate(around, axis=1), rectangle)
+    return mesh_from_rows(nodes, present, np.concatenate(around, axis=1), rectangle)
 
 
 def l_shape(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Mesh an L with equal squares (rectangles, if the box asks for them).
+    """Return a mesh of an L with equal squares, or rectangles if squares do not fit the box.
 
     Parameters
     ----------
     n : int or (int, int)
-        As of `squares`, but rounded to even numbers, so that a corner falls in the middle; or the even numbers of cells
-        along the bottom and left sides: (nx, ny).
+        As in `squares`, but rounded to even numbers, so that the re-entrant corner is a node; or the even numbers of
+        cells along the bottom and left sides.
     box : ((x0, x1), (y0, y1))
-        The rectangle around the L; its quarter beyond the middles of x and y is left out.
-    seed, size : as of `squares`
+        The rectangle around the L; its upper right quarter is left out.
+    seed, size : as in `squares`
 
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half) and "top" (left half) as on a box,
-        "inner_right" and "inner_top", which meet in the re-entrant corner and face right and up, and "boundary".
+        Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), and
+        "inner_right" and "inner_top", which meet in the re-entrant corner and face right and up.
 
     Raises
     ------
     MeshError
         As `squares`, or a pair (nx, ny) is not even.
+
+    Examples
+    --------
+    >>> vx.meshes.l_shape(4).n_cells
+    12
     """
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
-    if not listed(n):
+    if not is_list(n):
         nx, ny = 2 * max(1, round(nx / 2)), 2 * max(1, round(ny / 2))
     elif nx % 2 or ny % 2:
-        raise MeshError(f"n must be even numbers of cells, so that a corner falls in the middle; got ({nx}, {ny}).")
+        raise MeshError(f"n must be even numbers of cells, so that the re-entrant corner is a node; got ({nx}, {ny}).")
     points, corners = square_grid(nx, ny, rectangle)
     column, row = np.tile(np.arange(nx), ny), np.repeat(np.arange(ny), nx)
     corners = corners[(column < nx // 2) | (row < ny // 2)]
     present = np.zeros(len(points), dtype=bool)
     present[corners] = True
     x, y = points[(ny // 2) * (nx + 1) + nx // 2]
-    mesh = padded_mesh(points, present, corners, rectangle)
+    mesh = mesh_from_rows(points, present, corners, rectangle)
     return mesh.with_boundary("inner_right", lambda m: m[:, 0] == x).with_boundary("inner_top", lambda m: m[:, 1] == y)
 
 
 def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, math.tau)) -> PolygonMesh:
-    """Mesh a ring, a disc or a part of them with quadrilaterals between circles and rays.
+    """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
 
-    ``ring(...).extruded(heights)`` is a tube of hexahedra, and a cylinder of wedges and hexahedra. Sides are chords:
-    s of them lack the part 2 pi^2 / (3 s^2) of the area of a circle of radius r, and are at most r (1 - cos(pi / s))
-    inside of it.
+    ``ring(...).extruded(heights)`` is a tube of hexahedra, or a cylinder of wedges and hexahedra. Circles become
+    polygons with s sides: the area of the disc is too small by the fraction 2 pi^2 / (3 s^2), and sides are at most
+    r (1 - cos(pi / s)) inside the circle of radius r.
 
     Parameters
     ----------
     radii : (k,) array
-        Radii of the circles, increasing, k >= 2: ``np.geomspace(a, b, k)`` for cells of one shape. If the first is 0,
-        the body is a disc, with triangles about the centre.
+        Increasing radii of k >= 2 circles; ``np.geomspace(a, b, k)`` gives cells of one shape. If the first radius is
+        0, the body is a disc, with triangles about the centre.
     sectors : int
-        Sides of a circle; at least 3 of a whole turn, and more than the angle over pi.
+        Number of sides of a circle: at least 3 for a full circle, and more than the angle over pi.
     angles : (float, float), optional
-        Where the first and the last ray stand, from x counter-clockwise, in radians; a whole turn closes.
+        Angles of the first and last ray, counter-clockwise from x, in radians; by default a full circle.
 
     Returns
     -------
     PolygonMesh
         Nodes and cells circle by circle, a centre first, counter-clockwise from the first ray. Boundaries "outer",
-        "inner" but of a disc, of a part of a turn "first" and "last" (the rays), and "boundary".
+        "inner" (unless a disc), and "first" and "last" (the rays of a sector).
 
     Raises
     ------
     MeshError
-        Radii are negative or do not increase, the angle is no part of a turn, or there are too few sectors for it.
+        Radii are negative or do not increase, the angle is not in (0, 2 pi], or there are too few sectors.
 
     Examples
     --------
-    >>> import numpy as np, vemcvx as vx
     >>> vx.meshes.ring(np.linspace(1.0, 2.0, 5), 48).extruded(np.linspace(0.0, 3.0, 7)).n_cells
     1152
     """
@@ -378,25 +414,24 @@ def _increasing(radii: ArrayLike) -> Floats:
     r = np.array(given, dtype=float) if numbers else np.zeros(1)
     if not numbers or not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
         raise MeshError(
-            f"ring: found radii = {brief(radii)}; wanted at least two increasing numbers >= 0, the radii of circles."
+            f"ring: radii must be at least two increasing numbers >= 0, the radii of circles; got {brief(radii)}."
         )
     if r[-1] > LARGEST:
-        raise MeshError(f"ring: found a radius of {r[-1]:g}; at most {LARGEST:g} can be computed with.")
+        raise MeshError(f"ring: radii must be at most {LARGEST:g}; got {r[-1]:g}. Choose other units.")
     return r
 
 
 def _rays(angles: tuple[float, float]) -> tuple[float, float]:
-    wanted = "two increasing angles in radians, at most a turn apart"
     given = plain(angles)
     if given is not None and given.dtype.kind in "iuf" and given.shape == (2,) and np.isfinite(given).all():
         start, end = map(float, given)
         if 0 < end - start <= math.tau * (1 + ROUNDING):
             return start, end
-    raise MeshError(f"ring: found angles = {brief(angles)}; wanted {wanted}.")
+    raise MeshError(f"ring: angles must be two increasing numbers in radians, at most 2 pi apart; got {brief(angles)}.")
 
 
 def _directions(start: float, end: float, sectors: int) -> Floats:
-    """Unit vectors (sectors + 1, 2) of the rays; those along an axis are on it to the bit."""
+    """Return unit vectors (sectors + 1, 2) of the rays; rays along an axis have an exact zero."""
     angle = start + (end - start) * np.arange(sectors + 1) / sectors
     unit = np.column_stack([np.cos(angle), np.sin(angle)])
     unit[np.abs(unit) < 1e-15 * max(1.0, abs(start), abs(end))] = 0.0

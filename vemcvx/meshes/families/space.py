@@ -10,7 +10,7 @@ from vemcvx.base.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box, check_grades
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
-from vemcvx.meshes.polyhedra import FACES, joined_faces
+from vemcvx.meshes.polyhedra import FACES, join_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 Grade = float | tuple[float, float, float]
@@ -24,34 +24,39 @@ def cubes(
     size: float | None = None,
     grade: Grade = 1.0,
 ) -> PolyhedralMesh:
-    """Mesh a box with cubes; other families in space take what this one takes, and name the sides as it does.
+    """Return a mesh of a box with cubes; other families in space have the same parameters and names of sides.
 
     Parameters
     ----------
     n : int or (int, int, int)
-        Cells across the shortest side of the box, and along the others as many as make them most nearly cubes; or the
-        numbers of cells along x, y and z.
+        Number of cells across the shortest side of the box; along the other sides cells are as near to cubes as
+        possible. Or the numbers of cells along x, y and z.
     box : ((x0, x1), (y0, y1), (z0, z1))
         The box to mesh.
     seed : int
-        Start of the random numbers: the same seed gives the same mesh. Nothing is random here.
+        Seed of random numbers: the same seed gives the same mesh. This mesh has nothing random.
     size : float
-        The width of a cell, instead of n; cells are as near to it as whole numbers of them come.
+        Width of a cell, instead of n; the nearest width that fits is used.
     grade : number or (number, number, number)
-        How many times wider the last cell is than the first, along all axes or along each: widths grow by one factor
-        from cell to cell. Below 1 they shrink. `tetrahedra` take it, too.
+        Width of the last cell over the width of the first, along all axes or for each; widths are a geometric sequence.
+        Only `cubes` and `tetrahedra` have this parameter.
 
     Returns
     -------
     PolyhedralMesh
-        Nodes and cells layer by layer, row by row; boundaries "left" and "right" (x least and greatest), "front" and
-        "back" (y), "bottom" and "top" (z) and "boundary"; in the unit cube h = sqrt(3) / n.
+        Nodes and cells layer by layer, row by row. Boundaries "left" and "right" (x least and greatest), "front" and
+        "back" (y), "bottom" and "top" (z), and "boundary". In the unit cube h = sqrt(3) / n.
 
     Raises
     ------
     MeshError
         n is not a positive whole number, size is not a positive length, both or neither are given, box is no box, or a
         grade is not positive.
+
+    Examples
+    --------
+    >>> vx.meshes.cubes((2, 2, 4), box=((0, 1), (0, 1), (0, 2)), grade=(1, 1, 3))
+    PolyhedralMesh(16 cells, 45 nodes, h = 1.066, boundaries: left, right, front, back, bottom, top, boundary)
     """
     whole = check_box(box, 3)
     points, corners = cube_grid(cell_counts(n, whole, size), whole, check_grades(grade))
@@ -59,7 +64,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | None = None) -> tuple[Floats, Ints]:
-    """Nodes, layer by layer, and the corners (n_cells, 8) of the cells: around the bottom, then around the top."""
+    """Return nodes, layer by layer, and the corners (n_cells, 8) of cells: around the bottom, then around the top."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts, grades=grades)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
@@ -71,21 +76,21 @@ def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | Non
 
 
 def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
-    """The mesh of cells that all have as many faces, of as many vertices: (n_cells, faces, vertices), outwards."""
+    """Return the mesh of cells with equal numbers of faces and vertices: (n_cells, faces, vertices), outwards."""
     cells, each, sides = faces.shape
-    joined = joined_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
+    joined = join_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
     return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
-# Cubes cut in six tetrahedra about the diagonal from the lowest to the highest corner, which fit face to face.
+# Cubes split into six tetrahedra about the diagonal from the lowest to the highest corner, which fit face to face.
 #
-# One tetrahedron an order of the axes: from the lowest corner along the first axis, then the second, then the third
-# (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). All have the shape of one of them or of its mirror image, and
-# halving n nests the meshes.
+# There is a tetrahedron for each order of the axes: from the lowest corner along the first axis, then the second, then
+# the third (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). All are congruent up to reflection, and the meshes for n
+# and 2 n are nested.
 
 
-# Corners of a hexahedron (see `cubes`); the second to the fourth run counter-clockwise seen from the first.
-SIX = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
+CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
+"""Corners of a cube in the order of `cube_grid`; seen from the first, the others run counter-clockwise."""
 
 
 def tetrahedra(
@@ -96,39 +101,49 @@ def tetrahedra(
     size: float | None = None,
     grade: Grade = 1.0,
 ) -> PolyhedralMesh:
-    """Mesh a box with tetrahedra, six to each cell of `cubes`.
+    """Return a mesh of a box with tetrahedra, six per cell of `cubes`.
 
     Parameters
     ----------
-    n, box, seed, size, grade : as of `cubes`
+    n, box, seed, size, grade : as in `cubes`
 
     Returns
     -------
     PolyhedralMesh
         Nodes layer by layer, row by row; the six tetrahedra of a cube one after the other.
+
+    Examples
+    --------
+    >>> vx.meshes.tetrahedra(2).n_cells
+    48
     """
     whole = check_box(box, 3)
     points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole, check_grades(grade))
-    cells = corners[:, SIX].reshape(-1, 4)
+    cells = corners[:, CUBE_TETRAHEDRA].reshape(-1, 4)
     return mesh_of_equal_cells(points, cells[:, np.array(FACES["tetra"])], whole)
 
 
 def prisms(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Mesh a box with upright prisms over the rounded irregular polygons of `voronoi`, in equal layers.
+    """Return a mesh of a box with upright prisms over the polygons of `voronoi`, in equal layers.
 
-    Prisms over any other polygons are made by :meth:`vemcvx.PolygonMesh.extruded`.
+    For prisms over other polygons see :meth:`vemcvx.PolygonMesh.extruded`.
 
     Parameters
     ----------
-    n, box, seed, size : as of `cubes`
-        Which has as many cells.
+    n, box, seed, size : as in `cubes`
+        There are as many cells as in `cubes`.
 
     Returns
     -------
     PolyhedralMesh
         Nodes and cells layer by layer.
+
+    Examples
+    --------
+    >>> vx.meshes.prisms(3).n_cells
+    27
     """
     whole = check_box(box, 3)
     nx, ny, nz = cell_counts(n, whole, size)
@@ -138,9 +153,9 @@ def prisms(
 
 # Truncated octahedra, which fill space: the cells of Kelvin's foam, with plane faces.
 #
-# A cell sits in the middle of every cube of a grid, and one about every node of it, of which the box keeps a half, a
-# quarter or an eighth. Places are whole numbers, in quarters of the cubes: a cell about the origin has its vertices
-# at all permutations of (0, +-1, +-2) (W. Thomson, Phil. Mag. 24 (1887), 503-514).
+# There is a cell about the centre of each cube of a grid, and a cell about each node, of which a half, a quarter or an
+# eighth remains at the sides of the box. Coordinates are whole numbers, in quarters of a cube: the vertices of a cell
+# about the origin are all permutations of (0, +-1, +-2) (W. Thomson, Phil. Mag. 24 (1887), 503-514).
 
 
 VERTICES = np.array([v for v in product(range(-2, 3), repeat=3) if sorted(map(abs, v)) == [0, 1, 2]])
@@ -149,23 +164,28 @@ VERTICES = np.array([v for v in product(range(-2, 3), repeat=3) if sorted(map(ab
 def kelvin(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Mesh a box with truncated octahedra, cut in halves, quarters and eighths at its sides.
+    """Return a mesh of a box with truncated octahedra; at its sides they are halves, quarters and eighths.
 
     Parameters
     ----------
-    n, box, seed, size : as of `cubes`
-        The cells in the middle of the cubes; there is one more about each node of `cubes`.
+    n, box, seed, size : as in `cubes`
+        There is a cell about the centre of each cube, and one about each node of `cubes`.
 
     Returns
     -------
     PolyhedralMesh
-        Cells in the middle of cubes first, then those about nodes, both layer by layer; nodes layer by layer.
+        Cells about centres of cubes, then cells about nodes, both layer by layer; nodes layer by layer.
+
+    Examples
+    --------
+    >>> vx.meshes.kelvin(2).n_cells
+    35
     """
     whole = check_box(box, 3)
     counts = np.array(cell_counts(n, whole, size, each=2))
     middles = 4 * _grid(counts) + 2
     corners = 4 * _grid(counts + 1)
-    # -1, 0, 1 along each axis: on the lower side of the box, inside, on the upper one.
+    # -1, 0, 1 for each axis: on the lower side of the box, inside, on the upper side
     cut = (corners == 4 * counts).astype(np.int64) - (corners == 0)
     sites = np.concatenate([middles, corners])
     cut = np.concatenate([np.zeros_like(middles), cut])
@@ -181,7 +201,7 @@ def kelvin(
     sizes = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
     cells = np.concatenate(owner)
     offsets, vertices = rows_in_order(offsets_of(sizes), vertices, np.argsort(cells, kind="stable"))
-    joined = joined_faces(offsets, vertices, offsets_of(np.bincount(cells)))
+    joined = join_faces(offsets, vertices, offsets_of(np.bincount(cells)))
     at = (used % width, used // width % depth, used // (width * depth))
     lines = whole.ticks(*(4 * counts).tolist())
     points = np.column_stack([line[place] for line, place in zip(lines, at, strict=True)])
@@ -189,13 +209,13 @@ def kelvin(
 
 
 def _grid(counts: Ints) -> Ints:
-    """Whole numbers below the counts along x, y and z, (m, 3), layer by layer."""
+    """Return the grid (m, 3) of whole numbers below the counts along x, y and z, layer by layer."""
     z, y, x = np.indices(tuple(counts[::-1].tolist())).reshape(3, -1)
     return np.column_stack([x, y, z])
 
 
 def _faces(cut: tuple[int, ...]) -> list[Ints]:
-    """Faces of a cell about the origin, each (k, 3), outwards: less what is beyond the origin along the axes cut."""
+    """Return the faces (k, 3) of a cell about the origin, outwards, clipped where cut[axis] * x[axis] > 0."""
     outwards = [np.array(signs) for signs in product((-1, 1), repeat=3)]
     outwards += [sign * axis for axis in np.eye(3, dtype=np.int64) for sign in (-1, 1)]
     planes = [(out, 3 if out.all() else 2) for out in outwards]
@@ -203,20 +223,20 @@ def _faces(cut: tuple[int, ...]) -> list[Ints]:
     faces = [_around(VERTICES[VERTICES @ out == height], out) for out, height in planes]
     for axis, sign in enumerate(cut):
         if sign:
-            parts = [_below(face, sign * face[:, axis]) for face in faces]
+            parts = [_clip_below(face, sign * face[:, axis]) for face in faces]
             faces = [part for part in parts if len(part) > 2]
     return faces
 
 
 def _around(points: Ints, normal: Ints) -> Ints:
-    """Points of a convex polygon in order around the normal."""
+    """Sort the vertices of a convex polygon counter-clockwise around the normal."""
     arm = points - points.mean(axis=0)
     ahead = arm[0]
     return points[np.argsort(np.arctan2(arm @ np.cross(normal, ahead) / np.linalg.norm(normal), arm @ ahead))]
 
 
-def _below(face: Ints, height: Ints) -> Ints:
-    """The part of a convex polygon where the height of its vertices is not above zero; it cuts edges in the middle."""
+def _clip_below(face: Ints, height: Ints) -> Ints:
+    """Return the part of a convex polygon with height <= 0, if its boundary crosses edges at their midpoints."""
     kept = []
     for k in range(len(face)):
         after = (k + 1) % len(face)

@@ -1,12 +1,12 @@
-"""Centroidal Voronoi meshes of a box, in the plane without edges that are too short, and in space.
+"""Centroidal Voronoi meshes of a box: in the plane, with short edges collapsed, and in space.
 
-Seeds near a side are mirrored in it, so that the side is itself made of sides of Voronoi cells and no cell needs
-cutting; Lloyd's iteration then moves every seed to the centroid of its cell. Both ideas, and the collapse of short
+Seeds near a side of the box are reflected in it, so that the side consists of sides of Voronoi cells and no cell needs
+to be cut. Lloyd's iteration then moves every seed to the centroid of its cell. Both ideas, and the collapse of short
 edges at the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip.
-Optim. 45, 2012, 309-328). In space short edges stay: to move a vertex, where four cells meet, would bend their faces.
+Optim. 45, 2012, 309-328). In space short edges remain: moving a vertex of four cells would make their faces nonplanar.
 
-Lengths are in widths of a cell, the root of its mean area or volume, whatever the units of the box. Four seeds on a
-circle give two vertices a rounding error apart; at a straight side, where seeds meet their images, this is the rule.
+The unit of length is the width of a cell, the root of the mean area or volume. Four seeds on a circle give two vertices
+that differ by rounding errors only; at the sides of the box, where seeds meet their images, this is usual.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from vemcvx.meshes.box import (
     check_fraction,
     check_total,
     check_whole,
-    placed,
+    move_into_box,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     areas_and_centroids,
     cell_of_corner,
     close_pairs,
+    corner_edges,
     cross,
-    directed_edges,
     edge_keys,
     nearest,
     next_corner,
     next_vertex,
     offsets_of,
+    reverse_rows,
     smallest_linked,
-    turned,
 )
 from vemcvx.meshes.polyhedra import Faces, face_shapes, signs_of, volumes_and_centroids
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
@@ -63,28 +63,33 @@ def voronoi(
     relaxations: int = 50,
     shortest: float = 0.02,
 ) -> PolygonMesh:
-    """Mesh a box with rounded irregular polygons.
+    """Return a mesh of a box with irregular polygons: a centroidal Voronoi mesh.
 
     Parameters
     ----------
-    n, box, seed, size : as of `squares`
-        Which has as many cells.
+    n, box, seed, size : as in `squares`
+        There are as many cells as in `squares`.
     cells : int, optional
         Number of cells, instead of n or size.
     relaxations : int
         Lloyd iterations; 0 keeps the raw Voronoi cells of the random seeds.
     shortest : float
-        Edges shorter than this part of the root of the mean cell area are collapsed; 0 keeps them all.
+        Edges shorter than this fraction of the root of the mean cell area are collapsed; 0 keeps all.
 
     Returns
     -------
     PolygonMesh
-        Convex cells (up to the collapse).
+        Cells are convex, except where edges were collapsed.
 
     Raises
     ------
     MeshError
-        As `squares`, or ``shortest`` not in [0, 0.1].
+        As `squares`, or ``shortest`` is not in [0, 0.1].
+
+    Examples
+    --------
+    >>> vx.meshes.voronoi(cells=20, seed=1).n_cells
+    20
     """
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size) if cells is None else (check_total(check_whole("cells", cells)), 1)
@@ -92,15 +97,15 @@ def voronoi(
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     sides = np.array(rectangle.lengths) / (np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1]))
-    points, (offsets, vertices) = _relaxed(seed, count, sides, relaxations, _polygons)
+    points, (offsets, vertices) = _relax(seed, count, sides, relaxations, _polygons)
     for side in (np.zeros(2), sides):
         points = np.where(np.abs(points - side) < SAME, side, points)
     place = smallest_linked(close_pairs(points, SAME), len(points))
-    points, offsets, vertices, _ = _renumbered(points, offsets, place[vertices])
+    points, offsets, vertices, _ = _drop_repeats(points, offsets, place[vertices])
     if shortest > 0.0:
         points, offsets, vertices = collapse_short_edges(points, offsets, vertices, sides, shortest)
-    points, number = _by_rows(points)
-    points = placed(points, sides, np.array(rectangle.low), np.array(rectangle.high))
+    points, number = _sort_by_rows(points)
+    points = move_into_box(points, sides, np.array(rectangle.low), np.array(rectangle.high))
     return PolygonMesh.unchecked(points, offsets, number[vertices], box=rectangle)
 
 
@@ -113,27 +118,32 @@ def voronoi3(
     cells: int | None = None,
     relaxations: int = 5,
 ) -> PolyhedralMesh:
-    """Mesh a box with irregular convex polyhedra of about 14 faces.
+    """Return a mesh of a box with irregular convex polyhedra of about 14 faces.
 
     Parameters
     ----------
-    n, box, seed, size : as of `cubes`
-        Which has as many cells.
+    n, box, seed, size : as in `cubes`
+        There are as many cells as in `cubes`.
     cells : int, optional
         Number of cells, instead of n or size.
     relaxations : int
-        Lloyd iterations, each as long as the mesh itself takes; 0 keeps the raw Voronoi cells of the random seeds.
+        Lloyd iterations, each of which takes as long as a mesh; 0 keeps the raw Voronoi cells of the random seeds.
 
     Returns
     -------
     PolyhedralMesh
-        Cells and nodes by layers and rows one cell high. Faces are plane to rounding, edges may be as short as chance
-        makes them.
+        Cells and nodes are sorted by layers and rows one cell high. Faces are plane up to rounding; edges may be
+        arbitrarily short.
 
     Raises
     ------
     MeshError
         As `cubes`.
+
+    Examples
+    --------
+    >>> vx.meshes.voronoi3(cells=20, seed=1).n_cells
+    20
     """
     whole = check_box(box, 3)
     counts = cell_counts(n, whole, size) if cells is None else (check_total(check_whole("cells", cells)),)
@@ -141,30 +151,30 @@ def voronoi3(
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     lengths = np.array(whole.lengths)
     sides = lengths * (count / np.prod(lengths / lengths.max())) ** (1.0 / 3.0) / lengths.max()
-    points, faces = _relaxed(seed, count, sides, relaxations, _polyhedra)
-    points, number = _by_rows(points)
+    points, faces = _relax(seed, count, sides, relaxations, _polyhedra)
+    points, number = _sort_by_rows(points)
     faces = faces._replace(face_vertices=number[faces.face_vertices])
-    points = placed(points, sides, np.array(whole.low), np.array(whole.high))
+    points = move_into_box(points, sides, np.array(whole.low), np.array(whole.high))
     return PolyhedralMesh.unchecked(points, *faces, box=whole)
 
 
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)
-"""Offsets and vertices of polygons, or faces of polyhedra"""
-REACH = {2: 3.0, 3: 2.0}
-"""How far from a side seeds are mirrored in it: a relaxed cell is about one wide. Random ones can be wider."""
+"""Offsets and vertices of polygons, or faces of polyhedra."""
+MIRROR_DISTANCE = {2: 3.0, 3: 2.0}
+"""Distance from a side up to which seeds are mirrored; a relaxed cell has width 1, a random cell may be wider."""
 
 
-def _relaxed(
+def _relax(
     seed: int, count: int, size: Floats, relaxations: int, cut: Callable[[Floats, Floats, float], tuple[Floats, Cells]]
 ) -> tuple[Floats, Cells]:
-    """The points and Voronoi cells of seeds in [0, size] after some of Lloyd's iterations."""
-    seeds = _by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
+    """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
+    seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # A handful of seeds may lie in one line with the first images, which is no triangulation.
-        reach = REACH[len(size)] if count > 50 else np.inf
+        # a few seeds may lie in one line with the nearest images, and then have no triangulation
+        reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
-            # Without enough images of seeds cells leave the box, or are open; then all of this is done again.
+            # without enough images, cells leave the box or are open: try again with more
             inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE_EPS
             points = np.clip(points, 0.0, size)
             measures, centroids = _measures_and_centroids(points, cells)
@@ -182,16 +192,16 @@ def _measures_and_centroids(points: Floats, cells: tuple[Ints, Ints] | Faces) ->
     return volumes_and_centroids(shapes, cells.cell_offsets, cells.cell_faces, signs_of(cells))
 
 
-def _by_rows(points: Floats) -> tuple[Floats, Ints]:
-    """Points by layers and rows one cell high, and where each went: near in memory, cells assemble a quarter faster."""
+def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
+    """Sort points by layers and rows one cell high, for faster assembly; also return their new numbers."""
     rows = np.lexsort((points[:, 0], *np.floor(points[:, 1:]).T))
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
     return points[rows], number
 
 
-def _mirrored(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Seeds and their images in near sides of [0, size]: places, and of each the seed and the side, -1 for none."""
+def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
+    """Return seeds and their images in near sides of [0, size], and the seed and the side (-1 for none) of each."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -205,17 +215,17 @@ def _mirrored(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, 
 
 
 def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[Ints, Ints]]:
-    """Voronoi cells of the seeds: one point a Delaunay triangle.
+    """Return the Voronoi cells of the seeds, with a point for each Delaunay triangle.
 
-    The corners of a seed's cell are the circumcentres of its triangles, in the order of their directions from the seed.
+    The vertices of a cell are the circumcentres of the triangles at its seed, sorted by direction from the seed.
     """
     from scipy.spatial import Delaunay, QhullError
 
-    sites = _mirrored(seeds, size, reach)[0]
+    sites = _mirror(seeds, size, reach)[0]
     try:
         triangles = Delaunay(sites).simplices.astype(np.int64)
     except QhullError as error:
-        raise MeshError(f"{len(sites)} points have no triangulation: they are all but on one line.") from error
+        raise MeshError(f"{len(sites)} points have no triangulation: they nearly lie on one line.") from error
     triangles = triangles[(triangles < len(seeds)).any(axis=1)]
     centres = _circumcentres(sites[triangles])
     site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
@@ -227,7 +237,7 @@ def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Circumcentres of triangles (m, 3, 2) with sides b, c from corner a; J turns by a quarter, J (x, y) = (y, -x).
+    """Return the circumcentres of triangles (m, 3, 2) with sides b, c from corner a, where J (x, y) = (y, -x).
 
     a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
     """
@@ -240,12 +250,12 @@ def _circumcentres(corners: Floats) -> Floats:
 def collapse_short_edges(
     points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float
 ) -> tuple[Floats, Ints, Ints]:
-    """Collapse edges shorter than ``shortest``, each to its middle (or to its corner or side of [0, size]).
+    """Collapse edges shorter than ``shortest``, each to its midpoint (or to its end on a side of [0, size]).
 
-    An edge stays if a triangle would vanish with it, or a cell would stop being star-shaped about its centroid.
-    A round takes edges of which no cell touches two, the shortest first, until none is left.
+    An edge stays if a triangle would vanish, or a cell would not be star-shaped about its centroid. A round collapses
+    edges of which no cell touches two, the shortest first; rounds continue until no edge is left.
     """
-    refused = np.empty((0, 2))  # middles of edges that cannot go; numbers change from round to round
+    refused = np.empty((0, 2))  # midpoints of edges that must stay; node numbers change from round to round
     while True:
         edges = _short_edges(points, offsets, vertices, size, shortest)
         if len(refused) and len(edges):
@@ -259,27 +269,27 @@ def collapse_short_edges(
         taken = (around[edges] == rank[:, None]).all(axis=1)
         ends = points[edges]
         on, at = _on_sides(ends, size), ends.mean(axis=1)
-        for end in (0, 1):  # what is on a side or corner keeps its coordinates
+        for end in (0, 1):  # ends on a side or corner keep their coordinates
             at = np.where(on[:, end], ends[:, end], at)
         moved = points.copy()
         moved[edges[taken]] = at[taken, None]
-        bad = taken & np.isin(rank, first[_not_star_shaped(points, moved, offsets, vertices)])
+        bad = taken & np.isin(rank, first[_find_not_star_shaped(points, moved, offsets, vertices)])
         refused = np.concatenate([refused, ends[bad].mean(axis=1)])
         moved[edges[bad]] = ends[bad]
         number = np.arange(len(points))
         number[edges[taken & ~bad, 1]] = edges[taken & ~bad, 0]
-        points, offsets, vertices, _ = _renumbered(moved, offsets, number[vertices])
+        points, offsets, vertices, _ = _drop_repeats(moved, offsets, number[vertices])
 
 
 def _first_to_touch(edges: Ints, offsets: Ints, vertices: Ints) -> Ints:
-    """The first of the edges (m, 2) that has a vertex of each cell, (n_cells,); m where none has."""
+    """Return, for each cell, the first of the edges (m, 2) with a vertex of the cell, (n_cells,); m if none."""
     first = np.full(int(vertices.max()) + 1, len(edges))
     np.minimum.at(first, edges.ravel(), np.repeat(np.arange(len(edges)), 2))
     return np.minimum.reduceat(first[vertices], offsets[:-1])
 
 
-def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
-    """Drop vertices that repeat their successor, rows of less than three, unused points; also which rows are left."""
+def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
+    """Drop vertices that repeat their successor, rows of fewer than three, unused points; also return the rows left."""
     fresh = vertices != next_vertex(offsets, vertices)
     counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
     left = counts > 2
@@ -288,21 +298,21 @@ def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, 
 
 
 def _on_sides(points: Floats, size: Floats) -> Bools:
-    """A mask, shaped like points, of the coordinates on a side of [0, size]."""
+    """Return a mask, shaped like points, of the coordinates on a side of [0, size]."""
     on: Bools = (points == 0.0) | (points == size)
     return on
 
 
 def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float) -> Ints:
-    """Edges (m, 2) to collapse, the shortest first."""
-    edges = directed_edges(offsets, vertices)
+    """Return the edges (m, 2) to collapse, the shortest first."""
+    edges = corner_edges(offsets, vertices)
     chord = points[edges[:, 0]] - points[edges[:, 1]]
     short = np.hypot(*chord.T) < shortest
     of_triangles = edge_keys(edges[short & np.repeat(np.diff(offsets) == 3, np.diff(offsets))], len(points))
     edges = np.unique(np.sort(edges[short], axis=1), axis=0)
     ends = points[edges]
     on = _on_sides(ends, size)
-    # Two nodes of the boundary may become one along a side, but not across the box, and corners stay corners.
+    # two boundary nodes may merge along a side, but not across the box, and corners stay corners
     same_side = (on[:, 0] & on[:, 1] & (ends[:, 0] == ends[:, 1])).any(axis=1)
     bridge = np.all(on.any(axis=2), axis=1) & ~same_side
     kept = bridge | on.all(axis=(1, 2)) | np.isin(edge_keys(edges, len(points)), of_triangles)
@@ -310,8 +320,8 @@ def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, sh
     return edges[np.argsort(np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T), kind="stable")]
 
 
-def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Ints) -> Ints:
-    """Cells that, once their vertices moved, are not star-shaped about the centroid they had."""
+def _find_not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Ints) -> Ints:
+    """Find cells that, with moved vertices, are not star-shaped about their old centroid."""
     _, centroids = areas_and_centroids(points, offsets, vertices)
     here = moved[vertices] - np.repeat(centroids, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -321,14 +331,14 @@ def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Int
 
 
 def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces]:
-    """Voronoi cells of the seeds."""
+    """Return the Voronoi cells of the seeds in space."""
     from scipy.spatial import Voronoi
 
-    sites, origin, walls = _mirrored(seeds, size, reach)
+    sites, origin, walls = _mirror(seeds, size, reach)
     found, count = Voronoi(sites), len(seeds)
     points, corners = found.vertices, found.ridge_vertices
     first, second = np.sort(found.ridge_points, axis=1).astype(np.int64).T
-    # Faces inside, and those between a seed and its own image; others with images are rounding at the box's edges.
+    # faces between seeds, or a seed and its own image; other faces are rounding at the edges of the box
     kept = np.flatnonzero((first < count) & ((second < count) | (origin[second] == first)))
     kept = kept[np.lexsort((second[kept], first[kept]))]
     offsets = offsets_of(np.array([len(corners[k]) for k in kept]))
@@ -336,13 +346,13 @@ def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces
     first, second = first[kept], second[kept]
     side = walls[second]
     of_corner = np.repeat(side, np.diff(offsets))
-    for wall in range(6):  # vertices of faces on a side of the box lie there to the bit
+    for wall in range(6):  # vertices on a side of the box lie there exactly
         points[vertices[of_corner == wall], wall // 2] = size[wall // 2] * (wall % 2)
     place = smallest_linked(close_pairs(points, SAME), len(points))
-    points, offsets, vertices, left = _renumbered(points, offsets, place[vertices])
+    points, offsets, vertices, left = _drop_repeats(points, offsets, place[vertices])
     first, second, side = first[left], second[left], side[left]
     outwards = np.einsum("ij,ij->i", face_shapes(points, offsets, vertices).normals, sites[second] - sites[first])
-    vertices = turned(offsets, vertices, outwards < 0.0)
+    vertices = reverse_rows(offsets, vertices, outwards < 0.0)
     face_cells = np.column_stack([first, np.where(side < 0, second, -1)])
     number, owner = np.repeat(np.arange(len(face_cells)), 2), face_cells.ravel()
     number, owner = number[owner >= 0], owner[owner >= 0]

@@ -1,1 +1,1 @@
-"""Meshes from and to files and the objects of other libraries."""
+"""Reading and writing of mesh files, and conversion to and from other libraries."""

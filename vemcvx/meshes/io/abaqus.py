@@ -1,7 +1,7 @@
-"""Abaqus' input files: nodes, elements, sets and surfaces of parts and instances; what is not read is named.
+"""Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists keywords not read.
 
-A part is read where an instance places it, once for each, and then moved; a part without an instance where it is. Sets
-of the same name are one set, in whichever parts they are. What a list of numbers means depends on the instance.
+A part is read once for each of its instances, and moved as the instance says; a part without an instance is not moved.
+Sets of the same name in several parts are one set. The numbers of nodes and elements belong to an instance.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.grid import Grid, by_corners
+from vemcvx.meshes.io.grid import Grid, keep_corners
 from vemcvx.meshes.polygons import offsets_of
 
 PLANE, SOLID = "(?:CP[ES]|CPEG|DC2D|S|M3D|SFM3D|R3D|DS|STRI)", "(?:C3D|DC3D)"
@@ -29,7 +29,7 @@ TYPES |= {
 }
 TYPES |= {f"{SOLID}10": ("tetra10", 10), f"{SOLID}15": ("wedge15", 15), f"{SOLID}20": ("hexahedron20", 20)}
 TYPES |= {"(?:T[23]D|R2D)2|B[23]1": ("line", 2), "T[23]D3|B[23]2": ("line3", 3)}
-"""Patterns of types of elements, which letters may follow -> a kind of cells, and how many nodes it has."""
+"""Patterns of element types, which letters may follow -> kind of cells, number of nodes."""
 WRITTEN = {"triangle": "CPS3", "quad": "CPS4", "tetra": "C3D4", "wedge": "C3D6", "hexahedron": "C3D8"}
 SIDES = {
     "triangle": ("01", "12", "20"),
@@ -41,12 +41,12 @@ SIDES = {
 """The sides S1, S2 ... of elements, by their corners."""
 ENTITY = r"(Line|Surface|Volume)\d+"
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
-FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
-Block = tuple[str, dict[str, str], list[str]]  # a keyword in capitals without blanks, its options, and its data
+KEYWORDS_WITH_FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
+Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals without blanks, options, lines of data
 
 
 def read_abaqus(path: Path) -> Grid:
-    """Return the cells of a file: element sets as named sets, node sets and surfaces as parts of the boundary."""
+    """Read the cells of a file; element sets become named sets, node sets and surfaces parts of the boundary."""
     deck = _Deck()
     for block in _blocks(path):
         deck.take(*block)
@@ -55,9 +55,9 @@ def read_abaqus(path: Path) -> Grid:
     vertices = np.fromiter(chain.from_iterable(deck.rows), np.int64)
     sizes = np.array(list(map(len, deck.rows)), dtype=np.int64)
     points = np.array(deck.points, dtype=float).reshape(-1, 3)
-    grid = by_corners(Grid(points, np.array(deck.kinds, dtype=str), offsets_of(sizes), vertices))
+    grid = keep_corners(Grid(points, np.array(deck.kinds, dtype=str), offsets_of(sizes), vertices))
     shown = {kind: {n: x for n, x in sets.items() if n not in deck.internal} for kind, sets in deck.sets.items()}
-    # Gmsh names its entities, too: what is in groups of users needs no second name.
+    # drop Gmsh's own names of entities if all of their cells are in sets of the user
     others = {cell for name, x in shown["ELSET"].items() if not re.fullmatch(ENTITY, name) for cell in x}
     for name in [n for n, x in shown["ELSET"].items() if re.fullmatch(ENTITY, n) and others.issuperset(x)]:
         del shown["ELSET"][name]
@@ -72,12 +72,12 @@ def read_abaqus(path: Path) -> Grid:
     grid.numbers = {instance: numbers["NSET"] for instance, numbers in deck.numbers.items()}
     grid.sets |= own
     if deck.unread:
-        grid.notes = (*grid.notes, f"it has, and not read are, {', '.join(dict.fromkeys(deck.unread))}.")
+        grid.notes = (*grid.notes, f"these parts of the file were not read: {', '.join(dict.fromkeys(deck.unread))}.")
     return grid
 
 
 def _largest(grid: Grid) -> list[str]:
-    """Return the names of sets of some, not all, of the cells that no other such set has in it; of equals the last."""
+    """Return the names of the sets of some, not all, cells that no other set contains; of equal sets the last."""
     inner = grid.bounding[0]
     some = {name: x & inner for name, x in grid.sets.items() if (x & inner).any() and not x[inner].all()}
     order = sorted(some, key=lambda name: np.count_nonzero(some[name]))
@@ -86,7 +86,7 @@ def _largest(grid: Grid) -> list[str]:
 
 
 def write_abaqus(path: Path, grid: Grid) -> None:
-    """Write points and cells alone."""
+    """Write the points and cells."""
     points, lines, last = np.pad(grid.points, ((0, 0), (0, 3 - grid.points.shape[1]))), ["*NODE"], ""
     lines += [f"{number}, {', '.join(map(repr, x))}" for number, x in enumerate(points.tolist(), 1)]
     rows = np.split(grid.vertices + 1, grid.offsets[1:-1])
@@ -99,31 +99,31 @@ def write_abaqus(path: Path, grid: Grid) -> None:
 
 @dataclass
 class _Deck:
-    """What has been read of a file: nodes and elements by their places, in lists that grow."""
+    """The parts of a file read so far; nodes and elements are known by their positions in growing lists."""
 
     points: list[list[float]] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
-    rows: list[list[int]] = field(default_factory=list)  # nodes of the elements, by their places
+    rows: list[list[int]] = field(default_factory=list)  # positions of the nodes of the elements
     numbers: dict[str, dict[str, dict[int, int]]] = field(default_factory=dict)
-    """Instance, "" for none -> "NSET" or "ELSET" -> number of a node or element -> its place."""
+    """Instance, "" for none -> "NSET" or "ELSET" -> number of a node or element -> its position."""
     sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
     sides: list[tuple[str, int, list[int]]] = field(default_factory=list)  # name of a surface, side, elements
     parts: dict[str, list[Block]] = field(default_factory=dict)
     placed: set[str] = field(default_factory=set)  # parts that have an instance
-    part: str = ""  # which is being defined
+    part: str = ""  # the part that is being defined
     scope: str = ""  # the instance that is being read
-    moves: list[list[float]] = field(default_factory=list)  # its translations, 3 numbers, and rotations, 7 numbers
-    spelt: dict[str, str] = field(default_factory=dict)  # names in capitals -> as they were spelt at first
-    internal: set[str] = field(default_factory=set)  # names of sets that no user has made
+    moves: list[list[float]] = field(default_factory=list)  # translations (3 numbers) and rotations (7) of the instance
+    spelt: dict[str, str] = field(default_factory=dict)  # name in capitals -> its first spelling
+    internal: set[str] = field(default_factory=set)  # names of sets that Abaqus made
     unread: list[str] = field(default_factory=list)
 
     def take(self, word: str, options: dict[str, str], lines: list[str]) -> None:
-        """Take a keyword with its data; MeshError where nodes or elements would be lost or misplaced."""
+        """Take a keyword with its data; raise MeshError if nodes or elements would be lost or misplaced."""
         strange = [name for name in ("SYSTEM", "LIBRARY") if options.get(name, "R").upper() != "R"]
         if word in REFUSED or (strange and word in ("NODE", "INSTANCE")):
             more = "".join(f", {name}={options[name]}" for name in strange)
             raise MeshError(
-                f"its keyword *{word}{more} is not read; write all nodes, in Cartesian coordinates, and elements out."
+                f"its keyword *{word}{more} is not supported; write out all elements and (Cartesian) nodes."
             )
         rows = [[one.strip() for one in line.split(",")] for line in lines]
         if word in ("PART", "ENDPART"):
@@ -144,21 +144,21 @@ class _Deck:
             taker(options, rows)
 
     def place(self, part: str, name: str, moves: Iterable[list[float]] = ()) -> None:
-        """Read a part as an instance of this name, which is moved."""
+        """Read a part as an instance of this name, with its moves."""
         self.scope, self.moves = name, list(moves)
         self.placed.add(part)
         for block in self.parts.get(part, []):
             self.take(*block)
 
-    def _known(self, kind: str, instance: str = "") -> dict[int, int]:
-        """The places of the nodes or elements of an instance, by default of the one that is being read."""
+    def _numbers_of(self, kind: str, instance: str = "") -> dict[int, int]:
+        """Return the positions of the nodes or elements of an instance by number; by default, the current instance."""
         return self.numbers.setdefault(instance or self.scope, {"NSET": {}, "ELSET": {}})[kind]
 
     def _take_nodes(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
-        known, places = self._known("NSET"), list[int]()
+        known, places = self._numbers_of("NSET"), list[int]()
         x = np.array([[_real(one) for one in (*row, "", "", "")[1:4]] for row in rows], dtype=float).reshape(-1, 3)
         for move in self.moves:
-            x = x + move if len(move) == 3 else _turned(x, np.array(move))
+            x = x + move if len(move) == 3 else _rotate(x, np.array(move))
         for (number, *_), at in zip(rows, x.tolist(), strict=True):
             places.append(known.setdefault(int(number), len(self.points)))
             self.points[places[-1] : places[-1] + 1] = [at]
@@ -174,10 +174,10 @@ class _Deck:
         kind, count = shape
         if len(words) % (count + 1):
             raise MeshError(f"its elements of the type {given} do not all have {count} nodes.")
-        known, nodes, places = self._known("ELSET"), self._known("NSET"), list[int]()
+        known, nodes, places = self._numbers_of("ELSET"), self._numbers_of("NSET"), list[int]()
         for number, *row in np.array(words, dtype=np.int64).reshape(-1, count + 1).tolist():
             if lost := [node for node in row if node not in nodes]:
-                raise MeshError(f"its element {number} has the node {lost[0]}, which is not there.")
+                raise MeshError(f"its element {number} has the node {lost[0]}, which does not exist.")
             known[number] = len(self.kinds)
             places.append(len(self.kinds))
             self.kinds.append(kind)
@@ -187,7 +187,7 @@ class _Deck:
             self.unread.append(f"elements of the type {given} (lines without a name)")
 
     def _name(self, kind: str, name: str, places: Iterable[int]) -> None:
-        """Put nodes or elements into the set of a name, if there is one."""
+        """Put nodes or elements into the set of this name, if the name is not empty."""
         if name:
             self.sets[kind].setdefault(self.spell(name), []).extend(places)
 
@@ -198,7 +198,7 @@ class _Deck:
         if kind == "NSET" and "ELSET" in options:
             self.unread.append(f"the node set {self.spell(name)} of an element set")
         elif "GENERATE" in options:
-            known = self._known(kind, instance)
+            known = self._numbers_of(kind, instance)
             for row in rows:
                 first, last, step = (int(one or 1) for one in (*row, "", "")[:3])
                 chosen = [n for n in known if first <= n <= last and (n - first) % (step or 1) == 0]
@@ -207,17 +207,17 @@ class _Deck:
             words = [one for row in rows for one in row if one]
             for word in words:
                 self._name(kind, name, self._places(kind, word, instance, name))
-            known = self._known(kind, instance)
-            # Elements may be missing because their type is not read, which is said of the type.
+            known = self._numbers_of(kind, instance)
+            # missing elements are reported with their type
             if lost := [one for one in words if kind == "NSET" and one.isdigit() and int(one) not in known]:
                 more = f" and {len(lost) - 1} more" if lost[1:] else ""
                 self.unread.append(f"the node {lost[0]}{more} in {self.spell(name)} (there is no such node)")
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """The nodes or elements that a word in a set or surface means: a number, or another set, of an instance."""
+        """Return the nodes or elements of a word in a set or surface: a number, or another set of an instance."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
-        known = self._known(kind, instance)
+        known = self._numbers_of(kind, instance)
         if of.isdigit():
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:
@@ -236,48 +236,48 @@ class _Deck:
                 self.sides.append((name, int(side[1]), self._places("ELSET", target, "", name)))
             else:
                 self.unread.append(
-                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; it names no sides S1, S2 "
-                    "... of elements: write these, or a node set)"
+                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; only sides S1, S2 ... of "
+                    "elements and node sets are read)"
                 )
 
     def _take_instance(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
         name, part = self.spell(options["NAME"]), self.spell(options.get("PART", ""))
         if part and part not in self.parts:
-            raise MeshError(f"its instance {name} is of the part {part}, which is not there.")
+            raise MeshError(f"its instance {name} belongs to the part {part}, which does not exist.")
         lines = [",".join(row).rstrip(",").split(",") for row in rows]
         for words in lines:
             if len(words) > 3 and len(words) != 7:
                 raise MeshError(
-                    f"its instance {name} has the line {', '.join(words)!r} of {len(words)} numbers; wanted are three "
-                    "of a translation, and in the next line seven of a rotation: two points of the axis, and the angle "
-                    "in degrees."
+                    f"its instance {name} has the line {', '.join(words)!r} of {len(words)} numbers. A translation has "
+                    "three numbers; a rotation, in the next line, has seven: two points of the axis, and the angle in "
+                    "degrees."
                 )
         self.place(part, name, [[*map(_real, words), *[0.0] * (3 - len(words))] for words in lines])
 
     def spell(self, name: str) -> str:
-        """Return a name as it was spelt at first: capitals do not matter."""
+        """Return the first spelling of a name; case does not matter."""
         return self.spelt.setdefault(name.upper(), name)
 
 
 def _real(word: str) -> float:
-    """Return a number as Fortran spells it, too; 0 for nothing."""
+    """Return the value of a number in Python's or Fortran's notation; 0 for an empty word."""
     return float(word.upper().replace("D", "E") or 0)
 
 
-def _turned(x: Floats, axis: Floats) -> Floats:
-    """Return points turned about the axis between two points by an angle in degrees, (7,) numbers."""
+def _rotate(x: Floats, axis: Floats) -> Floats:
+    """Rotate points; `axis` (7,) has two points on the axis, and the angle in degrees."""
     along, angle = (axis[3:6] - axis[:3]) / np.linalg.norm(axis[3:6] - axis[:3]), np.radians(axis[6])
     arm = x - axis[:3]
     kept = np.outer(arm @ along, along)
-    turned: Floats = axis[:3] + kept + np.cos(angle) * (arm - kept) + np.sin(angle) * np.cross(along, arm)
-    return turned
+    rotated: Floats = axis[:3] + kept + np.cos(angle) * (arm - kept) + np.sin(angle) * np.cross(along, arm)
+    return rotated
 
 
 def _add_sides(grid: Grid, name: str, side: int, cells: Ints) -> None:
     """Add a side of some cells to a named part of the boundary."""
     for kind in np.unique(grid.kinds[cells]).tolist():
         if side > len(SIDES.get(kind, ())):
-            raise MeshError(f"its surface {name!r} is to have the side S{side} of a {kind}, which has none.")
+            raise MeshError(f"its surface {name!r} names the side S{side} of a {kind}, which does not exist.")
         corners = np.array(list(map(int, SIDES[kind][side - 1])))
         rows = grid.vertices[grid.offsets[cells[grid.kinds[cells] == kind], None] + corners]
         offsets, vertices = grid.parts.get(name, (np.zeros(1, dtype=np.int64), rows[:0].ravel()))
@@ -286,9 +286,9 @@ def _add_sides(grid: Grid, name: str, side: int, cells: Ints) -> None:
 
 
 def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[str]:
-    """Yield the lines of a file without comments, those of other files that it names in their place."""
+    """Yield the lines of a file without comments, with the lines of included files."""
     if path in above:
-        raise MeshError(f"it names the file {path} within itself.")
+        raise MeshError(f"it includes the file {path} in itself.")
     data = path.read_bytes()
     try:
         text = data.decode()
@@ -296,13 +296,13 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[str]:
         text = data.decode("latin-1")
     for line in map(str.strip, text.splitlines()):
         word = line.partition(",")[0].lstrip("*").strip().upper()
-        named = re.search(r"\bINPUT\s*=\s*\"?([^\",]+)", line, re.IGNORECASE) if word in FILES else None
+        named = re.search(r"\bINPUT\s*=\s*\"?([^\",]+)", line, re.IGNORECASE) if word in KEYWORDS_WITH_FILES else None
         if line and not line.startswith("**") and word != "INCLUDE":
             yield line
         if named and line.startswith("*"):
             other = path.parent / named[1].strip().replace("\\", "/")
             if not other.is_file():
-                raise MeshError(f"it names the file {other}, which is not there.")
+                raise MeshError(f"it includes the file {other}, which does not exist.")
             yield from _lines(other, (*above, path))
 
 
@@ -311,7 +311,7 @@ def _blocks(path: Path) -> Iterator[Block]:
     head, data = "*", list[str]()
     for line in [*_lines(path), "*"]:
         if head.endswith(",") and not data and not line.startswith("*"):
-            head += line  # A line of a keyword goes on after a comma.
+            head += line  # a keyword line continues after a comma
         elif not line.startswith("*"):
             data.append(line)
         else:

@@ -1,4 +1,4 @@
-"""Meshes of meshio: blocks of cells, taken and given, with the numbered groups that Gmsh calls physical."""
+"""Conversion from and to meshes of meshio: blocks of cells, with Gmsh's physical groups."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.base.arrays import Ints
-from vemcvx.meshes.io.grid import CELL, DIGITS, MARK, NODES, PHYSICAL, POLYGONS, SOLIDS, Grid, by_corners
+from vemcvx.meshes.io.grid import CELL, DIGITS, MARK, NODES, PHYSICAL, POLYGONS, SOLIDS, Grid, keep_corners
 from vemcvx.meshes.io.vtu import with_parts
 from vemcvx.meshes.polygons import offsets_of
 
 if TYPE_CHECKING:
     import meshio
 
-Group = tuple[int, int]  # The dimension and the number of a group, or of an entity of a geometry.
+Group = tuple[int, int]  # dimension and number of a physical group or geometrical entity
 GEOMETRICAL = "gmsh:geometrical"
 
 
 def from_meshio(mesh: Any) -> Grid:
-    """Return the cells, block by block, with their data, named sets and physical groups."""
+    """Return the cells of a mesh, block by block, with data, named sets and physical groups."""
     grid = cells_of(mesh)
     names = {(int(x[1]), int(x[0])): name for name, x in mesh.field_data.items() if np.shape(x) == (2,)}
     if PHYSICAL in grid.data:
@@ -30,9 +30,9 @@ def from_meshio(mesh: Any) -> Grid:
 
 
 def cells_of(mesh: Any) -> Grid:
-    """Return the cells by their corners, block by block, with their data and named sets of cells and nodes."""
+    """Return the corners of cells, block by block, with data and named sets of cells and nodes."""
     rows: list[Ints] = []
-    for block in mesh.cells:  # Those of other kinds may be no arrays; the checks of grids name them.
+    for block in mesh.cells:  # other kinds may not be arrays; the checks of grids report them
         known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
@@ -50,16 +50,16 @@ def cells_of(mesh: Any) -> Grid:
             grid.sets[name] = np.isin(np.arange(len(grid.kinds)), chosen)
     for name, nodes in mesh.point_sets.items():
         grid.nodes[name] = np.isin(np.arange(len(mesh.points)), np.asarray(nodes, dtype=np.int64))
-    return by_corners(grid)
+    return keep_corners(grid)
 
 
 def take_groups(
     grid: Grid, numbers: Ints, names: Mapping[Group, str], groups: Mapping[Group, Sequence[int]] | None = None
 ) -> None:
-    """Take the physical groups of cells as named sets, which are called by their number if they have no name.
+    """Add the physical groups of cells to a grid as named sets; a group without a name is named by its number.
 
-    `numbers` (k,) are those of the group of each cell, 0 in none; or those of its entity, and `groups` says in which
-    groups entities are. The datum "gmsh:physical" keeps the first group of each cell.
+    `numbers` (k,) has the group of each cell, 0 for none. If `groups` (entity -> groups) is given, `numbers` has the
+    entity of each cell. The datum "gmsh:physical" keeps the first group of each cell.
     """
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)
@@ -77,10 +77,10 @@ def take_groups(
 
 
 def to_meshio(grid: Grid, *, in_order: bool = False) -> meshio.Mesh:
-    """Return the meshio mesh, one block a kind and number of nodes, or `in_order` a new one whenever these change.
+    """Return the meshio mesh of a grid, with one block for each kind and number of nodes.
 
-    The datum "boundary:<name>" marks the cells of a named set. Where blocks permute cells, the datum `CELL` has the
-    number of each.
+    With `in_order`, cells keep their order and a new block begins at each change. The datum "boundary:<name>" marks the
+    cells of a named set. If blocks permute the cells, the datum `CELL` has their numbers.
     """
     import meshio
 

@@ -1,7 +1,7 @@
-"""Mesh files: a closed list of formats, each with what it holds.
+"""Mesh files: a closed list of formats.
 
-VTU holds every mesh. Gmsh's MSH holds triangles and quadrilaterals, tetrahedra, hexahedra, wedges and pyramids with
-their physical groups, Abaqus' and Nastran's files such cells with fewer names.
+VTU files hold every mesh. Gmsh's MSH files hold triangles, quadrilaterals, tetrahedra, hexahedra, wedges and pyramids
+with physical groups. Files of Abaqus and Nastran hold these cells with fewer names.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.io.abaqus import read_abaqus, write_abaqus
 from vemcvx.meshes.io.blocks import to_meshio
 from vemcvx.meshes.io.gmsh import read_gmsh, write_gmsh
-from vemcvx.meshes.io.grid import AnyTessellation, Grid, bodies_of, finished, grid_of, translated
+from vemcvx.meshes.io.grid import AnyTessellation, Grid, bodies_of, finish_mesh, grid_of, translate_errors
 from vemcvx.meshes.io.nastran import read_nastran
 from vemcvx.meshes.io.vtu import read_vtu, write_vtu
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -28,26 +28,26 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 NASTRAN = (".bdf", ".nas", ".fem")
 READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path.read_bytes()), ".msh": read_gmsh}
 READERS |= {".inp": read_abaqus, **dict.fromkeys(NASTRAN, read_nastran)}
-WORDS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
+FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 
 def load(path: str | Path) -> AnyTessellation:
     """Return the mesh in a file: see :func:`vemcvx.meshes.read`."""
     grid = _read(_path(path))
     try:
-        return finished(str(path), grid)
+        return finish_mesh(str(path), grid)
     except MeshError as error:
         words, hint = ", ".join(map(repr, grid.bodies[:8])), ""
         if len(grid.bodies) > 1:
             hint = (
-                f" Where {words} are bodies, read the file with bodies='physical'; vemcvx run --mesh does so where the "
-                f"scene names parts of bodies, such as on='{grid.bodies[0]}.NAME'."
+                f" If {words} are bodies, read the file with bodies='physical'; vemcvx run --mesh does so if the scene "
+                f"names parts of bodies, such as on='{grid.bodies[0]}.NAME'."
             )
-        raise MeshError(f"{_by_numbers(str(error), grid)}{hint}") from None
+        raise MeshError(f"{_with_file_numbers(str(error), grid)}{hint}") from None
 
 
-def _by_numbers(message: str, grid: Grid) -> str:
-    """Return a message with the numbers that the file has for two nodes, where it has some of its own."""
+def _with_file_numbers(message: str, grid: Grid) -> str:
+    """Return a message with the numbers of two nodes in the file, if it numbers nodes itself."""
     names = {str(node): f"{key}.{n}".lstrip(".") for key, own in grid.numbers.items() for n, node in own.items()}
     return re.sub(
         r"\bnodes (\d+) and (\d+)", lambda two: f"nodes {' and '.join(names.get(k, k) for k in two.groups())}", message
@@ -55,36 +55,36 @@ def _by_numbers(message: str, grid: Grid) -> str:
 
 
 def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
-    """Return the mesh of every body in a file, by name; and the names that the file has for sides."""
+    """Return the mesh of every body in a file, by name, and the names of sides in the file."""
     grid = _read(_path(path))
-    with translated(str(path), "holds no valid mesh"):
+    with translate_errors(str(path), "holds no valid mesh"):
         grids = bodies_of(grid)
     for note in grid.notes:
         warnings.warn(f"{path}: {note}", MeshWarning, stacklevel=3)
     sides = {side for part in grids.values() for side in (*part.parts, *part.nodes)}
     sides |= {side for part in grids.values() for side, x in part.sets.items() if (x & part.bounding[1]).any()}
-    return {name: finished(f"{path}: {name}", part, by_place=not sides) for name, part in grids.items()}, sides
+    return {name: finish_mesh(f"{path}: {name}", part, by_place=not sides) for name, part in grids.items()}, sides
 
 
 def _read(path: Path) -> Grid:
-    # Unlike pathlib's, these know no names that are too long.
+    # unlike pathlib, os.path does not raise for names that are too long
     if not os.path.isfile(path):
         folder = os.path.isdir(path)
         raise MeshError(f"{path} is a folder; name a file." if folder else f"{path}: there is no such file.")
     suffix = _suffix(path)
-    with translated(str(path), "cannot be read as a mesh"):
+    with translate_errors(str(path), "cannot be read as a mesh"):
         return READERS[suffix](path)
 
 
 def write(path: str | Path, mesh: AnyTessellation) -> None:
-    """Write a mesh with its named boundaries and cell data (see `write` of meshes)."""
+    """Write a mesh with its named boundaries and cell data: see :meth:`vemcvx.PolygonMesh.write`."""
     path = _path(path)
     suffix = _suffix(path)
     if os.path.isdir(path) or not os.path.isdir(path.parent):
         there = "is a folder; name a file." if os.path.isdir(path) else f"has no folder {path.parent}; create it first."
         raise MeshError(f"{path} {there}")
     lost: list[str] = []
-    with translated(str(path), "cannot be written; .vtu holds every mesh"):
+    with translate_errors(str(path), "cannot be written; .vtu holds every mesh"):
         _check_holds(suffix, mesh)
         grid = grid_of(mesh, polyhedra=suffix == ".vtu", sides=suffix in (".vtu", ".msh"))
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
@@ -109,7 +109,7 @@ def _write_nastran(path: Path, grid: Grid) -> None:
 
 
 def _in_a_field(x: float) -> float:
-    """Return a number with as many digits as Nastran's fields of 16 characters hold, where meshio gives up on more."""
+    """Round a number to the digits that a Nastran field of 16 characters holds; meshio fails with more."""
     digits = 12
     while len(text := np.format_float_scientific(x, precision=digits, exp_digits=1)) > 16:
         digits -= 1
@@ -117,10 +117,10 @@ def _in_a_field(x: float) -> float:
 
 
 def _check_holds(suffix: str, mesh: AnyTessellation) -> None:
-    """Raise MeshError where files of a format would lose cells, interfaces or names."""
+    """Raise MeshError if files of a format would lose cells, interfaces or names."""
     wrong = [name for name in (*mesh.boundaries, *mesh.cell_data) if suffix == ".msh" and set(name) & set('"\\\r\n')]
     if wrong:
-        raise MeshError(f".msh files have no names with quotes, backslashes or ends of lines, as {wrong[0]!r} has.")
+        raise MeshError(f".msh files cannot have quotes, backslashes or line breaks in names such as {wrong[0]!r}.")
     if suffix != ".vtu" and isinstance(mesh, PolygonMesh) and np.diff(mesh.offsets).max() > 4:
         raise MeshError(f"{suffix} files do not keep polygons of more than four vertices. Write .vtu.")
     if suffix != ".vtu" and mesh.interfaces:
@@ -138,7 +138,7 @@ def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise MeshError(
-            f"{path}: the suffix {path.suffix!r} is none of the mesh formats here: {WORDS}. Convert the file: "
+            f"{path}: the suffix {path.suffix!r} is not one of the mesh formats: {FORMATS}. Convert the file: "
             f"meshio convert {path.name} {path.stem}.vtu"
         )
     return suffix

@@ -1,6 +1,6 @@
-"""Gmsh's files, .msh, read by meshio; the names and members of physical groups are read here.
+"""Gmsh files, .msh: meshio reads points and cells; names and members of physical groups are read here.
 
-meshio keeps one group of a name and one group of an entity, and fails where some entities are in none (Mesh.SaveAll).
+meshio keeps only one group per name and per entity, and fails if some entities are in no group (Mesh.SaveAll).
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from vemcvx.meshes.polygons import same_rows
 
 FORMAT = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+([48])\s")
 PARAMETRIC = "its nodes have parametric coordinates: save without parametric coordinates (Mesh.SaveParametric = 0)."
-LONG = re.compile(rb"(?<![\w.+-])\d{9,}(?![\w.])")  # meshio makes an array of as many entries as the largest number
+LONG_NUMBER = re.compile(rb"(?<![\w.+-])\d{9,}(?![\w.])")  # meshio makes an array as long as the largest number
 
 
 def read_gmsh(path: Path) -> Grid:
-    """Return the cells of a file of version 2 or 4, with physical groups as named sets."""
+    """Read the cells of a file of version 2 or 4, with physical groups as named sets."""
     import meshio
 
     data = path.read_bytes()
     found = FORMAT.search(data[:10_000])
     if not found:
-        raise MeshError("it does not begin as Gmsh's files do, with $MeshFormat.")
+        raise MeshError("it does not begin with $MeshFormat as Gmsh files do.")
     version, binary = float(found[1]), found[2] == b"1"
-    if version == 4.0:  # Gmsh spells it 4, which meshio takes for 4.1.
+    if version == 4.0:  # Gmsh writes 4, which meshio reads as 4.1
         data = data[: found.start(1)] + b"4.0" + data[found.end(1) :]
-    if long := None if binary else LONG.search(data):
+    if long := None if binary else LONG_NUMBER.search(data):
         raise MeshError(
-            f"it has the number {long[0][:30].decode()}; numbers of nodes have up to eight digits: renumber."
+            f"it has the number {long[0][:30].decode()}; numbers may have up to eight digits: renumber the mesh."
         )
     if b"$PartitionedEntities" in data:
-        raise MeshError("its mesh is in partitions, whose groups are not read; save it in one (unpartition).")
+        raise MeshError("its mesh is in partitions, whose groups are not read; unpartition it before saving.")
     names, data = _without(data, b"PhysicalNames")
     entities, data = _without(data, b"Entities")
     lines = re.findall(rb'^\s*(\d)\s+(\d+)\s+"(.*)"', names, re.MULTILINE)
@@ -61,15 +61,15 @@ def read_gmsh(path: Path) -> Grid:
     first, number = same_rows(grid.offsets, grid.vertices)
     if len(first) == len(number):
         return grid
-    # Version 2 writes a cell once for each of its groups.
+    # version 2 writes a cell once for each of its groups
     together = {name: np.bincount(number, chosen) > 0 for name, chosen in grid.sets.items()}
-    grid = grid.taken(first)
+    grid = grid.select(first)
     grid.sets = together
     return grid
 
 
 def _without(data: bytes, section: bytes) -> tuple[bytes, bytes]:
-    """Return the inside of a section, and the file without it."""
+    """Return the contents of a section, and the file without the section."""
     start, end = data.find(b"$" + section), data.find(b"$End" + section)
     if start < 0 or end < 0:
         return b"", data
@@ -78,7 +78,7 @@ def _without(data: bytes, section: bytes) -> tuple[bytes, bytes]:
 
 
 def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Mapping[Group, list[int]]:
-    """Return the physical groups of each entity of a geometry, (dimension, number) -> numbers of groups."""
+    """Return the physical groups of each geometrical entity, (dimension, number) -> numbers of groups."""
     words, at = [] if binary else section.split(), 0
 
     def take(kind: str, count: int) -> list[Any]:
@@ -93,15 +93,15 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
     for dim, count in enumerate(take(size, 4)):
         for _ in range(count):
             (tag,) = take("i4", 1)
-            take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the box around it
-            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # less than 0: turned round
+            take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the bounding box
+            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # negative: reversed
             if dim:
-                take("i4", take(size, 1)[0])  # what bounds it
+                take("i4", take(size, 1)[0])  # the bounding entities
     return groups
 
 
 def write_gmsh(path: Path, grid: Grid) -> list[str]:
-    """Write cells, and named sets of them as physical groups, in version 2.2; return the names of lost data."""
+    """Write cells, with named sets of cells as physical groups, in version 2.2; return the names of lost data."""
     inner = grid.bounding[0]
     numbers, names, lost = np.zeros(len(inner), dtype=np.int64), dict[str, list[int]](), []
     dimension = 3 if grid.solid else 2
@@ -117,5 +117,5 @@ def write_gmsh(path: Path, grid: Grid) -> list[str]:
     grid.data, grid.sets = {PHYSICAL: numbers, GEOMETRICAL: numbers}, {}
     made = to_meshio(grid, in_order=True)
     made.field_data = {name: np.array(value) for name, value in names.items()}
-    made.write(path, file_format="gmsh22")  # Version 4 wants a geometry.
+    made.write(path, file_format="gmsh22")  # version 4 needs a geometry
     return lost

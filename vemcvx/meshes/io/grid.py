@@ -1,13 +1,12 @@
-"""A mesh as files and other libraries hold it: a list of cells with named sets of them and data; and back.
+"""Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
-Cells stand one after the other, each of a kind and with its nodes, as in VTK's unstructured grids. What bounds cells of
-the mesh (lines; in space, polygons) is among them. A named set of cells means both: a datum that is 1 on its cells of
-the mesh, and a part of the boundary. In files that keep data, a part of the boundary is marked by a datum
-"boundary:<name>", 1 on its lines or polygons, which have the data of the cells that they bound: colouring by a datum
-looks the same with and without them.
+A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
+are cells of the grid, too. A named set of cells becomes a cell datum, 1 on cells of the mesh in the set, and a part of
+the boundary. In files that keep data, the datum "boundary:<name>" is 1 on the lines or polygons of a part of the
+boundary. These lines have the data of the cells behind them, so they do not change the colours of a picture.
 
-An interface of two bodies is two such parts: its own, edges or faces of the first body, and
-"partners:<first>:<second>:<name>", for each of them the nodes of the second body in the same places.
+An interface of two bodies is stored as two such parts: edges or faces of the first body under the name of the
+interface, and the nodes of the second body in the same places under "partners:<first>:<second>:<name>".
 """
 
 from __future__ import annotations
@@ -27,65 +26,65 @@ from numpy.typing import NDArray
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError, MeshWarning, quietly
 from vemcvx.meshes.box import WHOLE
-from vemcvx.meshes.interfaces import Interface, padded
+from vemcvx.meshes.interfaces import Interface, pad_rows
 from vemcvx.meshes.mesh import straight_sides
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons import matching_rows, offsets_of, rows_in_order, turned
-from vemcvx.meshes.polyhedra import FACES, Listed, listed_faces
+from vemcvx.meshes.polygons import matching_rows, offsets_of, reverse_rows, rows_in_order
+from vemcvx.meshes.polyhedra import FACES, FaceLists, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyTessellation = PolygonMesh | PolyhedralMesh
-Rows = tuple[Ints, Ints]  # Offsets and nodes of rows of different lengths.
+Rows = tuple[Ints, Ints]  # offsets and nodes of rows of different lengths
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
-DIGITS = "0123456789"  # behind kinds of higher order, "triangle6": their corners come first
+DIGITS = "0123456789"  # at the end of kinds of higher order, such as "triangle6"; their corners come first
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
-"""Ends of the three edges from vertex 0, right-handed."""
+"""Ends of the three edges from vertex 0, in right-handed order."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
-"""Numbers of nodes, faces and triangles -> the kind of a solid, and the number of nodes of its bottom."""
+"""Numbers of nodes, faces and triangles -> kind of a solid, number of nodes of its bottom."""
 
 
 @dataclass
 class Grid:
-    """Cells and data: the nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``."""
+    """Cells and data; the nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``."""
 
     points: Floats  # (n, 2) or (n, 3)
-    kinds: NDArray[np.str_]  # (k,) kinds of the cells, in meshio's words: "triangle", "quad", "polygon", "line" ...
+    kinds: NDArray[np.str_]  # (k,) kinds of the cells as in meshio: "triangle", "quad", "polygon", "line" ...
     offsets: Ints  # (k + 1,)
     vertices: Ints  # (m,)
     data: dict[str, NDArray[Any]] = field(default_factory=dict)  # arrays (k, ...)
     sets: dict[str, Bools] = field(default_factory=dict)  # (k,) named sets of cells
-    parts: dict[str, Rows] = field(default_factory=dict)  # named parts of the boundary that are no cells
+    parts: dict[str, Rows] = field(default_factory=dict)  # parts of the boundary that are not cells of the grid
     nodes: dict[str, Bools] = field(default_factory=dict)  # (n,) named sets of nodes
-    bodies: tuple[str, ...] = ()  # names of the sets that are bodies
+    bodies: tuple[str, ...] = ()  # names of sets that are bodies
     numbers: Mapping[str, Mapping[int, int]] = field(default_factory=dict)  # instance -> number in the file -> node
-    faces: Listed | None = None  # faces of the polyhedra, in their order
-    notes: tuple[str, ...] = ()  # what was left out of it, in sentences
+    faces: FaceLists | None = None  # faces of the polyhedra, in the order of these
+    notes: tuple[str, ...] = ()  # sentences on parts of the file that were not read
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """(k,) and (k,): the cells of the mesh, solids if there are some and else polygons; and what may bound them."""
+        """Masks (k,) of the cells of the mesh (solids, or else polygons) and of their possible boundary."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 
     @property
     def solid(self) -> bool:
-        """True if there are solids."""
+        """True if the grid has solids."""
         return bool(np.isin(self.kinds, SOLIDS).any())
 
-    def taken(self, cells: Ints) -> Grid:
-        """Return the grid of some cells alone, in this order."""
+    def select(self, cells: Ints) -> Grid:
+        """Return the grid of some cells only, in this order."""
         offsets, vertices = rows_in_order(self.offsets, self.vertices, cells)
         data, sets = ({name: x[cells] for name, x in of.items()} for of in (self.data, self.sets))
         return replace(self, kinds=self.kinds[cells], offsets=offsets, vertices=vertices, data=data, sets=sets)
 
 
 @contextlib.contextmanager
-def translated(subject: str, failure: str) -> Iterator[None]:
-    """Turn whatever other libraries raise, sys.exit included, into a MeshError; log what they print."""
+def translate_errors(subject: str, failure: str) -> Iterator[None]:
+    """Turn all errors of other libraries, even sys.exit, into MeshError, and log their output."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
@@ -99,14 +98,14 @@ def translated(subject: str, failure: str) -> Iterator[None]:
         logging.getLogger("vemcvx").info("%s: %s", subject, words)
 
 
-def finished(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
-    """Return the mesh of a grid, its sides named by their place if nothing is; warn of what was mended and left out."""
-    with translated(subject, "holds no valid mesh"), quietly() as caught:
+def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
+    """Return the mesh of a grid, with warnings; name its straight sides if no part of the boundary has a name."""
+    with translate_errors(subject, "holds no valid mesh"), quietly() as caught:
         mesh, notes = mesh_of(grid)
     sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
     if sides:
         mesh = mesh.with_boundaries(sides)
-        notes = [*notes, f"no part of the boundary has a name; by their place, sides are called {', '.join(sides)}."]
+        notes = [*notes, f"no part of the boundary has a name; by position, sides are named {', '.join(sides)}."]
     for note in [*(str(warning.message) for warning in caught if warning.category is MeshWarning), *notes]:
         warnings.warn(f"{subject}: {note}", MeshWarning, stacklevel=4)
     return mesh
@@ -116,20 +115,20 @@ def finished(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellat
 
 
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the cells of a mesh, with its cell data, and with the named parts of its boundary if `sides`.
+    """Return the cells of a mesh as a grid, with cell `data` and named `sides` unless these are False.
 
-    In space cells are given by their vertices as other programs do, which MeshError refuses for any but tetrahedra,
-    hexahedra, wedges and pyramids; or all as `polyhedra`.
+    In space, cells are given by their vertices; raise MeshError if some are not tetrahedra, hexahedra, wedges or
+    pyramids. With `polyhedra`, all cells are given by their faces.
     """
     faces = None
     if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
     elif polyhedra:
-        kinds, faces = np.full(mesh.n_cells, "polyhedron"), listed_faces(mesh.faces)
+        kinds, faces = np.full(mesh.n_cells, "polyhedron"), list_faces(mesh.faces)
         offsets, vertices = mesh.cell_nodes
     else:
-        kinds, offsets, vertices = _by_vertices(mesh)
-    rows = named_parts(mesh) if sides else {}
+        kinds, offsets, vertices = _list_by_vertices(mesh)
+    rows = list_named_parts(mesh) if sides else {}
     cells = [np.arange(mesh.n_cells), *(mesh._owners[matching_rows(*mesh._outlines, *row)] for row in rows.values())]
     part = np.repeat(np.arange(len(cells)), list(map(len, cells)))
     values = {name: np.asarray(given) for name, given in mesh.cell_data.items()} if data else {}
@@ -145,13 +144,13 @@ def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = Tru
 
 
 def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
-    """Return the kinds of lines and polygons with so many nodes."""
+    """Return the kinds of lines and polygons from their numbers of nodes."""
     counts = np.diff(offsets)
     return np.select([counts == 2, counts == 3, counts == 4], ["line", "triangle", "quad"], "polygon")
 
 
-def named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
-    """Return the nodes of the edges or faces of boundaries, but for the whole, and of partners at interfaces."""
+def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
+    """List the nodes of edges or faces of all named boundaries, and of partners at interfaces."""
     parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
     for name, found in mesh.interfaces.items():
         first, second = (quote(body, safe="") for body in found.bodies)
@@ -165,21 +164,21 @@ def named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
     return rows
 
 
-def _by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """Return kinds of solids, and offsets and vertices in VTK's order: around the bottom, then above; or MeshError."""
+def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
+    """List kinds of solids, and offsets and vertices in VTK's order: around the bottom, then around the top."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
         faces = [face.tolist() for face in cell]
         shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
         kind, n = SHAPES.get(shape, ("", 0))
         bottom = next((face[::-1] for face in faces if len(face) == n), list[int]())
-        # Each face runs outwards, so that one of its edges leads up from a node of the bottom.
+        # faces run outwards, so exactly one edge of a face leads up from each node of the bottom
         edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
         if not kind or any(len(ends) != 1 for ends in up):
             raise MeshError(
-                f"tetrahedra, hexahedra, wedges and pyramids alone are given by their vertices, and cell {number} is "
-                "none of them. Polyhedra go into .vtu files and to PyVista."
+                f"cell {number} is no tetrahedron, hexahedron, wedge or pyramid. Other polyhedra can only go to .vtu "
+                "files or to PyVista."
             )
         kinds.append(kind)
         rows.append([*bottom, *dict.fromkeys(ends[0] for ends in up)])
@@ -190,8 +189,8 @@ def _by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
 
 
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh of the solids that there are, or else of the polygons, and notes on what was left out."""
-    grid = by_corners(grid)
+    """Return the mesh of the solids, or else of the polygons, and notes on parts left out."""
+    grid = keep_corners(grid)
     _check_kinds(grid)
     inner, outer = grid.bounding
     cells = np.flatnonzero(inner)
@@ -218,29 +217,29 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     return _with_parts(mesh, parts, grid)
 
 
-def by_corners(grid: Grid) -> Grid:
-    """Return the grid with cells of higher order as those of first order that have their corners."""
+def keep_corners(grid: Grid) -> Grid:
+    """Replace cells of higher order by cells of first order with the same corners."""
     kinds = np.array([k.rstrip(DIGITS) if k.rstrip(DIGITS) in NODES else k for k in grid.kinds.tolist()], dtype=str)
     counts = np.diff(grid.offsets)
     corners = np.array([NODES.get(kind, 0) for kind in kinds.tolist()], dtype=np.int64)
     curved = kinds != grid.kinds
     wrong = np.flatnonzero(np.where(curved, counts < corners, (corners > 0) & (counts != corners)))
     if len(wrong):
-        raise MeshError(f"its cells of the kind {str(grid.kinds[wrong[0]])!r} do not all have so many nodes.")
+        raise MeshError(f"some of its cells of the kind {str(grid.kinds[wrong[0]])!r} have a wrong number of nodes.")
     if not curved.any():
         return grid
     counts = np.where(curved, corners, counts)
     offsets = offsets_of(counts)
     vertices = grid.vertices[np.arange(offsets[-1]) + np.repeat(grid.offsets[:-1] - offsets[:-1], counts)]
     names = ", ".join(np.unique(grid.kinds[curved]).tolist())
-    note = f"cells of higher order ({names}) are read by their corners, with straight edges."
+    note = f"cells of higher order ({names}) are read as their corners, with straight edges."
     return replace(grid, kinds=kinds, offsets=offsets, vertices=vertices, notes=(*grid.notes, note))
 
 
 def bodies_of(grid: Grid) -> dict[str, Grid]:
-    """Return the cells of each body alone, with what of lines, faces and sets of nodes is on its nodes, by name.
+    """Return a grid for each body, by name, with the lines, faces and sets of nodes on its nodes.
 
-    What is said of the whole file is said of no body.
+    Notes on the file are left out.
     """
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
@@ -249,21 +248,21 @@ def bodies_of(grid: Grid) -> dict[str, Grid]:
         several = np.flatnonzero(inner)[times > 1]
         double = " and ".join(repr(name) for name, mine in bodies.items() if mine[several[:1]].any())
         empty = ", ".join(repr(name) for name in grid.bodies if name not in bodies)
-        cure = f"no cells are read of {empty}" if empty else "read it without bodies="
+        cure = f"{empty} has no cells" if empty else "read the file without bodies="
         found = f"there is one, {next(iter(bodies))!r}; {cure}" if bodies else "there is none"
         found = f"{len(several)} of its cells are in several, {double}" if double else found
         found = f"{(times == 0).sum()} of its cells are in none" if bodies and (times == 0).any() else found
         raise MeshError(
             "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
-            "(or else element set) of an Abaqus file, of every property of a Nastran file. Wanted are two, and each "
-            f"cell in one; here, {'; '.join([found, *(note.rstrip('.') for note in grid.notes)])}."
+            "(or else element set) of an Abaqus file, of every property of a Nastran file. There must be at least two, "
+            f"and each cell must be in one; here {'; '.join([found, *(note.rstrip('.') for note in grid.notes)])}."
         )
     found_grids: dict[str, Grid] = {}
     cell = np.repeat(np.arange(len(inner)), np.diff(grid.offsets))
     for name, mine in bodies.items():
         own = np.zeros(len(grid.points), dtype=bool)
         own[grid.vertices[mine[cell]]] = True
-        part = grid.taken(np.flatnonzero(mine | (outer & (np.bincount(cell, ~own[grid.vertices], len(mine)) == 0))))
+        part = grid.select(np.flatnonzero(mine | (outer & (np.bincount(cell, ~own[grid.vertices], len(mine)) == 0))))
         number = np.cumsum(own) - 1
         parts = {}
         for side, (offsets, nodes) in grid.parts.items():
@@ -290,10 +289,10 @@ def _check_kinds(grid: Grid) -> None:
             else "plane polygons with straight edges (triangles, quads, polygons) and lines"
         )
         raise MeshError(
-            f"it holds cells of the kind {strange[0]!r}; wanted are {wanted}. Export elements of first order."
+            f"it has cells of the kind {strange[0]!r}; only {wanted} are read. Export elements of first order."
         )
     if not grid.bounding[0].any():
-        raise MeshError(" ".join([f"it holds no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.", *grid.notes]))
+        raise MeshError(" ".join([f"it has no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.", *grid.notes]))
     for name, values in grid.data.items():
         single = name == CELL or name.startswith(MARK)
         if len(values) != len(grid.kinds) or (single and values.ndim > 1):
@@ -301,34 +300,33 @@ def _check_kinds(grid: Grid) -> None:
 
 
 def _plane(points: Floats, used: Ints) -> Floats:
-    """Return the points without a third coordinate that is the same for all that cells use."""
+    """Return the points without the third coordinate if it is the same for all points of cells."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
-        # A mesh that was turned into place by the program that wrote the file is plane to its digits. Points that are
-        # no numbers, or are not there, are left to the checks of the mesh, which name them.
+        # a mesh that another program rotated is plane up to rounding; the checks of the mesh report invalid points
         x = points.take(used, axis=0, mode="clip")
         if np.ptp(x[:, 2]) > SAME * np.nanmax(np.abs(x - x[0]), initial=0.0):
             raise MeshError(
                 f"its points do not lie in a plane z = constant: z runs from {x[:, 2].min():.6g} to "
-                f"{x[:, 2].max():.6g}. Turn the mesh into the x-y plane first."
+                f"{x[:, 2].max():.6g}. Rotate the mesh into the x-y plane first."
             )
         return points[:, :2]
     return points
 
 
 def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
-    """Return the interfaces among the named parts of a file, which then are no boundaries any more."""
+    """Remove the interfaces from the named parts of a file, and return them."""
     found = {}
     for key in [name for name in parts if name.startswith(PARTNERS) and name.count(":") > 2]:
         first, second, name = key.removeprefix(PARTNERS).split(":", 2)
         if name not in parts:
-            raise MeshError(f"it holds partners of an interface {name!r}, but no such boundary.")
-        edges, partners = (padded(*parts.pop(one)) for one in (name, key))
+            raise MeshError(f"it has partners of an interface {name!r}, but no boundary of this name.")
+        edges, partners = (pad_rows(*parts.pop(one)) for one in (name, key))
         found[name] = Interface((unquote(first), unquote(second)), edges, partners)
     return found
 
 
-def _solids(grid: Grid, cells: Ints) -> Listed:
+def _solids(grid: Grid, cells: Ints) -> FaceLists:
     """Return the faces of the solids with the given numbers, in this order."""
     lists, numbers = [], []
     for kind in np.unique(grid.kinds[cells]).tolist():
@@ -343,12 +341,12 @@ def _solids(grid: Grid, cells: Ints) -> Listed:
         faces = FACES[kind]
         offsets = offsets_of(np.tile([len(face) for face in faces], len(corners)))
         vertices = corners[:, np.concatenate(faces)].ravel()
-        # Programs number solids both ways around. Nodes that do not exist are named by the checks of the mesh.
+        # programs number solids in both orientations; the checks of the mesh report missing nodes
         x = np.asarray(grid.points, dtype=float).take(corners[:, (0, *EDGES[kind])], axis=0, mode="clip")
         backwards = np.linalg.det(x[:, 1:] - x[:, :1]) < 0.0
-        vertices = turned(offsets, vertices, np.repeat(backwards, len(faces)))
-        lists.append(Listed(offsets, vertices, np.arange(len(corners) + 1) * len(faces)))
-    joined = Listed(
+        vertices = reverse_rows(offsets, vertices, np.repeat(backwards, len(faces)))
+        lists.append(FaceLists(offsets, vertices, np.arange(len(corners) + 1) * len(faces)))
+    joined = FaceLists(
         offsets_of(np.concatenate([np.diff(one.offsets) for one in lists])),
         np.concatenate([one.vertices for one in lists]),
         offsets_of(np.concatenate([np.diff(one.cell_offsets) for one in lists])),
@@ -359,12 +357,12 @@ def _solids(grid: Grid, cells: Ints) -> Listed:
 
 
 def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh with named parts of its boundary; what is not on it is left out, with a note."""
+    """Return the mesh with named parts of its boundary, and notes on parts that are not on the boundary."""
     notes, boundaries = list(grid.notes), {}
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
     for name, rows in parts.items():
-        found = mesh._found(*rows_in_order(*rows, np.flatnonzero(np.diff(rows[0]) >= dimension)), number)
+        found = mesh._find_parts(*rows_in_order(*rows, np.flatnonzero(np.diff(rows[0]) >= dimension)), number)
         chosen, strange = np.unique(found[found >= 0]), np.count_nonzero(found < 0)
         if strange:
             kind = "lines" if dimension == 2 else "polygons"
@@ -380,5 +378,5 @@ def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) ->
         else:
             alone.append(repr(name))
     if alone:
-        notes.append(f"between the nodes of {', '.join(alone)} there is not {mesh.A_PART} of the boundary.")
+        notes.append(f"the nodes of {', '.join(alone)} do not contain all nodes of {mesh.A_PART} of the boundary.")
     return mesh.with_boundaries(boundaries), notes

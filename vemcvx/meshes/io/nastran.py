@@ -1,7 +1,7 @@
-"""Nastran's files, read by meshio after a preparation of their text: one card a line, in fields between commas.
+"""Nastran files: their text is converted to one card per line with commas between fields, which meshio reads.
 
-What would be read wrongly is refused by name: points in other coordinate systems, and elements that are not read.
-Materials, loads and supports are passed over. What has a property is a set called by its number.
+Points in other coordinate systems and unknown elements are errors. Materials, loads and supports are skipped. The
+elements of a property are a set, named by the number of the property.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from vemcvx.meshes.io.grid import Grid
 
 CORNERS = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CSHEAR": 4, "CTETRA": 4}
 CORNERS |= {"CPYRAM": 5, "CPYRA": 5, "CPENTA": 6, "CHEXA": 8, "CBAR": 2, "CBEAM": 2, "CROD": 2}
-"""Elements -> how many of their nodes are corners, which come first."""
-SECOND = {"CTRIA6": "CTRIA3", "CQUAD8": "CQUAD4"}
+"""Element -> number of its corners, which are its first nodes."""
+FIRST_ORDER = {"CTRIA6": "CTRIA3", "CQUAD8": "CQUAD4"}
 SOLIDS = "CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA"  # of first or second order
 
 
 def read_nastran(path: Path) -> Grid:
-    """Return the points and cells of a file; MeshError where some would be lost or misplaced."""
+    """Read the points and cells of a file; raise MeshError if some would be lost or misplaced."""
     import meshio
 
     lines, curved = list[str](), set[str]()
@@ -38,12 +38,12 @@ def read_nastran(path: Path) -> Grid:
         elif n and not all(fields[:n]):
             raise MeshError(f"its card {name} {at} has fewer than {n} nodes.")
         elif n:
-            if name in (*SECOND, *SOLIDS) and any(fields[n : 2 * n if name in SECOND else None]):
+            if name in (*FIRST_ORDER, *SOLIDS) and any(fields[n : 2 * n if name in FIRST_ORDER else None]):
                 curved.add(name)
-            lines.append(",".join([SECOND.get(name, name), at, system or at, *fields[:n]]))
+            lines.append(",".join([FIRST_ORDER.get(name, name), at, system or at, *fields[:n]]))
         elif re.match("C(?!ORD|END)|GRDSET|SPOINT|INCLUDE", name):
             raise MeshError(
-                f"its card {name} {at} is not read; export without it. Read are GRID, {', '.join(CORNERS)}."
+                f"its card {name} {at} is not supported; export without it. Supported are GRID, {', '.join(CORNERS)}."
             )
     grid = cells_of(meshio.nastran.read(io.StringIO("\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]))))
     if len(grid.points) + len(grid.kinds) != len(lines):
@@ -52,12 +52,12 @@ def read_nastran(path: Path) -> Grid:
     grid.sets = {str(number): properties == number for number in np.unique(properties)}
     grid.bodies = tuple(name for name, chosen in grid.sets.items() if (chosen & grid.bounding[0]).any())
     if curved:
-        grid.notes = (f"cells of higher order ({', '.join(sorted(curved))}) are read by their corners.",)
+        grid.notes = (f"cells of higher order ({', '.join(sorted(curved))}) are read as their corners.",)
     return grid
 
 
 def _cards(text: str) -> list[list[str]]:
-    """Return the cards of the bulk data: their names, and their fields without marks of continuations."""
+    """Return the cards of the bulk data: names and fields, without continuation marks."""
     bulk = re.split(r"^\s*BEGIN\s+BULK.*$", text, maxsplit=1, flags=re.MULTILINE)[-1]
     cards: list[list[str]] = []
     for raw in re.split(r"^ENDDATA", bulk, maxsplit=1, flags=re.MULTILINE)[0].splitlines():
@@ -69,7 +69,7 @@ def _cards(text: str) -> list[list[str]]:
             fields = [line[k : k + 16].strip() for k in range(8, 72, 16)]
         width = 4 if "*" in head else 8
         if len(fields) == width + 1:
-            fields = fields[:width]  # The last one is the mark of a continuation.
+            fields = fields[:width]  # without the continuation mark
         if head and head[0] not in "+*":
             cards.append([head.rstrip("*")])
         if cards and (head or any(fields)):
@@ -78,5 +78,5 @@ def _cards(text: str) -> list[list[str]]:
 
 
 def _real(field: str) -> str:
-    """Return a number as Python spells it: 1.5D-3 and 2.5-3 are numbers, too, and nothing is zero."""
+    """Return a number in Python's notation, also for 1.5D-3 and 2.5-3; an empty field is zero."""
     return re.sub(r"^([+-]?[\d.]+)([+-]\d+)$", r"\1E\2", field.replace("D", "E")) or "0."

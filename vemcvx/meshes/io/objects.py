@@ -1,4 +1,4 @@
-"""Meshes of meshio, scikit-fem and PyVista, taken and given."""
+"""Conversion from and to meshes of meshio, scikit-fem and PyVista."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ import numpy as np
 
 from vemcvx.base.arrays import brief
 from vemcvx.base.errors import MeshError, MeshWarning, VemcvxError
-from vemcvx.meshes.interfaces import padded
+from vemcvx.meshes.interfaces import pad_rows
 from vemcvx.meshes.io.blocks import from_meshio, to_meshio
 from vemcvx.meshes.io.grid import (
     MARK,
     PARTNERS,
     AnyTessellation,
     Grid,
-    finished,
+    finish_mesh,
     grid_of,
-    named_parts,
-    translated,
+    list_named_parts,
+    translate_errors,
 )
 from vemcvx.meshes.io.vtu import read_vtu, with_parts, write_vtu
 from vemcvx.meshes.polygons import polygon_centroids
 
 PLANE = {"ElementTriP1": "triangle", "ElementQuad1": "quad"}
 KINDS = {**PLANE, "ElementTetP1": "tetra", "ElementHex1": "hexahedron"}
-# Where scikit-fem has the vertices of a hexahedron that runs around its bottom, then around its top.
 HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])
+"""Position in scikit-fem of the vertices of a hexahedron: around its bottom, then around its top."""
 
 
 def from_skfem(mesh: Any) -> Grid:
-    """Return points and cells; named facets are boundaries, subdomains cell data."""
+    """Return the grid of a mesh of scikit-fem; named facets become boundaries, subdomains cell data."""
     element = mesh.elem.__name__
     points, cells = np.asarray(mesh.doflocs).T, np.array(mesh.t, dtype=np.int64).T
     if element == "ElementHex1":
         cells = cells[:, HEXAHEDRON]
-    if element in PLANE:  # either way around is usual: triangles, say, are sorted by the numbers of their vertices
+    if element in PLANE:  # vertices may be sorted by number, so orientations differ
         clockwise = polygon_centroids(points[cells])[0] < 0.0
         cells[clockwise, 1:] = cells[clockwise, :0:-1]
     offsets = np.arange(len(cells) + 1) * cells.shape[1]
@@ -53,14 +53,14 @@ def from_skfem(mesh: Any) -> Grid:
 
 
 def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
-    """Return MeshTri, MeshQuad, MeshTet or MeshHex, and the names of cell data that it does not keep."""
+    """Return MeshTri, MeshQuad, MeshTet or MeshHex, and the names of cell data that get lost."""
     import skfem.io.meshio
 
     grid, n = grid_of(mesh, data=False), mesh.n_cells
     kinds = sorted(set(grid.kinds[:n].tolist()))
     if kinds[1:] or kinds[0] not in KINDS.values():
         wanted = "tetrahedra or of hexahedra" if grid.solid else "triangles or of quadrilaterals"
-        raise MeshError(f"scikit-fem has meshes of {wanted}; here, there are cells of the kind {' and '.join(kinds)}.")
+        raise MeshError(f"scikit-fem needs meshes of {wanted}; this mesh has cells of the kind {' and '.join(kinds)}.")
     sides, grid.sets = grid.sets, {}
     theirs = to_meshio(grid)
     theirs.cell_sets = {
@@ -73,14 +73,14 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
 
 
 def from_pyvista(data: Any) -> Grid:
-    """Return the cells of UnstructuredGrid, PolyData or whatever else casts to a grid, through a file of VTK's."""
+    """Return the grid of an UnstructuredGrid, PolyData or other data set, by way of a VTK file."""
     import pyvista
 
     if not data.n_cells:
-        raise MeshError("it holds no cells.")
+        raise MeshError("it has no cells.")
     grid = data.copy() if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
     values, fields = ({name: np.array(x) for name, x in of.items()} for of in (grid.cell_data, data.field_data))
-    grid.clear_data()  # Not all names of data survive a file of VTK's.
+    grid.clear_data()  # some names of data do not survive a VTK file
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         grid.save(file)
@@ -88,19 +88,19 @@ def from_pyvista(data: Any) -> Grid:
 
 
 def to_pyvista(mesh: AnyTessellation) -> Any:
-    """Return an UnstructuredGrid with the cells in their order."""
+    """Return an UnstructuredGrid; cells keep their order."""
     import pyvista
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         write_vtu(file, grid_of(mesh, polyhedra=True, sides=False))
         grid = pyvista.read(file)
-    for name, rows in named_parts(mesh).items():
-        grid.field_data[MARK + name] = padded(*rows)
+    for name, rows in list_named_parts(mesh).items():
+        grid.field_data[MARK + name] = pad_rows(*rows)
     return grid
 
 
-CALLED = {"meshio": "meshio", "skfem": "scikit-fem", "pyvista": "PyVista"}
+LIBRARIES = {"meshio": "meshio", "skfem": "scikit-fem", "pyvista": "PyVista"}
 MESHES = {("meshio", "Mesh"), ("skfem", "Mesh"), ("pyvista", "DataSet")}
 
 
@@ -110,20 +110,21 @@ def from_object(other: Any) -> AnyTessellation:
     if not kinds & MESHES:
         raise MeshError(
             f"convert takes meshio.Mesh, MeshTri, MeshQuad, MeshTet and MeshHex of scikit-fem, UnstructuredGrid and "
-            f"PolyData of PyVista; got {brief(other)}. For a file there is read, for points and cells "
-            "PolygonMesh(points, cells) and PolyhedralMesh(points, cells)."
+            f"PolyData of PyVista; got {brief(other)}. For a file use read; for points and cells "
+            "PolygonMesh(points, cells) or PolyhedralMesh(points, cells)."
         )
     library = (kinds & MESHES).pop()[0]
-    subject = f"the mesh of {CALLED[library]}"
-    with translated(subject, "cannot be converted"):
+    subject = f"the mesh of {LIBRARIES[library]}"
+    with translate_errors(subject, "cannot be converted"):
         grid = {"meshio": from_meshio, "skfem": from_skfem, "pyvista": from_pyvista}[library](other)
-    return finished(subject, grid)
+    return finish_mesh(subject, grid)
 
 
 def to_object(mesh: AnyTessellation, library: str) -> Any:
     """Return a mesh as an object of a library: see `PolygonMesh.to`."""
-    if not isinstance(library, str) or library not in CALLED:
-        raise MeshError(f"a mesh goes to {', '.join(map(repr, CALLED))}; got {brief(library)}. To a file: write(path).")
+    if not isinstance(library, str) or library not in LIBRARIES:
+        known = ", ".join(map(repr, LIBRARIES))
+        raise MeshError(f"to: library must be one of {known}; got {brief(library)}. For a file, use write(path).")
     try:
         if library == "meshio":
             return to_meshio(grid_of(mesh))
@@ -132,13 +133,13 @@ def to_object(mesh: AnyTessellation, library: str) -> Any:
         made, lost = to_skfem(mesh)
     except ImportError:
         package = {"skfem": "scikit-fem", "pyvista": "'vemcvx[view]'"}[library]
-        raise VemcvxError(f"this needs {CALLED[library]}, which is not installed: pip install {package}") from None
+        raise VemcvxError(f"this needs {LIBRARIES[library]}, which is not installed: pip install {package}") from None
     notes = []
     if lost:
         notes.append(f"keep only sets of cells (0 or 1), not {', '.join(map(repr, lost))}.")
     if mesh.interfaces:
         names = ", ".join(map(repr, mesh.interfaces))
-        notes.append(f"keep no interfaces: of {names} the {mesh.PARTS} of the first body stay, as boundaries.")
+        notes.append(f"keep no interfaces: the {mesh.PARTS} of the first body of {names} become boundaries.")
     for note in notes:
         warnings.warn(f"meshes of scikit-fem {note}", MeshWarning, stacklevel=3)
     return made

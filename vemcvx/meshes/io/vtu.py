@@ -1,8 +1,8 @@
-"""VTK's files of unstructured grids, .vtu, read and written.
+"""Reading and writing of VTK files of unstructured grids, .vtu.
 
-They are read here and not by meshio, whose reader permutes polygons, knows no polyhedra beside other cells, and refuses
-the versions that ParaView and PyVista write now. Polyhedra are written with their faces outwards, in their order, so
-that they come back to the bit.
+meshio's reader is not used: it permutes polygons, reads no polyhedra together with other cells, and rejects the
+versions that ParaView and PyVista write today. Polyhedra are written with all faces outwards and in order, so they are
+restored bit by bit.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import Bools, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.grid import MARK, Grid, grid_of, translated
+from vemcvx.meshes.io.grid import MARK, Grid, grid_of, translate_errors
 from vemcvx.meshes.polygons import offsets_of, rows_in_order
-from vemcvx.meshes.polyhedra import Listed
+from vemcvx.meshes.polyhedra import FaceLists
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -33,18 +33,18 @@ KINDS = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "
 KINDS |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhedron"}
 KINDS |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20", 26: "wedge15", 28: "quad9"}
 KINDS |= {27: "pyramid13", 29: "hexahedron27", 32: "wedge18", 34: "triangle7"}
-"""VTK's numbers of types -> kinds of cells."""
+"""VTK's number of a cell type -> kind of cells."""
 TYPES = {kind: number for number, kind in KINDS.items()}
-DAMAGED = "its lists of {} are damaged: offsets do not increase, or lead beyond the end."
+DAMAGED = "its lists of {} are damaged: offsets do not increase, or exceed the length of the list."
 
 
 def read_vtu(data: bytes) -> Grid:
-    """Return the grid of a VTU file; MeshError, or an error of XML or numpy, where it is damaged."""
+    """Read the grid of a VTU file; raise MeshError, or an error of XML or numpy, if it is damaged."""
     head, _, appended = data.partition(b"<AppendedData")
     root = ElementTree.fromstring(head + b"</VTKFile>" if appended else head)
     pieces = root.findall("UnstructuredGrid/Piece")
     if len(pieces) != 1:
-        raise MeshError(f"it holds {len(pieces)} pieces of an UnstructuredGrid; wanted is one: merge them in ParaView.")
+        raise MeshError(f"it has {len(pieces)} pieces of an UnstructuredGrid instead of one; merge them in ParaView.")
 
     def arrays(section: ElementTree.Element | None) -> dict[str, NDArray[Any]]:
         found = () if section is None else section.findall("DataArray")
@@ -55,11 +55,11 @@ def read_vtu(data: bytes) -> Grid:
     points = list(arrays(piece.find("Points")).values())
     cells = {name: values.astype(np.int64).ravel() for name, values in arrays(piece.find("Cells")).items()}
     if not points or {"offsets", "connectivity", "types"} - set(cells):
-        raise MeshError("it holds no points and cells.")
+        raise MeshError("it has no points and cells.")
     offsets = _offsets(cells["offsets"], len(cells["connectivity"]), "cells")
     kinds = np.array([KINDS.get(n, f"number {n} of VTK") for n in cells["types"].tolist()], dtype=str)
     if not len(kinds) == len(offsets) - 1 == int(piece.get("NumberOfCells", -1)):
-        raise MeshError(f"it claims {piece.get('NumberOfCells')} cells; there are {len(offsets) - 1}.")
+        raise MeshError(f"its header has {piece.get('NumberOfCells')} cells; there are {len(offsets) - 1}.")
     solid = kinds == "polyhedron"
     faces = _faces(cells, solid) if solid.any() else None
     grid = Grid(points[0], kinds, offsets, cells["connectivity"], data=arrays(piece.find("CellData")), faces=faces)
@@ -67,7 +67,7 @@ def read_vtu(data: bytes) -> Grid:
 
 
 def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
-    """Return the grid with the parts of the boundary among data of the whole file: rows of nodes, filled up with -1."""
+    """Add the parts of the boundary among the fields of a file to a grid: rows of nodes, padded with -1."""
     for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
         rows = values if values.ndim == 2 else values.reshape(-1, 2)
         if rows.dtype.kind not in "iu":
@@ -77,7 +77,7 @@ def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
 
 
 def _values(array: ElementTree.Element, root: ElementTree.Element, appended: bytes) -> NDArray[Any]:
-    """Return the numbers of an array: as text, or in bytes that stand in it or behind all."""
+    """Return the numbers of an array, from text, from bytes inside the element, or from appended bytes."""
     dtype = np.dtype(array.get("type", "").lower())
     if array.get("format") == "ascii":
         values = np.array((array.text or "").split(), dtype=dtype)
@@ -90,17 +90,17 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
             start = int(array.get("offset", 0))
             raw, data = b"raw" in words, body[start : min((p for p in places if p > start), default=len(body))]
         if not raw:
-            # Texts one after the other, each filled up with = where it ends early.
+            # several base64 texts in a row, each padded with =
             data = b"".join(map(base64.b64decode, re.findall(rb"[A-Za-z0-9+/]+={0,2}", b"".join(data.split()))))
         head = np.dtype(f"{order}u{8 if root.get('header_type') == 'UInt64' else 4}")
-        values = np.frombuffer(_unpacked(data, head, root.get("compressor", "")), dtype.newbyteorder(order))
+        values = np.frombuffer(_unpack(data, head, root.get("compressor", "")), dtype.newbyteorder(order))
     components = int(array.get("NumberOfComponents") or 1)
     values = values.astype(dtype)
     return values.reshape(-1, components) if components > 1 else values
 
 
-def _unpacked(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
-    """Return the bytes of an array, which follow their number, or in blocks the number and sizes of these."""
+def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
+    """Unpack the bytes of an array; they follow their length, or the number and sizes of compressed blocks."""
     if not data:
         return b""
     count = int(np.frombuffer(data, head, 1)[0])
@@ -113,20 +113,20 @@ def _unpacked(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
 
 def _offsets(ends: Ints, room: int, what: str) -> Ints:
     offsets = np.concatenate([[0], ends])
-    # Compared, not subtracted: differences may overflow.
+    # comparison, because differences may overflow
     if (offsets[1:] < offsets[:-1]).any() or offsets[-1] > room:
         raise MeshError(DAMAGED.format(what))
     return offsets
 
 
-def _faces(arrays: Mapping[str, Ints], solid: Bools) -> Listed:
-    """Return the faces of polyhedra: by rows since VTK 9.4; before, in a stream that ends at an offset for each."""
+def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
+    """Return the faces of polyhedra: as rows since VTK 9.4, before as a stream with an end offset for each cell."""
     if "face_connectivity" in arrays:
         nodes, numbers = arrays["face_connectivity"], arrays["polyhedron_to_faces"]
         offsets = _offsets(arrays["face_offsets"], len(nodes), "faces")
         cell_offsets = _offsets(arrays["polyhedron_offsets"], len(numbers), "faces")
         rows, faces = rows_in_order(cell_offsets, numbers, np.flatnonzero(solid))
-        return Listed(*rows_in_order(offsets, nodes, faces), rows)
+        return FaceLists(*rows_in_order(offsets, nodes, faces), rows)
     stream, at, counts, faces_found = arrays["faces"].tolist(), 0, list[int](), list[list[int]]()
     for end in arrays["faceoffsets"][solid].tolist():
         at, left = at + 1, stream[at]
@@ -137,33 +137,33 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> Listed:
         if left or at != end:
             raise MeshError(DAMAGED.format("faces"))
     sizes = np.array([len(face) for face in faces_found], dtype=np.int64)
-    return Listed(offsets_of(sizes), np.concatenate(faces_found), offsets_of(np.array(counts)))
+    return FaceLists(offsets_of(sizes), np.concatenate(faces_found), offsets_of(np.array(counts)))
 
 
 class Block(NamedTuple):
-    """An array as XML files have it: the attributes of its element, and its bytes, compressed, after their sizes."""
+    """An array in an XML file: the attributes of its element, and its compressed bytes after their sizes."""
 
     words: dict[str, str]
     data: bytes
 
 
-class Packed(NamedTuple):
-    """Points and cells of a mesh, packed once for all files that have fields on it."""
+class PackedMesh(NamedTuple):
+    """Points and cells of a mesh, compressed once for all files with fields on the mesh."""
 
     nodes: int
     cells: int
     sections: dict[str, list[Block]]
 
 
-def packed_cells(mesh: Any) -> Packed:
-    """Return the points and cells of a mesh, packed; its boundaries and cell data are left out."""
-    return _packed_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
+def pack_cells(mesh: Any) -> PackedMesh:
+    """Pack the points and cells of a mesh, without boundaries and cell data."""
+    return _pack_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
 
 
-def write_cells(path: Path, packed: Packed, point_data: Arrays, cell_data: Arrays) -> None:
-    """Write fields on a mesh, one row a node or cell, as a .vtu file that ParaView opens; or MeshError.
+def write_cells(path: Path, packed: PackedMesh, point_data: Arrays, cell_data: Arrays) -> None:
+    """Write fields on a mesh, with one row per node or cell, as a .vtu file for ParaView; raise MeshError on failure.
 
-    Vectors of two components get a third, zero.
+    Vectors of two components get a zero third component.
     """
     if path.suffix != ".vtu":
         raise MeshError(f"{path}: fields are written as .vtu files; got the suffix {path.suffix!r}.")
@@ -172,7 +172,7 @@ def write_cells(path: Path, packed: Packed, point_data: Arrays, cell_data: Array
             if np.ndim(values) not in (1, 2) or len(values) != rows:
                 raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
     nodes, cells = (_blocks({name: _three(values) for name, values in d.items()}) for d in (point_data, cell_data))
-    with translated(str(path), "cannot be written"):
+    with translate_errors(str(path), "cannot be written"):
         _write(path, packed, {"PointData": nodes, "CellData": cells})
 
 
@@ -182,16 +182,16 @@ def _three(values: ArrayLike) -> NDArray[Any]:
 
 
 def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid, and its named sets of cells as data, as a VTU file."""
+    """Write a grid as a VTU file, with its named sets of cells as data."""
     marks = {MARK + name: chosen.astype(np.uint8) for name, chosen in grid.sets.items()}
-    _write(path, _packed_grid(grid), {"PointData": [], "CellData": _blocks(grid.data | marks)})
+    _write(path, _pack_grid(grid), {"PointData": [], "CellData": _blocks(grid.data | marks)})
 
 
-def _packed_grid(grid: Grid) -> Packed:
+def _pack_grid(grid: Grid) -> PackedMesh:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # A stream as VTK has it: of each cell the number of its faces, of each face that of its nodes, and its nodes.
+        # VTK's stream: for each cell the number of its faces, for each face the number of its nodes, and its nodes
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]
@@ -199,15 +199,15 @@ def _packed_grid(grid: Grid) -> Packed:
         cells["faceoffsets"] = np.full(len(grid.kinds), -1)
         cells["faceoffsets"][grid.kinds == "polyhedron"] = starts[1:] + np.arange(1, len(starts))
     points = _blocks({"Points": _three(grid.points)})
-    return Packed(len(grid.points), len(grid.kinds), {"Points": points, "Cells": _blocks(cells)})
+    return PackedMesh(len(grid.points), len(grid.kinds), {"Points": points, "Cells": _blocks(cells)})
 
 
-def _write(path: Path, packed: Packed, data: Mapping[str, list[Block]]) -> None:
-    """Write a VTU file: what there is as XML, then the bytes of all arrays behind each other as they are.
+def _write(path: Path, packed: PackedMesh, data: Mapping[str, list[Block]]) -> None:
+    """Write a VTU file: first the XML, then the raw bytes of all arrays, which would be a third longer in base64.
 
-    In base64 they would be a third longer. They follow in the reverse of the order in which the XML names them: meshio
-    5.3 replaces offsets one by one, beginning with the least, and each time takes the first array of that offset. In
-    ascending order that may be one whose new offset is another's old one, and the two arrays are interchanged.
+    The bytes are in the reverse order of the arrays in the XML, because of a fault in meshio 5.3. It replaces offsets
+    one by one, starting with the least, and each time takes the first array with this offset. In ascending order, the
+    new offset of one array may equal the old offset of another, and meshio interchanges the two.
     """
     root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="1.0", header_type="UInt64")
     root.set("byte_order", "LittleEndian" if sys.byteorder == "little" else "BigEndian")
@@ -236,17 +236,17 @@ def _blocks(arrays: Arrays) -> list[Block]:
         if values.ndim > 1:
             words["NumberOfComponents"] = str(values[0].size if len(values) else values.shape[1])
         native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
-        blocks.append(Block(words, _packed(native.tobytes())))
+        blocks.append(Block(words, _compress(native.tobytes())))
     return blocks
 
 
-def _packed(data: bytes) -> bytes:
-    """Return one zlib block after the sizes that VTK expects.
+def _compress(data: bytes) -> bytes:
+    """Compress data to one zlib block after the sizes that VTK expects.
 
     Numbers of cells and nodes, and fields that are zero away from contact, shrink 5 to 90 times, at 650 MB/s.
-    Displacements and stresses shrink by a fifth, at 30 MB/s, and are only wrapped.
+    Displacements and stresses would shrink by a fifth, at 30 MB/s; they are stored without compression.
     """
-    sample = data[len(data) // 2 :][:4096]  # Bytes from the middle tell if compressing pays.
+    sample = data[len(data) // 2 :][:4096]  # bytes from the middle show whether compression pays
     packed = zlib.compress(data, int(2 * len(zlib.compress(sample, 1)) < len(sample)))
     header = np.array([1, len(data), len(data), len(packed)] if data else [0, 0, 0], dtype=np.uint64)
     return header.tobytes() + (packed if data else b"")

@@ -77,7 +77,7 @@ GROUNDS = {
     "one component": (lambda x, t: t * x[:, 0], r"found an array of shape \(5,\)"),
     "NaN": (lambda x, t: (np.nan, t), "found NaN or infinity in 5 of 10"),
 }  # fmt: skip
-ONLY = "exists in the plane only, and this mesh is of polyhedra"
+ONLY = "exists in the plane only, and this mesh consists of polyhedra"
 SPACE = {
     "one shear": ([solid(E, NU, 1.0)], r"Orthotropic: .*shear = 1\.0; a body in space takes \(G12, G13, G23\)"),
     "two moduli": ([solid(E[:2], NU, G)], r"Orthotropic: .*young = .*; a body in space takes \(E1, E2, E3\)"),

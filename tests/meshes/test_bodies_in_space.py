@@ -202,9 +202,7 @@ def test_one_polyhedron_of_a_curved_surface_matches_and_two_are_refused(kind, ba
     turned_lug = [turned(second(True), np.pi / 16, (0.0, 0.0))] if "pin" in kind else []
     for other in (second(False), *turned_lug):
         for tolerance in (None, 1e-3, 0.03):
-            with pytest.raises(
-                vx.MeshError, match="[Gg]ive both bodies the same nodes there|give a smaller tolerance="
-            ):
+            with pytest.raises(vx.MeshError, match="[Gg]ive both bodies the same nodes|give a smaller tolerance="):
                 joined(other, tolerance=tolerance)
 
 
@@ -335,17 +333,9 @@ def test_what_is_no_set_of_bodies_is_refused():
         ({"a": a, "b": beside}, {}, "'a' and 'b' (touch only|overlap)"),
         ({"a": a, "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))}, {}, "are 1e-07 apart near"),
         ({"a": a, "b": vx.meshes.squares(1)}, {}, "some meshes are in the plane, and some in space"),
-        (
-            {"a": a, "b": cubes(2, APART), "c": far},
-            {"interfaces": {"joint": ("a", "c")}},
-            "'joint' .* Interfaces: 'a.b'",
-        ),
+        ({"a": a, "b": cubes(2, APART), "c": far}, {"interfaces": {"joint": ("a", "c")}}, "'joint' .*faces: 'a.b'"),
         ({"ab": bodies({"a": a, "b": cubes(2, APART)}), "c": far}, {}, "already has interfaces"),
-        (
-            {"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))},
-            {"tolerance": 0.3},
-            r"near \(.* would move to the same place",
-        ),
+        ({"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))}, {"tolerance": 0.3}, r"near \(.* move to the same place"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             bodies(meshes, **options)
@@ -376,10 +366,7 @@ def test_wrong_interfaces_are_refused():
             r"\(0, 1, 2\) is not a face of the boundary",
         ),
         ({"partners": found.partners[:0]}, "faces must be rows"),
-        (
-            {"partners": found.partners[:, ::-1][:, [1, 2, 3, 0]]},
-            "nodes 1 and 14 are partners at an interface, but lie at",
-        ),
+        ({"partners": found.partners[:, ::-1][:, [1, 2, 3, 0]]}, "nodes 1 and 14 are partners .* but lie at"),
         ({"edges": found.edges + 100}, r"faces must be rows .* of three nodes or more, .* numbered 0 to 15"),
     ):
         with pytest.raises(vx.MeshError, match=message):

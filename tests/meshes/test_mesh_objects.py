@@ -195,15 +195,8 @@ def test_what_is_no_mesh_of_another_library(monkeypatch):
         (small("voronoi", 4), "skfem", "this mesh has cells of the kind polygon and quad"),
         (vx.meshes.kelvin(1), "skfem", "cell 0 is no tetrahedron"),
         (vx.meshes.kelvin(1), "meshio", "polyhedra can only go to .vtu files or to PyVista"),
-        (
-            standard("wedges"),
-            "skfem",
-            "scikit-fem needs meshes of tetrahedra or of hexahedra; this mesh has .* kind wedge",
-        ),
-        *(
-            (vx.meshes.squares(1), name, "to: library must be one of 'meshio', 'skfem', 'pyvista'")
-            for name in ("vtk", "", None, 3)
-        ),
+        (standard("wedges"), "skfem", "scikit-fem needs meshes of tetrahedra or of hexahedra; .* kind wedge"),
+        *((vx.meshes.squares(1), name, "must be one of 'meshio', 'skfem', 'pyvista'") for name in ("vtk", "", None, 3)),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             mesh.to(library)

@@ -135,9 +135,7 @@ def test_only_tetrahedra_are_refined_locally():
 
 @pytest.mark.parametrize("make", ["kelvin", "voronoi3"])
 def test_warped_faces_are_refused(make):
-    with pytest.raises(
-        vx.MeshError, match=r"^refine: parts of cells at their vertices would not have plane faces \(cell"
-    ):
+    with pytest.raises(vx.MeshError, match=r"^refine: parts of cells .* would not have plane faces \(cell"):
         SPACE_FAMILIES[make](2).refine()
 
 

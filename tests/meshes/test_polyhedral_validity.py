@@ -98,10 +98,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 def test_cells_that_do_not_fit(offset):
     """A cross has no node of the one on the other, but their edges meet."""
     for blocks, subject in (
-        (
-            [cube(), cube((0.25, 0.25, 0.25), 0.5)],
-            "volumes add up to 1.125, but the convex hull of all cells has only 1",
-        ),
+        ([cube(), cube((0.25, 0.25, 0.25), 0.5)], "volumes add up to 1.125, but the convex hull .* has only 1"),
         ([cube((0.25, 0.25, 0.25), 0.5), cube()], "cells overlap: their volumes add up to 1.125"),
         ([cube(), cube((1.0, 0.25, 0.25), 0.5)], MEET_IN_PART),
         ([cube(), cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], f"{MEET_IN_PART}, 1e-08 apart"),

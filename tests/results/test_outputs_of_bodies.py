@@ -74,7 +74,7 @@ def test_meshio_keeps_interfaces_in_memory():
 
 
 def test_scikit_fem_loses_interfaces_and_says_so():
-    says = rf"^meshes of scikit-fem keep no interfaces: of '{JOINT.replace('|', '.')}' the edges of the first body stay"
+    says = rf"^meshes of scikit-fem keep no interfaces: the edges of the first body of '{JOINT.replace('|', '.')}'"
     with pytest.warns(vx.MeshWarning, match=says):
         made = blocks("triangles", 4).to("skfem")
     assert JOINT in made.boundaries

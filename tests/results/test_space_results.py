@@ -16,7 +16,7 @@ from vemcvx.results import places
 from vemcvx.results.files import read_archive, write_archive
 
 AREA = SIZE[0] * SIZE[1]
-ONLY = "exists in the plane only, and this mesh is of polyhedra"
+ONLY = "exists in the plane only, and this mesh consists of polyhedra"
 
 
 @pytest.fixture(scope="module")

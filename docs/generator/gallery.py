@@ -13,8 +13,7 @@ from generator.reference import SHORT
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
-NO_PROBLEMS = "gallery", "problem_pictures", "live_page"
-"""Files that draw other problems; the live page has a page of its own."""
+NO_PROBLEMS = "gallery", "problem_pictures", "live_page"  # files that draw other problems, and the live page
 GROUP = re.compile(r"^```\{problems\}\n(.*?)```\n", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
 IMPORT = re.compile(r"^ *(?:import (\w+)(?: as (\w+))?|from (\w+) import (\w+))", re.MULTILINE)

@@ -1,7 +1,7 @@
 r"""The certificate: a bound on the distance of any answer from the solution.
 
-For the program of a step (``StepProgram``), any d within its bounds, any lam with |lam_i| <= w_i and p >= 0, let s =
-B d - b, z = D d - e and r = g - B'lam - D'p - K d. Then
+For the program of a step (``StepProgram``), any $d$ within its bounds, any $\lambda$ with $|\lambda_i| \le w_i$ and
+$p \ge 0$, let $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$. Then
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 + \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) $$
@@ -10,38 +10,38 @@ is primal minus dual objective, and
 
 $$ \textbf{Theorem 1.} \quad \tfrac12 |d - d^*|_K^2 \le \text{gap}. $$
 
-Proof. Write the terms as h(Ad) with their conjugates h*. The conjugate of w|s| is 0 for |lam| <= w. The conjugate of
-(z_+)^2 / 2c is c p^2 / 2 for p >= 0 (for c = 0, of the bound z <= 0, it is 0). With v = K^{-1}(g - B'lam - D'p) the
-dual value is G = -1/2 v'Kv - lam.b - p.e - sum c p^2 / 2, the primal value is
-P(d) = 1/2 d'Kd - g'd + sum w|s| + sum z_+^2 / 2c, and P(d) - G is the gap, because g'd = v'Kd + lam.Bd + p.Dd. P is
-K-strongly convex with minimiser d*, so P(d) >= P(d*) + 1/2 |d - d*|_K^2. Weak duality P(d*) >= G completes the
-proof.  QED
+Proof. Write the terms as $h(A d)$ with their conjugates $h^*$. The conjugate of $w |s|$ is 0 for $|\lambda| \le w$. The
+conjugate of $(z_+)^2 / 2c$ is $c p^2 / 2$ for $p \ge 0$ (for $c = 0$, of the bound $z \le 0$, it is 0). With
+$v = K^{-1} (g - B' \lambda - D' p)$ the dual value is $G = -\frac12 v' K v - \lambda' b - p' e - \sum c p^2 / 2$,
+the primal value is $P(d) = \frac12 d' K d - g' d + \sum w |s| + \sum z_+^2 / 2c$, and $P(d) - G$ is the gap, because
+$g' d = v' K d + \lambda \cdot B d + p \cdot D d$. $P$ is $K$-strongly convex with minimiser $d^*$, so
+$P(d) \ge P(d^*) + \frac12 |d - d^*|_K^2$. Weak duality $P(d^*) \ge G$ completes the proof.  QED
 
-If K has a kernel N (:mod:`vemcvx.program.kernel`), the theorem holds in the seminorm |.|_K, with K^{-1} any inverse of
-K on balanced forces; if N'r does not vanish, the gap is infinite.
+If $K$ has a kernel $N$ (:mod:`vemcvx.program.kernel`), the theorem holds in the seminorm $|\cdot|_K$, with $K^{-1}$ any
+inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinite.
 
-Signs: friction acts on the body with the forces -B'lam, limits with -D'p.
+Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
-The gap is linear in the slip of a sticking term: with |lam| < w it is w|s| - lam.s. A slip of 1e-16 due to rounding
-makes a gap of this size, which bounds the error by its root only, 1e-8. A move v that removes the slip enters
-quadratically:
+The gap is linear in the slip of a sticking term: with $|\lambda| < w$ it is $w |s| - \lambda \cdot s$. A slip of 1e-16
+due to rounding makes a gap of this size, which bounds the error by its root only, 1e-8. A move $v$ that removes the
+slip enters quadratically:
 
-**Theorem 2.** For every v that leaves d - v within the bounds, with |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm
-terms and limits in the gap at d - v,
+**Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
+parts of norm terms and limits in the gap at $d - v$,
 
 $$ |d - d^*|_K \le 2 |v|_K + \sqrt{|r|^2 + 2 T(v)}. $$
 
-Proof. |d - d*|_K <= |v|_K + |d - v - d*|_K. The residual at d - v is r + K v, and 1/2 |d - v - d*|_K^2 <=
-1/2 |r + K v|^2 + T(v) by theorem 1, with |r + K v| <= |r| + |v|_K; finally sqrt((a + b)^2 + c) <= b +
-sqrt(a^2 + c).  QED
+Proof. $|d - d^*|_K \le |v|_K + |d - v - d^*|_K$. The residual at $d - v$ is $r + K v$, and
+$\frac12 |d - v - d^*|_K^2 \le \frac12 |r + K v|^2 + T(v)$ by theorem 1, with $|r + K v| \le |r| + |v|_K$; finally
+$\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
 
 We use it for rows whose part of the gap exceeds the energy of a move of this row alone, and take the smaller bound.
 
-Rounding can change the entries of r = g - B'lam - D'p - K d by up to ROUNDED a_i, with a the sum of the sizes of its
-terms. The corresponding energy is floor = 1/2 sum_i (ROUNDED a_i)^2 f_i with f the diagonal of K^{-1}. The error is
-bounded by error + error_floor, the roots of twice the gap and of twice the floor. A condensed program contains the
-unknowns of its rows only, and does not include the rounding of S. Stored steps are certified with r and floor of all
-unknowns.
+Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
+corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
+The error is bounded by error + error_floor, the roots of twice the gap and of twice the floor. A condensed program
+contains the unknowns of its rows only, and does not include the rounding of S. Stored steps are certified with $r$ and
+floor of all unknowns.
 """
 
 from __future__ import annotations

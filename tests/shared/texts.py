@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SITE = ROOT / "docs"
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
-PAGES = sorted(SITE.rglob("*.md"))
+PAGES = sorted({*SITE.rglob("*.md")} - {SITE / "README.md"})
 """Those that are written; lessons, problems and the reference get pages when the site is built."""
 TEXTS = [README, CONTRIBUTING, *PAGES]
 

@@ -24,7 +24,7 @@ with app.setup:
 
     import vemcvx as vx
     from vemcvx.base.canvas import as_png, light_grid, new_figure
-    from vemcvx.cli.problem_file import own_errors, read_problem
+    from vemcvx.cli.problem_file import read_problem, run_user_code
     from vemcvx.plots import (
         along_contact,
         contact_face,
@@ -97,7 +97,7 @@ def course_of(path, problem):
 def solved(problem, mesh, settings, path, solver):
     """The history; where a step misses the accuracy asked for, its certificate says so."""
     course = {} if PATHS[path] is None else {"course": course_of(path, problem)}
-    scene = own_errors(problem.path, "its scene", lambda: problem.module.scene(**settings, **course))
+    scene = run_user_code(problem.path, "its scene", lambda: problem.module.scene(**settings, **course))
     times = problem.times(STEPS)
     return vx.simulate(scene, mesh, times, solver=SOLVERS[solver](), initial=problem.initial, check=False)
 
@@ -256,7 +256,7 @@ def _():
 def _(scene):
     name, count = SCENES[scene.value]
     problem = read_problem(name)
-    _count = count or problem.usual_n(16)
+    _count = count or problem.default_n(16)
     families = FAMILIES if problem.family in FAMILIES else [problem.family or "the problem's"]
     _at_the_end = {"show_value": True, "debounce": True, "full_width": True}
     _first = problem.family if count is None else "voronoi"

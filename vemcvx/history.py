@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Floats, brief
 from vemcvx.base.errors import HistoryError
-from vemcvx.base.outline import Lines, Outline, Outlined
+from vemcvx.base.outline import Lines, Outline, Outlined, count_steps
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
@@ -95,6 +95,8 @@ class History(Results, Outlined):
         The name of this boundary and the number of this axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
         S_K of the run's a^h, in which nodal distances are measured; None if files do not keep its class.
+    units : dict of str to str, or None
+        Names of units, such as {"length": "mm"}: UNITS of the problem file (:mod:`vemcvx.plots.style`).
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
         The kind of `initial`: nodal values, "equilibrium", "settled", vx.projected(u_0), or the end of another run.
         Files do not keep it.
@@ -380,7 +382,7 @@ def in_words(history: Results) -> Outline:
     did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
     did += f", {opened} are open" if opened else ""
     title = f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
-    title += f"{len(touch.nodes)} contact nodes, {history.steps} steps"
+    title += f"{len(touch.nodes)} contact nodes, {count_steps(history.steps)}"
     median, above = int(np.median(run.iterations[1:])) if history.steps else 0, run.above_asked
     certified = f"{run.certified.max():.1e} relative energy error per step, rounding included; "
     certified += f"{run.certified_total.max():.1e} accumulated{above and f'; {above}'}"
@@ -391,6 +393,7 @@ def in_words(history: Results) -> Outline:
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
+        *([("units", ", ".join(map(" ".join, history.units.items())))] if history.units else []),
         ("certified", certified),
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors, history.quantities),

@@ -193,7 +193,7 @@ def test_a_miss_exits_with_three(tmp_path):
         (["--accuracy", "2"], "accuracy = 2.0; it is a relative energy error between 0 and 1"),
         (["--n", "0"], "Invalid value for '--n'"),
         (["--steps", "many"], "Invalid value for '--steps'"),
-        (["--results", "slip"], "--results: chooses what a study shows"),
+        (["--results", "slip"], "--results: is for a study only"),
         (["--probe", "0,0"], "--probe: displacements of points are written to DIR"),
         (["--probe", "here", "--out", "o"], "--probe: found 'here'; wanted points, such as 0.5,0.25"),
         (["--probe", "0,0", "--probe", "2", "--out", "o"], "--probe: found '0,0', '2'; wanted points"),
@@ -214,8 +214,8 @@ def test_invalid_options_exit_with_two(options, says):
     [
         (
             "import nowhere",
-            "line 1: executing it failed: ModuleNotFoundError: No module named 'nowhere'; what a file imports is "
-            "installed, or stands beside it",
+            "line 1: executing it failed: ModuleNotFoundError: No module named 'nowhere'; modules that a file imports "
+            "must be installed, or be in the folder of the file",
         ),
         ("def scene(:", "executing it failed: SyntaxError: invalid syntax"),
         (
@@ -228,7 +228,7 @@ def test_invalid_options_exit_with_two(options, says):
         (MINIMAL + "def mesh(n):\n    return 1 / 0", "line 10: mesh(2) failed: ZeroDivisionError: division by zero"),
         (
             MINIMAL + "def mesh(n):\n    return {4: 1}[n]",
-            "line 10: mesh(2) failed: KeyError: 2. That is the problem file's own mesh, which is to return a mesh for "
+            "line 10: mesh(2) failed: KeyError: 2. The function mesh of the problem file must return a mesh for "
             "every number n of cells across the shortest side.",
         ),
         ("import sys; sys.exit(3)", "line 1: executing it failed: SystemExit: 3"),
@@ -250,13 +250,13 @@ def test_problem_files_that_are_not_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     empty = invoke("show", "problem.py")
     assert empty.exit_code == 2
-    assert "problem.py: there is no such problem file; here are no Python files." in empty.output
+    assert "problem.py: there is no such problem file; found here: no Python files." in empty.output
     (tmp_path / "problems").mkdir()
     written(tmp_path / "problems", MINIMAL, "slope.py")
-    assert f"here are {Path('problems') / 'slope.py'}." in invoke("run", "problem.py").output
+    assert f"found here: {Path('problems') / 'slope.py'}." in invoke("run", "problem.py").output
     foreign = invoke("run", written(tmp_path, "{}", "scene.json"))
     assert foreign.exit_code == 2
-    assert "scene.json: a problem file is Python and ends in .py" in foreign.output
+    assert "scene.json: a problem file is a Python file, whose name ends in .py" in foreign.output
 
 
 @pytest.mark.parametrize(
@@ -436,7 +436,7 @@ def test_only_the_command_line_itself_imports_typer():
 @pytest.mark.long
 def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
     words = ["run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out")]
-    code = f"from vemcvx.cli import app, terminal; terminal.EVERY = 0.02; app({words!r})"
+    code = f"from vemcvx.cli import app, terminal; terminal.LINE_INTERVAL = 0.02; app({words!r})"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     lines = run.stderr.splitlines()
     assert all(re.fullmatch(r"vemcvx: [a-z]+( \d+ of 20[01])?, \d+ s(, \d+ s left)?", line) for line in lines), lines
@@ -484,7 +484,7 @@ def test_meshes_beyond_the_memory_are_refused_before_they_are_made(monkeypatch):
     assert re.search(
         r"--n 5000: some [\d.]+e\+07 unknowns need \d+ GB of memory at least, and this machine has 8 GB", said
     )
-    assert "--target 0.02, which makes cells small only where the error is" in said
+    assert "--target 0.02, which refines only where the error is large" in said
     assert max(made) == 16
     # A mesh that does not grow with n is none to refuse.
     problem = SimpleNamespace(mesh=lambda n, family: vx.meshes.squares(12))

@@ -22,16 +22,16 @@ from vemcvx.cli.collection.benchmark import (
     LATE,
     REFUSED,
     Trial,
-    compared,
     fate,
+    geometric_mean,
     in_words,
     journal,
-    left,
-    measured,
+    measure,
     profile,
+    remaining_work,
     scores,
     seconds_to,
-    shifted_mean,
+    select_common,
 )
 from vemcvx.program import StepProgram
 
@@ -68,8 +68,8 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
 
 def test_means_are_shifted_and_geometric():
     """Of .09 and .39 with a shift of .01: (.1 * .4)^(1/2) - .01 = .19; what is not reached counts as the limit."""
-    assert shifted_mean([0.09, 0.39], 10.0) == pytest.approx(0.19, rel=1e-12)
-    assert shifted_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
+    assert geometric_mean([0.09, 0.39], 10.0) == pytest.approx(0.19, rel=1e-12)
+    assert geometric_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
 
 
 def test_fates_are_told_apart():
@@ -79,8 +79,8 @@ def test_fates_are_told_apart():
     assert fate(late, 1e-3) == LATE
     assert fate([trial(1e-2, None, None, outcome=FAILED)], 1e-3) == FAILED
     instances = [instance()]
-    assert compared(ENTRIES, instances, "plane", 1e-6)[1] == ["a"]
-    assert compared(ENTRIES, instances, "plane", 1e-8)[1] == []
+    assert select_common(ENTRIES, instances, "plane", 1e-6)[1] == ["a"]
+    assert select_common(ENTRIES, instances, "plane", 1e-8)[1] == []
     rows = scores(ENTRIES, instances, kind="plane", limit=10.0).rows
     # Solver, reached to 1e-3, 1e-6 and 1e-9 (for which the optimum is not known well enough), sure, missed.
     assert [row[:6] for row in rows] == [
@@ -116,14 +116,14 @@ def test_what_is_left_is_what_no_trial_answers():
         return [(Trial("a", sha256, limit), ladder)]
 
     new = work(1e-2, 1e-4, 1e-6)
-    assert list(left([], new)) == new
-    assert list(left([trial(1e-2, 0.1, 1e-3)], new)) == work(1e-4, 1e-6)
-    assert list(left([trial(1e-2, 0.1, 1e-11)], new)) == []
+    assert list(remaining_work([], new)) == new
+    assert list(remaining_work([trial(1e-2, 0.1, 1e-3)], new)) == work(1e-4, 1e-6)
+    assert list(remaining_work([trial(1e-2, 0.1, 1e-11)], new)) == []
     late = [trial(1e-2, None, None, outcome=LATE)]
-    assert list(left(late, work(1e-2, 1e-4, limit=10.0))) == []
-    assert list(left(late, work(1e-2, 1e-4, limit=20.0))) == work(1e-2, 1e-4, limit=20.0)
-    assert list(left([trial(None, None, None, outcome=REFUSED)], new)) == []
-    assert list(left([trial(1e-2, 0.1, 1e-11)], work(1e-2, sha256="other"))) == work(1e-2, sha256="other")
+    assert list(remaining_work(late, work(1e-2, 1e-4, limit=10.0))) == []
+    assert list(remaining_work(late, work(1e-2, 1e-4, limit=20.0))) == work(1e-2, 1e-4, limit=20.0)
+    assert list(remaining_work([trial(None, None, None, outcome=REFUSED)], new)) == []
+    assert list(remaining_work([trial(1e-2, 0.1, 1e-11)], work(1e-2, sha256="other"))) == work(1e-2, sha256="other")
 
 
 def paper_step():
@@ -145,13 +145,13 @@ def test_the_true_error_is_the_distance_from_the_optimum():
     """An answer that is 3 % of the optimum too long is 3 % off; it is never certified to less."""
     program = paper_step()
     longer = replace(program.answer, d=1.03 * program.answer.d)
-    found = measured([lambda *_: (0.5, longer, "solved")], [program], 1e-3)
+    found = measure([lambda *_: (0.5, longer, "solved")], [program], 1e-3)
     assert found["true"] == pytest.approx(0.03, rel=1e-12)
     assert found["certified"] >= found["true"]
     assert found["seconds"] == 0.5
     for answer in (replace(longer, d=np.nan * longer.d), None):
         with pytest.raises(vx.SolverFailed, match="without an answer of finite numbers"):
-            measured([lambda *_, answer=answer: (0.5, answer, "solved")], [program], 1e-3)
+            measure([lambda *_, answer=answer: (0.5, answer, "solved")], [program], 1e-3)
 
 
 @mostly_long("says", ["infeasible", "unbounded", "infeasible_inaccurate"])
@@ -159,11 +159,11 @@ def test_a_status_is_right_or_wrong_whatever_the_error(says):
     """The exact optimum earns nothing if it is called infeasible; without an optimum nothing else counts."""
     program = paper_step()
     ask = [lambda *_: (0.5, program.answer, says)]
-    assert measured(ask, [program], 1e-3)["true"] == math.inf
+    assert measure(ask, [program], 1e-3)["true"] == math.inf
     plain = StepProgram(program.operators, *program.data)
     for status in ("infeasible", "unbounded"):
         right = says.startswith(status)
-        assert measured(ask, [plain], 1e-3, status)["true"] == (0.0 if right else math.inf)
+        assert measure(ask, [plain], 1e-3, status)["true"] == (0.0 if right else math.inf)
 
 
 @pytest.mark.long
@@ -181,7 +181,7 @@ def test_a_sequence_is_as_good_as_its_worst_step():
 
         return answered
 
-    found = measured([ask(0.03, programs[0]), ask(0.01, programs[1])], programs, 1e-3)
+    found = measure([ask(0.03, programs[0]), ask(0.01, programs[1])], programs, 1e-3)
     assert (found["seconds"], found["iterations"], begun) == (1.0, 14, [{}, {"lam": 0.03}])
     assert found["true"] == pytest.approx(0.015, rel=1e-12)
 

@@ -61,7 +61,7 @@ def test_all_are_published():
 def test_the_command_writes_the_whole_list(tmp_path, monkeypatch, asked, wanted):
     chosen = []
 
-    def written(folder, beside, instances, told):
+    def written(folder, beside, instances, progress):
         chosen.extend(instances)
         return "written"
 
@@ -167,9 +167,9 @@ def test_a_proof_that_is_none_is_refused(tmp_path, status):
     (row,) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
     assert kind_of(row) == "no optimum"
     program, vector = confirm.Program(tmp_path / f"{row['name']}.npz"), np.array(row["certificate"])
-    assert confirm.proved(program, status, vector)
-    assert not confirm.proved(program, status, -vector)
-    assert not confirm.proved(program, status, np.ones_like(vector))
+    assert confirm.is_proof(program, status, vector)
+    assert not confirm.is_proof(program, status, -vector)
+    assert not confirm.is_proof(program, status, np.ones_like(vector))
 
 
 @pytest.mark.long
@@ -186,8 +186,8 @@ def test_the_folder_says_what_it_is_and_is_whole(tmp_path):
 def test_an_optimum_that_is_none_is_not_confirmed(tmp_path, monkeypatch):
     """Gaps that are too small by far are found out by any other answer."""
     write_collection(tmp_path, instances=[one_a_grade()[0]])
-    right = confirm.Program.certified
-    monkeypatch.setattr(confirm.Program, "certified", lambda *given: (right(*given)[0], 0.0, 0.0))
+    right = confirm.Program.certify
+    monkeypatch.setattr(confirm.Program, "certify", lambda *given: (right(*given)[0], 0.0, 0.0))
     assert confirm.main(tmp_path) == 1
 
 
@@ -207,7 +207,7 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
     done = invoke("collection", "--out", tmp_path / "new")
     assert done.exit_code == 2
-    assert "came without its problem files" in done.output
+    assert "found no problem files" in done.output
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Row, bounds_distance, distance, judged, warned_once
+from vemcvx.cli.compare import Row, bounds_distance, distance, judge, warn_once
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import list_installed
 
@@ -165,7 +165,7 @@ def test_nobody_certified_exits_with_three(solvers, accuracy):
         (["--set", "bond=3"], "--set: .* has no parameter 'bond'"),
         (["--accuracy", "2"], "found accuracy = 2.0; it is a relative energy error between 0 and 1"),
         (["--option", "clarabel=3"], r"--option: found 'clarabel=3'; wanted SOLVER\.NAME=VALUE, such as clarabel\.max"),
-        (["--option", "scs.max_iters=3"], "--option: 'scs' is none of the solvers asked for, newton, clarabel, osqp"),
+        (["--option", "scs.max_iters=3"], "--option: 'scs' is none of the chosen solvers, newton, clarabel, osqp"),
         (["--option", "newton.speed=3"], "--option: newton has no setting 'speed'; it has accuracy, max_iterations"),
         (["--option", "newton.max_iterations=many"], "Newton: found max_iterations = 'many'"),
         (["--tuning", "fine"], "--tuning: found 'fine'; there are both, tuned, default"),
@@ -282,7 +282,7 @@ def test_warnings_are_told_once_where_all_solvers_fail():
         raise vx.SceneError("no solver answers")
 
     told = pytest.warns(vx.SceneWarning, match="held on one side")
-    with told as warned, pytest.raises(vx.SceneError, match="no solver answers"), warned_once():
+    with told as warned, pytest.raises(vx.SceneError, match="no solver answers"), warn_once():
         fail()
     assert len(warned) == 1
 
@@ -366,11 +366,11 @@ def test_distances_are_those_of_the_energy_norm(attempts):
 def test_a_false_certificate_is_called_wrong(attempts):
     """An answer whose certificate claims a thousandth of its error: the table says so, and the command fails."""
     system, (newton, clarabel, poor) = attempts
-    assert judged(system, [newton, clarabel, poor]).trustworthy
+    assert judge(system, [newton, clarabel, poor]).trustworthy
     apart, allowed, _ = distance(system, newton[1], poor[1])
     lie = 0.01 * (apart / allowed) ** 2 * poor[1].gap
     liar = replace(poor[0], settings="tuned"), replace(poor[1], gap=lie)
-    found = judged(system, [newton, liar])
+    found = judge(system, [newton, liar])
     assert not found.trustworthy
     assert [row.honest for row in found.rows] == [None, False]
     assert list(found.remarks)[-1] == "WRONG: Clarabel (tuned) is farther from Newton than both certificates allow"

@@ -36,7 +36,7 @@ def test_export_writes_the_programs_of_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--steps", "0"], "--steps: found '0'; wanted numbers from 1 to 64 with commas between, or ranges"),
+        (["--steps", "0"], "--steps: found '0'; wanted numbers from 1 to 64 separated by commas, or ranges"),
         (["--steps", "4-2"], "--steps: found '4-2'"),
         (["--steps", "1-2-3"], "--steps: found '1-2-3'"),
         (["--steps", "65"], "--steps: found '65'"),

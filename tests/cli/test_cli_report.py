@@ -185,3 +185,7 @@ def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path
     page = Reader((tmp_path / "out" / "report.html").read_text()).text
     assert re.search(r"largest von Mises stress \S+ MPa at", page)
     assert given == [{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}]
+    again = vx.read_history(tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["units"] == again.units == given[0]
+    assert "length mm, force N, time s" in again.summary()
+    assert vx.plots.stressed_body(again).axes[0].get_xlabel() == "$x_1$ (mm)"

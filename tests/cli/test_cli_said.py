@@ -43,13 +43,13 @@ def test_nothing_is_broken_inside_a_word(name, tmp_path, monkeypatch):
 
 
 def test_lines_go_on_in_their_column():
-    assert terminal.broken("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
-    assert terminal.broken("one two three\n\nfour", 20) == "one two three\n\nfour"
+    assert terminal.wrap_lines("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
+    assert terminal.wrap_lines("one two three\n\nfour", 20) == "one two three\n\nfour"
 
 
 def test_words_longer_than_the_line_stay_whole():
     path = "/a/very-long/path"
-    assert terminal.broken(f"files       {path} and", 16) == f"files\n            {path}\n            and"
+    assert terminal.wrap_lines(f"files       {path} and", 16) == f"files\n            {path}\n            and"
 
 
 @pytest.mark.long

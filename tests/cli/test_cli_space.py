@@ -45,9 +45,9 @@ def test_commands_take_fewer_cells_in_space_when_nobody_says_how_many(tmp_path, 
     own = tmp_path / "own.py"
     own.write_text(BLOCK.replace('family="cubes"', 'family="own"').replace("SPACE_FAMILIES[family]", "cubes"))
     assert read_problem(own).family == "own"
-    assert read_problem(own).usual_n(64) == 8
-    assert read_problem(own).usual_n(4) == 4
-    assert read_problem("feng_han_huang").usual_n(64) == 64
+    assert read_problem(own).default_n(64) == 8
+    assert read_problem(own).default_n(4) == 4
+    assert read_problem("feng_han_huang").default_n(64) == 64
     monkeypatch.setattr(problem_file, "SPACE_N", 2)
     for command in (["show"], ["run", "--steps", "1"], ["compare", "--steps", "1", "--solvers", "newton"]):
         code, said = invoked(tmp_path, *command)

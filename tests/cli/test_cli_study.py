@@ -12,7 +12,7 @@ from called import call
 
 import vemcvx as vx
 from vemcvx.base.errors import ProblemError
-from vemcvx.cli.problem_file import read_problem, several
+from vemcvx.cli.problem_file import read_problem, split_values
 from vemcvx.cost import study
 
 PAD = '''"""A pad."""
@@ -66,12 +66,12 @@ def pad(tmp_path, monkeypatch):
     ],
 )
 def test_values_between_commas(typed, values):
-    assert several(typed) == values
+    assert split_values(typed) == values
 
 
 def test_combinations(pad):
     problem = read_problem(pad)
-    found = problem.studied(["friction=.1,.2", "kind=hard,soft"])
+    found = problem.combine_settings(["friction=.1,.2", "kind=hard,soft"])
     assert found == [
         ("friction=.1", "kind=hard"),
         ("friction=.1", "kind=soft"),
@@ -79,11 +79,11 @@ def test_combinations(pad):
         ("friction=.2", "kind=soft"),
     ]
     # The scene's own push is a pair, so that two numbers are one, as ever; two settings of one are refused.
-    assert problem.studied(["push=.1,-.02"]) == [("push=.1,-.02",)]
-    assert problem.studied(["push=(.1,-.02),(.2,-.02)"]) == [("push=(.1,-.02)",), ("push=(.2,-.02)",)]
+    assert problem.combine_settings(["push=.1,-.02"]) == [("push=.1,-.02",)]
+    assert problem.combine_settings(["push=(.1,-.02),(.2,-.02)"]) == [("push=(.1,-.02)",), ("push=(.2,-.02)",)]
     with pytest.raises(ProblemError, match="friction is given twice"):
-        problem.studied(["friction=.1", "friction=.2"])
-    assert problem.studied([]) == [()]
+        problem.combine_settings(["friction=.1", "friction=.2"])
+    assert problem.combine_settings([]) == [()]
 
 
 @pytest.mark.long
@@ -150,8 +150,8 @@ def test_a_code_of_the_problem_that_ends_its_process(pad):
     ("words", "message"),
     [
         (("--results", "slips"), "--results: there is no result 'slips'; there are energy, dissipated"),
-        (("--report",), "several runs have folders of their own in DIR of --out DIR"),
-        (("--resume", "old"), "none can be resumed"),
+        (("--report",), "each of several runs has its own folder in DIR of --out DIR"),
+        (("--resume", "old"), "none of them can be resumed"),
     ],
 )
 def test_what_a_study_cannot_do(pad, words, message):

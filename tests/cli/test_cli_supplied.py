@@ -147,7 +147,7 @@ def test_a_package_without_them_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
     code, said = call("problems")
     assert code == 2
-    assert "came without its problem files" in said
+    assert "found no problem files" in said
 
 
 @pytest.fixture(scope="module")

@@ -21,19 +21,19 @@ PAPER = read_problem("feng_han_huang")
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        (["bound=1,"], "found 'bound=1,'; several values have commas between, bound=1,2"),
+        (["bound=1,"], "found 'bound=1,', with a comma at the end; commas separate several values, bound=1,2"),
         (["young=100,200", "young=300"], "young is given twice; give several values in one --set"),
         (["bound=1,2,1"], "bound is 1 twice in 'bound=1,2,1'"),
     ],
 )
 def test_settings_that_are_no_study_are_refused(settings, says):
     with pytest.raises(ProblemError, match=f"^--set: {says}"):
-        PAPER.studied(settings)
+        PAPER.combine_settings(settings)
 
 
 def test_a_tuple_of_one_is_a_value_where_the_scene_takes_tuples():
     module = SimpleNamespace(scene=lambda axes=(1, 0): axes)
-    assert Problem(PAPER.path, module).studied(["axes=1,"]) == [("axes=1,",)]
+    assert Problem(PAPER.path, module).combine_settings(["axes=1,"]) == [("axes=1,",)]
 
 
 def test_a_study_says_what_has_failed_warned_or_no_limit_and_of_which_runs():
@@ -50,7 +50,7 @@ def test_a_study_says_what_has_failed_warned_or_no_limit_and_of_which_runs():
     failed = {"set.a": "3", "set.b": "0", "status": "refused", "message": "no"}
     assert next(study.remarks([failed, *rows])) == "refused     a=3: no"
     rows[1]["estimated_error"] = 0.2
-    table = study.table(rows, ["slip"]).text().splitlines()
+    table = study.table(rows, ["slip"], {}).text().splitlines()
     assert "error" in table[1]
     assert table[-1].endswith("target not met")
     assert not table[-2].endswith("target not met")
@@ -75,6 +75,6 @@ def test_a_mesh_file_is_several_bodies_where_the_scene_names_their_parts(tmp_pat
 
 def test_a_report_judges_the_mesh_at_all_steps_or_at_the_largest_energy(monkeypatch):
     history = vx.simulate(paper_scene(lambda t: np.sin(np.pi * t)), vx.meshes.squares(2), np.linspace(0.0, 1.0, 9))
-    assert report._looked_at(history) == list(range(1, 9))
-    monkeypatch.setattr(report, "BUDGETED", 2)
-    assert report._looked_at(history) == [1, int(np.argmax(history.trajectory.norm)), 8]
+    assert report._choose_steps(history) == list(range(1, 9))
+    monkeypatch.setattr(report, "MOST_STEPS", 2)
+    assert report._choose_steps(history) == [1, int(np.argmax(history.trajectory.norm)), 8]

@@ -11,7 +11,7 @@ from scenes import mostly_long, paper_scene
 
 import vemcvx as vx
 from vemcvx.cli import live_page
-from vemcvx.cli.terminal import logged_at_most
+from vemcvx.cli.terminal import limit_log
 from vemcvx.simulation import warn_of_turns
 
 
@@ -32,7 +32,7 @@ def test_a_check_of_the_live_page_warns_of_nothing(caplog):
 def test_kinds_are_counted_apart(caplog):
     log = logging.getLogger("vemcvx")
     with caplog.at_level(logging.INFO, logger="vemcvx"):
-        with logged_at_most(1):
+        with limit_log(1):
             for words in ("a: 1", "b: 1", "a: 2"):
                 log.info("%s", words)
         log.info("a: 3")

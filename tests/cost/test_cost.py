@@ -87,7 +87,7 @@ def test_a_killed_sweep_goes_on_and_repeats_nothing(killed):
     assert done.exit_code == 0, done.output
     # The first row is the reference's.
     assert 2 <= len(before) < 5
-    assert f"points      4, {len(before) - 1} of them finished before" in done.output
+    assert f"points      4, {len(before) - 1} of them from earlier sweeps" in done.output
     kept = read_journal(folder / "journal.jsonl")
     # To the bit, seconds among them.
     assert [kept[row["key"]] for row in before] == before

@@ -132,7 +132,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "dissipated_second_order work_second_order",
         list: "effects left_out tables",
         dict: "mesh extremes forces peak contact seconds",
-        type(None): "estimated_energy_errors quantities bound_upper bound_lower bound_kind bound_force",
+        type(None): "estimated_energy_errors quantities bound_upper bound_lower bound_kind bound_force units",
     }
     assert {name: type(value) for name, value in told.items()} == {
         name: kind for kind, names in kinds.items() for name in names.split()

@@ -29,7 +29,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 import vemcvx as vx
-from vemcvx.cli.terminal import logged_at_most
+from vemcvx.cli.terminal import limit_log
 
 GROWTH = 4.0
 """Factor by which a step may pass on the error of the step before, with one-sided contact or a law of friction."""
@@ -67,7 +67,7 @@ class FrozenAnswer:
 def answer(run):
     """Return the answer of run(), and its history, or None where it was refused."""
     began = time.process_time()
-    with warnings.catch_warnings(), logged_at_most(0):
+    with warnings.catch_warnings(), limit_log(0):
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:
             history = run()

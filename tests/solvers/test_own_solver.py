@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.solver_names import named_solver
+from vemcvx.cli.solver_names import make_solver
 from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, Operators, StepProgram
 from vemcvx.solvers import as_solver
 
@@ -213,13 +213,13 @@ def test_the_command_line_takes_it_from_a_file(mine):
 
 
 def test_of_a_file_it_may_be_an_object_and_a_solver_as_ours(mine):
-    assert repr(named_solver(f"{mine}:ready", None)) == "Greedy(accuracy=1e-06, appetite=3)"
-    assert named_solver(f"{mine}:Mine", 1e-3).accuracy == 1e-3
+    assert repr(make_solver(f"{mine}:ready", None)) == "Greedy(accuracy=1e-06, appetite=3)"
+    assert make_solver(f"{mine}:Mine", 1e-3).accuracy == 1e-3
     mine.write_text("import vemcvx as vx\nclass Quick(vx.Newton): pass\nbest = vx.OSQP(accuracy=1e-4)\n")
-    assert isinstance(named_solver(f"{mine}:Quick", 1e-3), vx.Newton)
-    assert named_solver(f"{mine}:best", None) == vx.OSQP(accuracy=1e-4)
+    assert isinstance(make_solver(f"{mine}:Quick", 1e-3), vx.Newton)
+    assert make_solver(f"{mine}:best", None) == vx.OSQP(accuracy=1e-4)
     for name in ("scs", "SCS", "Scs"):
-        assert named_solver(name, 1e-3) == vx.ThroughCvxpy("SCS", 1e-3) == vx.ThroughCvxpy(name, 1e-3)
+        assert make_solver(name, 1e-3) == vx.ThroughCvxpy("SCS", 1e-3) == vx.ThroughCvxpy(name, 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_of_a_file_it_may_be_an_object_and_a_solver_as_ours(mine):
 def test_mistakes_in_a_file(mine, name, says):
     (mine.parent / "wrong.py").write_text("class Mine:\n    solve = 1 / 0\n")
     with pytest.raises(vx.VemcvxError, match=says):
-        named_solver(str(mine.parent / name), None)
+        make_solver(str(mine.parent / name), None)
 
 
 @pytest.mark.parametrize("array", ["g", "w", "b", "e", "operators.K", "operators.B.data", "operators.D.data"])

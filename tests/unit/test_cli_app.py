@@ -302,7 +302,7 @@ def test_a_server_that_ends_by_itself_is_an_error(monkeypatch):
     monkeypatch.setattr(live_page.subprocess, "run", lambda command, check: SimpleNamespace(returncode=1))
     code, said = call("app", "--no-browser")
     assert code == 2
-    assert "app: the server of the page has ended by itself" in said
+    assert "app: the server of the page has stopped" in said
 
 
 @pytest.fixture

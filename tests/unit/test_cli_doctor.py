@@ -25,9 +25,9 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setattr(doctor, "version_of", lambda name: None if name in ("osqp", "pyamg") else known(name))
     code, said = call("doctor")
     assert code == 1
-    assert "missing: install vemcvx anew" in said
+    assert "missing: install vemcvx again" in said
     assert "optional: pip install 'vemcvx[multigrid]'" in said
-    assert "Not well: osqp." in said
+    assert "Failed: osqp." in said
 
 
 @pytest.mark.long
@@ -36,7 +36,7 @@ def test_a_solver_that_does_not_converge_is_named(monkeypatch):
     code, said = call("doctor")
     assert code == 1
     assert "does not work: step 1" in said
-    assert "Not well: newton." in said
+    assert "Failed: newton." in said
 
 
 @pytest.mark.long

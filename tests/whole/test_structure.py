@@ -61,14 +61,14 @@ HEAVY = {
 
 
 LINES = {"program": 2_321, "solvers": 1_430, "stepping": 1_800, "linear": 940, "scene": 2_015, "effects": 2_403}
-LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_146}
-LINES |= {"bound": 3_273, "results": 2_846, "estimate": 2_286, "plots": 1_947}
-LINES |= {"cost": 677, "cli": 3_719}
+LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_172}
+LINES |= {"bound": 3_273, "results": 2_849, "estimate": 2_286, "plots": 1_959}
+LINES |= {"cost": 682, "cli": 3_753}
 LINES |= {"meshes": 7_566, "meshes/io": 1_548, "vem": 2_585}
 """Most lines of folders: they grow by decision only, which raises a number here."""
-TOP = 1_799
+TOP = 1_807
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
-TESTS = 27_750
+TESTS = 27_753
 """Most lines of the tests of `LINES`, in the folders of their names."""
 
 ALL_TESTS = 40_300

@@ -17,6 +17,11 @@ from vemcvx.base.arrays import brief
 Lines = Sequence[tuple[str, str]]
 
 
+def count_steps(steps: int) -> str:
+    """Return "1 step", "2 steps" and so on."""
+    return f"{steps} step{'s' * (steps != 1)}"
+
+
 @dataclass(frozen=True)
 class Outline:
     """A title, and lines that consist of a name and words."""

@@ -1,8 +1,7 @@
 """The program and its commands.
 
-Results go to standard output; errors, warnings and the progress bar (on a terminal only) go to standard error. A
-command is a frozen dataclass: its fields are the options, as typer reads them, its docstring is the help, and its
-objects do the work when they are called.
+Results go to standard output; errors, warnings and progress go to standard error. A command is a frozen dataclass: its
+fields are the options for typer, and its method `__call__` does the work. The docstring of the method is the help.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.options import lesson_numbers
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
-from vemcvx.cli.terminal import reported, say
+from vemcvx.cli.terminal import report_errors, say
 
 KINDS = {
     "run": ("run", "Run"),
@@ -36,18 +35,18 @@ KINDS = {
     "app": ("live_page", "App"),
     "doctor": ("doctor", "Doctor"),
 }
-"""Command -> its module in this folder, which is imported when the command is asked for, and its class."""
+"""Command -> its module in this folder, which is imported when the command is used, and its class."""
 
 
 class Commands(TyperGroup):
-    """The commands, each made when it is asked for."""
+    """The group of commands; each command is made when it is used."""
 
     def __init__(self, **given: Any):
         super().__init__(**given)
         self.commands: dict[str, Any] = dict.fromkeys(KINDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of that name, None if there is none."""
+        """Return the command of a name, or None."""
         if cmd_name in KINDS and self.commands[cmd_name] is None:
             module, kind = KINDS[cmd_name]
             self.commands[cmd_name] = make_command(cmd_name, getattr(import_module(f"vemcvx.cli.{module}"), kind))
@@ -55,13 +54,13 @@ class Commands(TyperGroup):
 
 
 def make_command(name: str, kind: type[Any]) -> Any:
-    """Make a command of a class; errors of its work are a line and an exit code."""
+    """Make a command of a class; report its errors by a line and an exit code."""
 
     def command(**given: Any) -> None:
-        with reported():
+        with report_errors():
             kind(**given)()
 
-    command.__doc__ = kind.__doc__
+    command.__doc__ = kind.__call__.__doc__
     command.__annotations__ = types = get_type_hints(kind, include_extras=True)
     parameters = inspect.signature(kind).parameters.values()
     typed = [parameter.replace(annotation=types[parameter.name]) for parameter in parameters]
@@ -73,29 +72,29 @@ def make_command(name: str, kind: type[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Problems:
-    """List the problem files that came with the package; run, show, compare, cost and export take their names."""
+    """The command `vemcvx problems`."""
 
     def __call__(self) -> None:
-        """Print a sentence on each."""
+        """List the problem files that came with the package; run, show, compare, cost and export take their names."""
         typer.echo(Table((), [(name, file.sentence) for name, file in problem_files().items()]).text())
         say(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
 
 
 @dataclass(frozen=True)
 class Lesson:
-    """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
+    """The command `vemcvx lesson`."""
 
     number: Annotated[
         int | None,
-        typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Its number; without it they are listed."),
+        typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Its number. (default: list all lessons)"),
     ] = None
     notebook: Annotated[bool, typer.Option("--notebook", help="Copy them as notebooks, .ipynb.")] = False
     no_solutions: Annotated[
-        bool, typer.Option("--no-solutions", help="Copy the lesson alone, as one hands it out for homework.")
+        bool, typer.Option("--no-solutions", help="Copy the lesson without its solutions, for homework.")
     ] = False
 
     def __call__(self) -> None:
-        """List or copy."""
+        """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
         if self.number is None:
             for name, is_set in (("--notebook", self.notebook), ("--no-solutions", self.no_solutions)):
                 if is_set:
@@ -130,9 +129,9 @@ app = typer.Typer(
 
 @app.callback()
 def options(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
 ) -> None:
-    """Options of the program itself."""
+    """Handle the options of the program itself."""
 
 
 def main() -> None:

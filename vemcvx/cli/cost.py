@@ -1,4 +1,4 @@
-"""`vemcvx cost`: sweep a problem, write the table and the picture, and say what to use for which accuracy."""
+"""`vemcvx cost`: sweep a problem, write a table and a picture, and recommend settings for each accuracy."""
 
 from __future__ import annotations
 
@@ -15,34 +15,35 @@ import typer
 
 from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import ProblemError, VemcvxError
+from vemcvx.base.outline import count_steps
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
 from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
 from vemcvx.cli.problem_file import Posed, Problem, read_problem
-from vemcvx.cli.solver_names import named_solver
-from vemcvx.cli.terminal import listed, progress_bar, say
+from vemcvx.cli.solver_names import make_solver
+from vemcvx.cli.terminal import parse_list, progress_bar, say
 from vemcvx.cost.sweeping import JOURNAL, Point, Sweep, sweep
 from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, reachable_levels, table
 from vemcvx.cost.workers import DONE
 from vemcvx.estimate.adapt import QUANTITIES
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 
-USUAL = ("squares", "triangles", "voronoi")
-USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
-IN_SPACE, N_IN_SPACE, TARGETS_IN_SPACE = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
-OTHERS = "clarabel", "osqp"
+DEFAULT_FAMILIES = ("squares", "triangles", "voronoi")
+DEFAULT_N, DEFAULT_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
+DEFAULT_SPACE_FAMILIES, SPACE_N, SPACE_TARGETS = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
+OTHER_SOLVERS = "clarabel", "osqp"
 TABLE, PICTURE = "cost.csv", "cost.png"
 
 
-def posed_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
-    """Read the problem file, and make what `simulate` takes, of two steps if the point has none."""
-    problem, solver = read_problem(path), named_solver(point.solver, point.accuracy)
-    return problem.posed(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
+def pose_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
+    """Read the problem file and return the arguments of `simulate`, with two steps if the point has none."""
+    problem, solver = read_problem(path), make_solver(point.solver, point.accuracy)
+    return problem.pose(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """Measure what accuracy costs: true errors against seconds and unknowns, over meshes, steps and solvers."""
+    """The command `vemcvx cost`."""
 
     file: File
     mesh: Annotated[
@@ -68,70 +69,70 @@ class Cost:
     accuracy: Annotated[
         str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")
     ] = None
-    adaptive: Annotated[bool, typer.Option(help="Adaptive runs beside the uniform ones.")] = True
+    adaptive: Annotated[bool, typer.Option(help="Adaptive runs in addition to uniform ones.")] = True
     target: Annotated[
         str | None,
         typer.Option(
             metavar="X,X,...",
-            help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01, in space 0.2,0.1; none, "
-            "with --n)",
+            help="Target errors of adaptive runs and of the advice, relative. (default: 0.05,0.02,0.01, in space "
+            "0.2,0.1; none with --n)",
         ),
     ] = None
     of: Of = "energy"
-    workers: Annotated[int, typer.Option(min=1, help="Processes at once.")] = 2
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes at a time.")] = 2
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Table, picture, journal. (default: results/cost_<problem>)")
+        Path | None, typer.Option(metavar="DIR", help="Folder for all results. (default: results/cost_<problem>)")
     ] = None
     resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Leave out the runs that DIR holds already, or begin anew.")
+        bool, typer.Option("--resume/--fresh", help="Reuse the finished runs in DIR, or begin again.")
     ] = True
     settings: Settings = NONE
 
     def __call__(self) -> None:
-        """Sweep, write the table and the picture, and say what came out."""
+        """Measure the cost of accuracy: true errors against seconds and unknowns, for meshes, steps and solvers."""
         problem = read_problem(self.file)
         if self.of not in QUANTITIES:
-            raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(QUANTITIES)}.")
+            raise ProblemError(f"--of: found {self.of!r}; there are {', '.join(QUANTITIES)}.")
         targets = self._targets(problem)
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
-        recipe = partial(posed_point, path, tuple(self.settings))
-        recipe(points[-1])  # A problem that cannot be posed is an error here, and not in every point.
+        recipe = partial(pose_point, path, tuple(self.settings))
+        recipe(points[-1])  # A problem that cannot be posed is one error here, not an error at every point.
         with Owned(folder) as own:
-            # A folder whose files could not be written is refused before the sweep begins.
+            # Fail before the sweep starts if the files cannot be written.
             for name in (TABLE, PICTURE):
                 own.take(name)
-        # The contents of files that the problem file imports are not read.
+        # The hash does not include files that the problem file imports.
         words = [__version__.encode(), path.read_bytes(), *map(os.fsencode, self.settings)]
         mark = hashlib.sha256(b"\0".join(words)).hexdigest()
-        with progress_bar("starting") as shown:
-            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, fresh=not self.resume, report=shown)
-        lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_rows(found), ""]
+        with progress_bar("starting") as show:
+            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, fresh=not self.resume, report=show)
+        lines = [f"{problem.name}: {problem.title}", *_describe_reference(found), *_describe_rows(found), ""]
         lines += advice(found.rows, targets or reachable_levels(found.rows))
-        say("\n".join([*lines, "", _written(found, targets, folder, f"{problem.name}: what accuracy costs")]))
+        say("\n".join([*lines, "", _write_files(found, targets, folder, f"{problem.name}: what accuracy costs")]))
 
     def _targets(self, problem: Problem) -> tuple[float, ...]:
-        """Return the targets; --n alone asks for these meshes, and for no adaptive ones."""
-        usual = TARGETS_IN_SPACE if problem.in_space() else USUAL_TARGETS
+        """Return the targets of adaptive runs; there are none with --n and without --target."""
+        usual = SPACE_TARGETS if problem.in_space() else DEFAULT_TARGETS
         typed = self.target or (usual if self.n is None else None)
-        return tuple(sorted(listed("--target", typed, _share, SHARES), reverse=True)) if typed else ()
+        return tuple(sorted(parse_list("--target", typed, _fraction, FRACTIONS), reverse=True)) if typed else ()
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
-        """Return all combinations, those with most work first, so that at the end no worker waits long for another.
+        """Return all combinations, the largest first, so that at the end no worker waits long for another worker.
 
-        Without a choice of solvers Newton runs everywhere, and others on some meshes of the first family.
+        By default Newton runs at all points, and other solvers on some meshes of the first family.
         """
         kinds = self._families(problem)
-        ns = listed("--n", self.n or (N_IN_SPACE if problem.in_space() else USUAL_N), _whole, WHOLE)
-        steps = listed("--steps", self.steps, _whole, WHOLE)
-        solvers = ("newton",) if self.solver is None else listed("--solver", self.solver, str, SEVERAL)
+        ns = parse_list("--n", self.n or (SPACE_N if problem.in_space() else DEFAULT_N), _whole, WHOLE)
+        steps = parse_list("--steps", self.steps, _whole, WHOLE)
+        solvers = ("newton",) if self.solver is None else parse_list("--solver", self.solver, str, ONE_OR_MORE)
         for solver in solvers:
-            named_solver(solver, None)
-        accuracies = (1e-8,) if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES)
+            make_solver(solver, None)
+        accuracies = (1e-8,) if self.accuracy is None else parse_list("--accuracy", self.accuracy, _fraction, FRACTIONS)
         found = [Point(*one) for one in product(kinds, ns, steps, solvers, accuracies)]
         if self.solver is None and self.accuracy is None:
             where = sorted(ns)[1:-1:2] or ns[:1]
-            found += [Point(*one) for one in product(kinds[:1], where, steps[-1:], OTHERS, (1e-3, 1e-6))]
+            found += [Point(*one) for one in product(kinds[:1], where, steps[-1:], OTHER_SOLVERS, (1e-3, 1e-6))]
         found.sort(key=lambda point: (point.n, point.steps), reverse=True)
         if self.adaptive:
             first = Point(None, min(ns), None, solvers[0], min(accuracies))
@@ -140,18 +141,20 @@ class Cost:
 
     def _families(self, problem: Problem) -> tuple[str | None, ...]:
         if self.mesh is None:
-            return USUAL if problem.family in FAMILIES else IN_SPACE if problem.family in SPACE_FAMILIES else (None,)
+            if problem.family in SPACE_FAMILIES:
+                return DEFAULT_SPACE_FAMILIES
+            return DEFAULT_FAMILIES if problem.family in FAMILIES else (None,)
         known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
-        families = listed("--mesh", self.mesh, str, SEVERAL)
+        families = parse_list("--mesh", self.mesh, str, ONE_OR_MORE)
         for family in families:
             if family not in known:
                 raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
         return families
 
 
-SEVERAL = "one or more, with commas between"
+ONE_OR_MORE = "one or more, separated by commas"
 WHOLE = "whole numbers from 1, such as 8,16,32"
-SHARES = "relative errors between 0 and 1, such as 0.05,0.01"
+FRACTIONS = "relative errors between 0 and 1, such as 0.05,0.01"
 
 
 def _whole(word: str) -> int:
@@ -160,33 +163,33 @@ def _whole(word: str) -> int:
     return int(word)
 
 
-def _share(word: str) -> float:
+def _fraction(word: str) -> float:
     if not 0 < float(word) < 1:
         raise ValueError
     return float(word)
 
 
-def _of_reference(found: Sweep) -> list[str]:
+def _describe_reference(found: Sweep) -> list[str]:
     it, instants = found.reference, ", ".join(f"{t:g}" for t in found.instants)
     known = it["estimated_error"]
-    own = "with no estimate of its own error" if known is None else f"its own error estimated {known:.2%}"
+    own = "without an estimate of its error" if known is None else f"estimated error {known:.2%}"
     errors = f"in the energy norm, the largest at t = {instants}, relative to the largest norm"
     if "value" in it:
-        errors = f"of {QUANTITIES[it['of']]} at the end, {it['value']:.6g} by the reference, relative to that"
-    size = f"{it['cells']} cells, {it['unknowns']} unknowns, {it['steps']} steps"
+        errors = f"of {QUANTITIES[it['of']]} at the end, relative to {it['value']:.6g}, the value of the reference"
+    size = f"{it['cells']} cells, {it['unknowns']} unknowns, {count_steps(it['steps'])}"
     lines = [
         f"reference   {size}, {own}, {it['seconds']:.3g} s",
         f"errors      {errors}",
-        "seconds     in one thread, from assembly to answer; the first mesh is made before",
+        "seconds     in one thread, from assembly to answer, without making the first mesh",
     ]
     if known is not None and any(row["error"] < 4 * known for row in answers(found.rows)):
-        lines.append(f"uncertain   errors below {4 * known:.2%}, four times that of the reference: take a larger --n")
+        lines.append(f"uncertain   errors below {4 * known:.2%}, 4 times the error of the reference: use a larger --n")
     return lines
 
 
-def _of_rows(found: Sweep) -> list[str]:
+def _describe_rows(found: Sweep) -> list[str]:
     rows = found.rows
-    lines = [f"points      {len(rows)}, {found.kept} of them finished before"]
+    lines = [f"points      {len(rows)}, {found.kept} of them from earlier sweeps"]
     ratios = [row["estimated_error"] / row["error"] for row in answers(rows) if row["estimated_error"] and row["error"]]
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
@@ -196,7 +199,7 @@ def _of_rows(found: Sweep) -> list[str]:
     return [*lines, *(f"warning     {words}" for words in warned)]
 
 
-def _written(found: Sweep, targets: Sequence[float], folder: Path, title: str) -> str:
+def _write_files(found: Sweep, targets: Sequence[float], folder: Path, title: str) -> str:
     files, rows = f"files       {folder}: {TABLE}, {JOURNAL}", found.rows
     with Owned(folder) as own:
         own.write(TABLE, table(rows))

@@ -1,4 +1,4 @@
-"""`vemcvx doctor`: what is installed, and which solvers get a closed form right on this machine."""
+"""`vemcvx doctor`: the installed packages, and a test of the solvers against a closed form."""
 
 from __future__ import annotations
 
@@ -27,58 +27,58 @@ EXTRAS = {
     **{"pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
 PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}
-"""Packages of linear solvers, by the names of these."""
+"""Name of a linear solver -> its package."""
 
 
 Finding = tuple[str, str, bool]
-"""A line of the doctor: the subject, what was found in words, and whether vemcvx can work with that."""
+"""The name of a package or solver, the result in words, and True if vemcvx can work with it."""
 
 
 @dataclass(frozen=True)
 class Doctor:
-    """List what is installed and which solvers work, and test a closed form; exit code 1 if not all is well."""
+    """The command `vemcvx doctor`."""
 
     def __call__(self) -> None:
-        """Print the findings, each as soon as it is there."""
-        ill = []
-        for subject, words, well in findings():
+        """List the installed packages, and test the solvers on a closed form; the exit code is 1 after a failure."""
+        failed = []
+        for subject, words, works in findings():
             typer.echo(Table((), [(f"{subject:14}", words)]).text())
-            ill += [] if well else [subject]
-        say(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
-        if ill:
+            failed += [] if works else [subject]
+        say(f"\nFailed: {', '.join(failed)}." if failed else "\nAll is well.")
+        if failed:
             raise typer.Exit(1)
 
 
 def findings() -> Iterator[Finding]:
-    """Yield the findings, each as soon as it is there: packages, solvers and linear solvers."""
-    yield "vemcvx", here(), True
+    """Yield the findings one by one: packages, solvers and linear solvers."""
+    yield "vemcvx", name_platform(), True
     for name in NEEDED:
         found = version_of(name)
-        yield name, found or "missing: install vemcvx anew", found is not None
+        yield name, found or "missing: install vemcvx again", found is not None
     for name, extra in EXTRAS.items():
         yield name, version_of(name) or f"not installed; optional: pip install 'vemcvx[{extra}]'", True
     for name in ("newton", "clarabel", "osqp"):
-        yield _chain(name, NAMES[name](), None)
+        yield _test_chain(name, NAMES[name](), None)
     for name, kind in LINEAR.items():
         if name == "superlu" or version_of(PACKAGES[name]):
-            yield _chain(name, Newton(), kind())
+            yield _test_chain(name, Newton(), kind())
 
 
-def here() -> str:
-    """The version of vemcvx, of Python, and the machine."""
+def name_platform() -> str:
+    """Return the versions of vemcvx and Python, and the name of the machine."""
     return f"{__version__}, Python {platform.python_version()} on {platform.platform()}"
 
 
 def version_of(package: str) -> str | None:
-    """The installed version of a package, None if it is not installed."""
+    """Return the installed version of a package, or None."""
     try:
         return version(package)
     except PackageNotFoundError:
         return None
 
 
-def _chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
-    """Four blocks in a row with friction .5 each, pulled by 1.2: two slip, by .9 and .2, and two stick."""
+def _test_chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
+    """Solve a chain of four blocks with friction .5 each, pulled by 1.2: two slip, by .9 and .2, and two stick."""
     K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
     system = System(K, lambda t: [1.2 * t, 0.0, 0.0, 0.0], Norms(sp.csr_matrix(np.eye(4)), np.full(4, 0.5)))
     try:

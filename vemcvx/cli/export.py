@@ -1,4 +1,4 @@
-"""`vemcvx export`: the convex programs of some steps, for other solvers."""
+"""`vemcvx export`: write the convex programs of some steps, for other solvers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from vemcvx.base.owned_files import Owned
 from vemcvx.cli.options import NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.run import Run
-from vemcvx.cli.solver_names import served
-from vemcvx.cli.terminal import listed, progress_bar, say
+from vemcvx.cli.solver_names import serve_ranks
+from vemcvx.cli.terminal import parse_list, progress_bar, say
 from vemcvx.exchange import FORMATS, encode_program
 from vemcvx.results import programs_of_steps
 
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Write the convex programs of some steps, for other solvers, with their certified optima."""
+    """The command `vemcvx export`."""
 
     file: File
     steps: Annotated[
@@ -31,7 +31,7 @@ class Export:
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None
     mesh: Mesh = None
     n: N = None
-    of: Annotated[int, typer.Option(min=1, help="Steps of backward Euler that the run has.")] = 64
+    of: Annotated[int, typer.Option(min=1, help="Number of steps of the run.")] = 64
     solver: SolverName = "newton"
     accuracy: Accuracy = None
     condense: Condense = True
@@ -39,22 +39,22 @@ class Export:
     settings: Settings = NONE
 
     def __call__(self) -> None:
-        """Simulate, write the programs with words beside them, and say what was written."""
-        if served(self.linear):
+        """Write the convex programs of some steps, for other solvers, with their certified optima."""
+        if serve_ranks(self.linear):
             return
         problem = read_problem(self.file)
-        such = f"numbers from 1 to {self.of} with commas between, or ranges, such as 1,{self.of} or 1-{self.of}"
-        runs = listed("--steps", self.steps, self._steps, f"{such}; --of says how many steps the run has")
+        such = f"numbers from 1 to {self.of} separated by commas, or ranges, such as 1,{self.of} or 1-{self.of}"
+        runs = parse_list("--steps", self.steps, self._steps, f"{such}; --of is the number of steps of the run")
         numbers = tuple(dict.fromkeys(n for run in runs for n in run))
         if self.form not in FORMATS:
             raise ProblemError(f"--format: there is no format {self.form!r}; there are {', '.join(FORMATS)}.")
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
             kept = sorted({m for n in numbers for m in (n - 1, n)})
-            mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh, self.settings)
+            mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
             same = ("file", "solver", "accuracy", "condense", "linear", "settings")
             run = Run(**{name: getattr(self, name) for name in same})
-            with progress_bar("assembling") as shown:
-                history, _ = run.simulated(problem, mesh, self.of, kept, shown=shown)
+            with progress_bar("assembling") as show:
+                history, _ = run.simulate(problem, mesh, self.of, kept, show=show)
             lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
             for program in programs_of_steps(history, numbers, self.condense):
                 origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}

@@ -1,6 +1,6 @@
-"""`vemcvx app`: a page in the browser on which a problem is changed and solved anew; it is a marimo app.
+"""`vemcvx app`: a page in the browser to change a problem and solve it again.
 
-The app is `live_page.py` beside the problem files.
+The page is a marimo app, the file `live_page.py` in the folder of the problem files.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ import numpy as np
 import typer
 
 from vemcvx.base.errors import ProblemError
+from vemcvx.base.outline import count_steps
 from vemcvx.cli.options import problem_names
-from vemcvx.cli.problem_file import executed, own_errors, read_problem
+from vemcvx.cli.problem_file import execute_file, read_problem, run_user_code
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import check_writable, logged_at_most, say, write_text
+from vemcvx.cli.terminal import check_writable, limit_log, say, write_text
 
 GIVEN = "VEMCVX_APP"
 PAGE = "live_page.py"
@@ -38,7 +39,7 @@ this.nextElementSibling.value = this.ariaValueText = steps[this.value].ariaLabel
 
 @dataclass(frozen=True, kw_only=True)
 class App:
-    """Open a live page: change scene, mesh, friction, load and solver, and see what sticks and slips (extra app)."""
+    """The command `vemcvx app`."""
 
     file: Annotated[
         str,
@@ -52,17 +53,17 @@ class App:
         int | None, typer.Option(min=1, max=65535, help="Port of the page on this machine. (default: a free one)")
     ] = None
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
-    check: Annotated[bool, typer.Option("--check", help="Run it without a browser, and say whether it works.")] = False
-    html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write it as a page that needs no Python.")] = None
-    step: Annotated[int | None, typer.Option(min=1, help="The step that PAGE opens at. (default: its first)")] = None
+    check: Annotated[bool, typer.Option("--check", help="Run the page without a browser, to test it.")] = False
+    html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write a page that needs no Python.")] = None
+    step: Annotated[int | None, typer.Option(min=1, help="The step that PAGE shows first. (default: 1)")] = None
 
     def __call__(self) -> None:
-        """Serve the page until Ctrl-C, or check it, or write it to a file."""
+        """Open a live page: change scene, mesh, friction, load and solver, see sticking and slipping (extra app)."""
         if self.check and self.html is not None:
             raise ProblemError("app: found --check and --html; give one of them.")
         if self.step is not None and self.html is None:
             raise ProblemError("app: found --step without --html; the live page has a slider for the step.")
-        # The app finds its problem file in the environment, where it begins anew for every page that is opened.
+        # The app reads the name of its problem file from the environment, again for every page that is opened.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.file:
             read_problem(self.file).require("scene")
@@ -78,15 +79,15 @@ class App:
 def check() -> str:
     """Run all cells of the app in this process, without a browser, and return a line with the certificate."""
     start = time.perf_counter()
-    with logged_at_most(0):
+    with limit_log(0):
         _, cells, found = _run()
     error, steps = found["history"].certified.max(), found["history"].steps
     seconds = time.perf_counter() - start
-    return f"app: all {cells} cells run, in {seconds:.1f} s; {steps} steps are certified to {error:.0e}."
+    return f"app: all {cells} cells run, in {seconds:.1f} s; {count_steps(steps)} certified to {error:.0e}."
 
 
 def serve(port: int | None, browser: bool) -> None:
-    """Let marimo offer the page to browsers on this machine, with a token of its own, until Ctrl-C."""
+    """Serve the page by marimo to browsers on this machine, with a token, until Ctrl-C."""
     _require_marimo()
     command = [sys.executable, "-m", "marimo", "run", str(problems_folder() / PAGE), "--token"]
     command += [] if port is None else ["--port", str(port)]
@@ -97,13 +98,13 @@ def serve(port: int | None, browser: bool) -> None:
         say("The page has ended.")
         return
     if ended:
-        raise ProblemError("app: the server of the page has ended by itself; what it printed says why.")
+        raise ProblemError("app: the server of the page has stopped; see its output above for the reason.")
 
 
 def write(path: Path, opens: int | None = None) -> str:
-    """Write a page of pictures and numbers, step by step, that needs nothing else; return a line that says so.
+    """Write a page with pictures and numbers of some steps, as one file, and return a line for the user.
 
-    It opens at the first step, or at the requested one.
+    The page shows the step `opens` first.
     """
     module, _, found = _run()
     history, problem = found["history"], found["problem"]
@@ -127,15 +128,15 @@ def write(path: Path, opens: int | None = None) -> str:
     chosen |= {"path": found["path"].value, "solver": found["solver"].value}
     words = ", ".join(f"{name} {value}" for name, value in chosen.items())
     write_text(path, page(problem.title, f"<p>{escape(words)}</p>{slider}{shown}", STYLE), "--html")
-    return f"{path}: {len(steps)} of {history.steps} steps"
+    return f"{path}: {len(steps)} of {count_steps(history.steps)}"
 
 
 def _run() -> tuple[Any, int, Mapping[str, Any]]:
-    """Run the cells of the app; return its module, how many cells it has, and what they define."""
+    """Run the cells of the app; return its module, the number of cells, and the names that they define."""
     _require_marimo()
     path = problems_folder() / PAGE
-    module = executed(path, "app")
-    outputs, found = own_errors(path, "running its cells", module.app.run)
+    module = execute_file(path, "app")
+    outputs, found = run_user_code(path, "running its cells", module.app.run)
     return module, len(outputs), found
 
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the names that shells complete for them."""
+"""Options that several commands share, and the completion of their values in shells."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from vemcvx.cli.supplied import lessons, problem_files
 from vemcvx.meshes import FAMILIES
 
 
-def completing(names: Callable[[], Iterable[object]]) -> Callable[[str], list[str]]:
-    """A function for typer that completes the last of words with commas between; shells go on with files."""
+def make_completion(names: Callable[[], Iterable[object]]) -> Callable[[str], list[str]]:
+    """Return a function for typer that completes the last of several words separated by commas."""
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",")
@@ -24,8 +24,9 @@ def completing(names: Callable[[], Iterable[object]]) -> Callable[[str], list[st
     return complete
 
 
-families, solver_names, lesson_numbers = completing(lambda: FAMILIES), completing(completions), completing(lessons)
-problem_names = completing(lambda: [*problem_files(), *sorted(path.name for path in Path().glob("*.py"))])
+families, solver_names = make_completion(lambda: FAMILIES), make_completion(completions)
+lesson_numbers = make_completion(lessons)
+problem_names = make_completion(lambda: [*problem_files(), *sorted(path.name for path in Path().glob("*.py"))])
 
 File = Annotated[
     str,
@@ -48,7 +49,7 @@ Accuracy = Annotated[
 Linear = Annotated[
     str | None,
     typer.Option(
-        autocompletion=completing(lambda: LINEAR),
+        autocompletion=make_completion(lambda: LINEAR),
         help="superlu, pardiso, iterative, petsc (under mpiexec, too) or FILE.py:CLASS. (default: by size and what is "
         "installed)",
     ),
@@ -60,7 +61,7 @@ Of = Annotated[
     str,
     typer.Option(
         metavar="QUANTITY",
-        autocompletion=completing(lambda: import_module("vemcvx.estimate.adapt").QUANTITIES),
+        autocompletion=make_completion(lambda: import_module("vemcvx.estimate.adapt").QUANTITIES),
         help="The quantity of that error: energy (the energy norm), dissipated, work or wear.",
     ),
 ]

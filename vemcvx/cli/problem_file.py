@@ -1,4 +1,4 @@
-"""Python files of the user: problem files, executed, with errors of their own making named by file and line."""
+"""Problem files, Python files of the user. Errors of their code are reported with file and line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from vemcvx.cli.supplied import problem_path
 from vemcvx.effects.effect import amount, where
 from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh, PolygonMesh, PolyhedralMesh, read
-from vemcvx.plots.style import Units, checked_units
+from vemcvx.plots.style import checked_units
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
@@ -36,27 +36,27 @@ if TYPE_CHECKING:
     from vemcvx.estimate.adapt import Adapted
 
 
-def executed(path: Path, kind: str) -> ModuleType:
-    """Execute a file; `kind` is its name in messages, such as "problem file"; ProblemError where it fails."""
+def execute_file(path: Path, kind: str) -> ModuleType:
+    """Execute a file and return its module; raise ProblemError if that fails. `kind` is its name in messages."""
     if not os.path.isfile(path):
         here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
-        raise ProblemError(f"{path}: there is no such {kind}; here are {here or 'no Python files'}.")
+        raise ProblemError(f"{path}: there is no such {kind}; found here: {here or 'no Python files'}.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise ProblemError(f"{path}: a {kind} is Python and ends in .py.")
+        raise ProblemError(f"{path}: a {kind} is a Python file, whose name ends in .py.")
     module, loader = importlib.util.module_from_spec(spec), spec.loader
-    # Dataclasses look their module up by name, and a file may import those beside it, as `python FILE` does.
+    # Dataclasses look up their module by name. As with `python FILE`, a file may import the files beside it.
     sys.modules[spec.name] = module
     sys.path.insert(0, folder := str(path.resolve().parent))
     try:
-        own_errors(path, "executing it", lambda: loader.exec_module(module))
+        run_user_code(path, "executing it", lambda: loader.exec_module(module))
     finally:
         sys.path.remove(folder)
     return module
 
 
-def own_errors(path: Path, what: str, action: Callable[[], Any], wanted: str = "") -> Any:
-    """Do what a user's file asks for; an error of its own making is named with its line, and with what is `wanted`."""
+def run_user_code(path: Path, what: str, action: Callable[[], Any], wanted: str = "") -> Any:
+    """Run code of a user's file; raise ProblemError with file, line and `wanted` if the code itself fails."""
     try:
         return action()
     except VemcvxError:
@@ -67,31 +67,31 @@ def own_errors(path: Path, what: str, action: Callable[[], Any], wanted: str = "
         where = f", line {lines[-1]}" if lines else ""
         words = " ".join(str(error).split())
         if isinstance(error, ModuleNotFoundError):
-            wanted += "; what a file imports is installed, or stands beside it"
+            wanted += "; modules that a file imports must be installed, or be in the folder of the file"
         raise ProblemError(f"{path}{where}: {what} failed: {type(error).__name__}: {words}{wanted}") from error
 
 
-def literal(text: str) -> Any:
-    """The Python literal that an option's words spell, or the words themselves."""
+def parse_literal(text: str) -> Any:
+    """Return the value of a Python literal, or the text itself if it is none."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         return text
 
 
-def several(text: str) -> list[str]:
-    """The values, as they are spelt, between commas that stand in no brackets and no quotes."""
+def split_values(text: str) -> list[str]:
+    """Return the values, as text, between commas outside brackets and quotes."""
     try:
         body = ast.parse(text, mode="eval").body
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        # Words such as steel,rubber-2; where brackets or quotes are in them, they are one.
+        # The text is no Python. Words such as steel,rubber-2 are several; a text with brackets or quotes is one value.
         return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
     if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
         return [text]
     return [ast.get_source_segment(text, one) or "" for one in body.elts]
 
 
-SPACE_N = 8  # Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes.
+SPACE_N = 8  # Default number of cells across the shortest side in space: 64 would be 262,144 cubes.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
 
@@ -113,12 +113,12 @@ class Posed:
     solver: Solver | None = None
     initial: Any = None
 
-    def simulated(self, **options: Any) -> History:
+    def simulate(self, **options: Any) -> History:
         """Return the history on this mesh and at these instants."""
         return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
 
-    def adapted(self, instants: Floats, target: float, **options: Any) -> Adapted:
-        """Return the history on a mesh adapted from this one, which has these instants and the first."""
+    def adapt(self, instants: Floats, target: float, **options: Any) -> Adapted:
+        """Return an adaptive run that begins with this mesh, at the first instant and `instants`."""
         from vemcvx.estimate.adapt import adapt
 
         wanted = np.append(self.times[0], instants)
@@ -144,29 +144,29 @@ class Problem:
 
     @property
     def text(self) -> str:
-        """The docstring below that line."""
+        """The docstring below its first line."""
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """The parameters of the scene with their values in words: those given as "name=value", else their defaults."""
-        given = self._given(settings)
+        """Return the parameters of the scene and their values in words, from "name=value" or the defaults."""
+        given = self._parse_settings(settings)
         own = self._signature()
         known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
 
-    def studied(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
-        """All combinations of values where settings "name=value,value" have several, the last setting fastest.
+    def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
+        """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest.
 
-        Where the scene's own value is a tuple or a list, numbers with commas between are one such value, as brackets
-        around them say anywhere; several values are in brackets then.
+        If the default value in the scene is a tuple or a list, numbers separated by commas are one value; then several
+        values need brackets around each.
         """
         choices: dict[str, list[str]] = {}
-        for setting, (name, value) in zip(settings, self._given(settings).items(), strict=True):
+        for setting, (name, value) in zip(settings, self._parse_settings(settings).items(), strict=True):
             default = self._signature().get(name)
             rows = isinstance(value, tuple) and all(isinstance(one, (tuple, list)) for one in value)
             single = default is not None and isinstance(default.default, (tuple, list)) and not rows
             text = setting.partition("=")[2]
-            choices[name] = [text] if single else several(text)
+            choices[name] = [text] if single else split_values(text)
             if twice := [one for one, count in Counter(choices[name]).items() if count > 1]:
                 raise ProblemError(f"--set: {name} is {twice[0]} twice in {setting!r}; give each value once.")
         return [
@@ -175,17 +175,17 @@ class Problem:
         ]
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
-        """The scene, with parameters given as "name=value"."""
-        return self._call("scene", **self._given(settings, "scene"))
+        """Return the scene, with parameters given as "name=value"."""
+        return self._call("scene", **self._parse_settings(settings, "scene"))
 
     @property
     def has_stages(self) -> bool:
-        """True if the file defines stages, which `run` and `show` take in place of scene and times."""
+        """True if the file defines stages, which `run` and `show` use instead of scene and times."""
         return callable(getattr(self.module, "stages", None))
 
     def stages(self, settings: Sequence[str] = ()) -> list[tuple[Scene, Floats]]:
-        """The scene and the instants of every stage, with parameters given as "name=value"."""
-        made = self._call("stages", **self._given(settings, "stages"))
+        """Return the scene and the instants of every stage, with parameters given as "name=value"."""
+        made = self._call("stages", **self._parse_settings(settings, "stages"))
         try:
             found = [(scene, check_times(times)) for scene, times in made]
         except (TypeError, ValueError):
@@ -195,7 +195,7 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file.
+        """Return the mesh. `family` is a family, a mesh file (a name with a suffix), or by default that of the problem.
 
         A file is read as several bodies if the scene of these settings names parts of bodies, such as "plate.rim", or
         interfaces, such as "plate|pin".
@@ -211,52 +211,52 @@ class Problem:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """The families of meshes that the problem can take: those of space if its own is one of them."""
+        """The families of meshes for the problem: those in space if its own family is one of them, else plane ones."""
         return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
     def family(self) -> str | None:
-        """The family of meshes that `mesh` takes by default, if the file names it."""
+        """The default family of the function `mesh`, if the file has one."""
         default = inspect.signature(self.module.mesh).parameters.get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def in_space(self, family: str | None = None) -> bool:
-        """True if its bodies are of polyhedra. A family of the file's own does not say so; its mesh does."""
+        """Return True if the mesh is of polyhedra. For families of the file's own a coarse mesh is made to find out."""
         known = family or self.family
         if known in FAMILIES or known in SPACE_FAMILIES:
             return known in SPACE_FAMILIES
         return not isinstance(self.mesh(SPACE_N, family), PolygonMesh)
 
-    def usual_n(self, usual: int, family: str | None = None) -> int:
-        """Cells across the shortest side when nobody says how many: as `usual` in the plane, at most 8 in space."""
-        plane = usual <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
-        return usual if plane else SPACE_N
+    def default_n(self, in_plane: int, family: str | None = None) -> int:
+        """Return the default number of cells across the shortest side: `in_plane`, but at most 8 in space."""
+        plane = in_plane <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
+        return in_plane if plane else SPACE_N
 
     def times(self, steps: int) -> Any:
-        """The instants; `simulate` checks them."""
+        """Return the instants, which `simulate` checks."""
         return self._call("times", steps)
 
-    def posed(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
-        """The arguments of `simulate` and `adapt`: the scene of these settings, this mesh, and instants of steps."""
+    def pose(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
+        """Return the arguments of `simulate` and `adapt` for these settings, this mesh, and a number of steps."""
         return Posed(self.scene(settings), mesh, check_times(self.times(steps)), solver, self.initial)
 
     @property
     def initial(self) -> Any:
-        """The initial state, if the file names one: "settled", "equilibrium" or a displacement."""
+        """The initial state, if the file defines one: "settled", "equilibrium" or a displacement."""
         return getattr(self.module, "initial", None)
 
     @property
-    def units(self) -> Units | None:
-        """The names of units of the problem's data, if the file has them as UNITS."""
-        return checked_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS") or None
+    def units(self) -> dict[str, str] | None:
+        """The names of units of the data, if the file defines UNITS."""
+        return dict(checked_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """The parameters of scene or stages; by default of stages, if there are some."""
+        """Return the parameters of scene or stages; by default of stages, if the file has them."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 
-    def _given(self, settings: Sequence[str], part: str = "") -> dict[str, Any]:
-        """The parameters that settings give, each of them once."""
+    def _parse_settings(self, settings: Sequence[str], part: str = "") -> dict[str, Any]:
+        """Return the values of parameters by settings "name=value"; raise ProblemError if one is set twice."""
         known, given = self._signature(part), dict[str, Any]()
         any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in known.values())
         for setting in settings:
@@ -271,13 +271,13 @@ class Problem:
             default = known[name].default if name in known else None
             if text.rstrip().endswith(",") and not isinstance(default, (tuple, list)):
                 raise ProblemError(
-                    f"--set: found {setting!r}; several values have commas between, {name}=1,2, and one has none."
+                    f"--set: found {setting!r}, with a comma at the end; commas separate several values, {name}=1,2."
                 )
-            given[name] = literal(text)
+            given[name] = parse_literal(text)
         return given
 
     def require(self, part: str) -> None:
-        """Raise ProblemError if the file, which has stages, does not define this part."""
+        """Raise ProblemError if a file with stages does not define this part."""
         if not callable(getattr(self.module, part, None)):
             raise ProblemError(
                 f"{self.path}: it has stages and no {PARTS[part]}; only `vemcvx run` and `show` take stages. Define "
@@ -285,11 +285,11 @@ class Problem:
             )
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
-        """The answer of a function of the file, checked to be of the kind that it should be."""
+        """Return the result of a function of the file; raise ProblemError for a wrong type."""
         self.require(part)
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
-        wanted = f". That is the problem file's own {part}, which is to return {RETURNS[part]}."
-        made = own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)
+        wanted = f". The function {part} of the problem file must return {RETURNS[part]}."
+        made = run_user_code(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)
         if not isinstance(made, KINDS[part]):
             kind = f"a vemcvx.{KINDS[part][0].__name__}"
             raise ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {kind}.")
@@ -297,9 +297,9 @@ class Problem:
 
 
 def read_problem(file: str | Path) -> Problem:
-    """Execute a problem file: one that is here, or one that came with the package, by its name."""
+    """Read a problem file: a file, or by its name one that came with the package."""
     path = problem_path(file)
-    module = executed(path, "problem file")
+    module = execute_file(path, "problem file")
     needed = ("mesh",) if callable(getattr(module, "stages", None)) else tuple(PARTS)
     missing = [PARTS[name] for name in needed if not callable(getattr(module, name, None))]
     if missing:
@@ -310,5 +310,5 @@ def read_problem(file: str | Path) -> Problem:
 
 
 def is_file(family: str) -> bool:
-    """Return True if what --mesh names is a file, not a family."""
+    """Return True if a value of --mesh is a file, not a family."""
     return bool(Path(family).suffix)

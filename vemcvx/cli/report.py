@@ -1,6 +1,6 @@
-"""`vemcvx run --report`: a page of HTML that says what was simulated, what came out, and how to repeat it.
+"""`vemcvx run --report`: an HTML page with the scene, the results, and what is needed to repeat the run.
 
-Pictures and style stand in the page, so that it needs nothing else. It is written when a run has succeeded.
+The page is one file: pictures and style are inside it. It is written after a successful run.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.base.outline import Outline
 from vemcvx.base.version import __version__
-from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
+from vemcvx.cli.doctor import EXTRAS, NEEDED, name_platform, version_of
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.show import problem_in_words
 from vemcvx.cli.terminal import write_text
@@ -34,19 +34,19 @@ from vemcvx.plots.pictures import draw_pictures, left_out
 
 TEMPLATE = Path(__file__).with_name("page.html")
 MARK = '<meta name="generator" content="vemcvx">'
-"""The mark in the template by which pages of ours are known, so that no other is replaced."""
+"""A mark in the template. Only files with this mark are replaced."""
 REPORT = "report.html"
-BUDGETED = 64  # Steps at which a report judges the mesh at most: each takes residuals on all cells.
+MOST_STEPS = 64  # Most steps in the error budget of a report: each needs residuals on all cells.
 
 
 def page(title: str, body: str, style: str = "") -> str:
-    """Return a page of a title in words and a body of HTML, with rules of style beside those of all pages."""
+    """Return an HTML page with a title (text), a body (HTML), and further CSS rules."""
     template = Template(TEMPLATE.read_text(encoding="utf-8"))
     return template.substitute(title=escape(title), body=body, style=style, version=__version__)
 
 
 def check_report(folder: Path) -> None:
-    """Refuse a folder in which a file of that name is no page of ours."""
+    """Raise ProblemError if the folder has a file with the name of the report that vemcvx has not written."""
     path = folder / REPORT
     if os.path.lexists(path) and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise ProblemError(f"{path}: not written by vemcvx, so it is not replaced. Choose another folder, or move it.")
@@ -61,7 +61,7 @@ def write_report(
     mesh: str,
     results: str,
 ) -> Path:
-    """Write the page: `results` are those of the terminal, `mesh` is the mesh in words."""
+    """Write the page; `results` is the output on the terminal, and `mesh` describes the mesh."""
     rows = problem_in_words(problem, settings, history.mesh, mesh)
     parameters = problem.parameters(settings)
     text = problem.path.read_text(encoding="utf-8", errors="replace")
@@ -69,11 +69,11 @@ def write_report(
     run = [
         ("command", shlex.join(["vemcvx", *sys.argv[1:]])),
         ("written", datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
-        ("vemcvx", here()),
+        ("vemcvx", name_platform()),
         ("with", ", ".join(f"{name} {version}" for name, version in packages.items())),
     ]
     sections = {
-        "What was simulated": _prose(problem.text) + Outline("The scene, as vemcvx show has it", rows).html(),
+        "What was simulated": _prose(problem.text) + Outline("The scene (as by vemcvx show)", rows).html(),
         "Pictures": _pictures(history, problem),
         "Results": f"<pre>{escape(results)}</pre>",
         "Error budget": _budget(history),
@@ -89,7 +89,7 @@ def write_report(
 
 
 def _prose(text: str) -> str:
-    """Return paragraphs; indented ones are formulas or commands, and stay as they are set."""
+    """Return paragraphs as HTML; indented ones are formulas or commands and keep their line breaks."""
     parts = [part.strip("\n") for part in text.split("\n\n")]
     kinds = [("pre" if part.startswith(" ") else "p", textwrap.dedent(part)) for part in parts if part.strip()]
     return "".join(f"<{kind}>{escape(said)}</{kind}>" for kind, said in kinds)
@@ -105,32 +105,32 @@ def _pictures(history: History, problem: Problem) -> str:
 
 
 def _budget(history: History) -> str:
-    """Return the error budget, or the reason why there is none."""
-    if history.errors:  # of an adaptive run, which the results have
-        return "<p>That of the adaptive run stands among the results.</p>"
+    """Return the error budget as HTML, or the reason why there is none."""
+    if history.errors:  # an adaptive run, whose results contain its error budget
+        return "<p>The error budget of the adaptive run is part of the results.</p>"
     try:
-        return error_budget(history, _looked_at(history)).outline().html()
+        return error_budget(history, _choose_steps(history)).outline().html()
     except VemcvxError as error:
         return f"<p>There is none. {escape(str(error))}</p>"
 
 
-def _looked_at(history: History) -> list[int]:
-    """Return the stored steps at which the mesh is judged: all, or BUDGETED of them and that of the largest energy."""
+def _choose_steps(history: History) -> list[int]:
+    """Return the stored steps of the error budget: all, or MOST_STEPS of them and the one with the largest energy."""
     steps = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
-    if len(steps) > BUDGETED:
-        evenly = steps[np.linspace(0, len(steps) - 1, BUDGETED).round().astype(int)]
+    if len(steps) > MOST_STEPS:
+        evenly = steps[np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int)]
         steps = np.union1d(evenly, steps[np.argmax(history.trajectory.norm[steps])])
     return steps.tolist()
 
 
 def with_errors(history: History) -> tuple[History, str]:
-    """Return the history with its quantities and their errors, and a line that says why it has none."""
+    """Return the history with quantities and their errors, and a line with the reason if it has none."""
     if history.quantities is not None:
         return history, ""
     plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]
-    # Unasked, as many as an adaptive run has at most; in space, where each costs more, a quarter of that.
+    # The limit in the plane is that of adaptive runs. In space unknowns are more expensive.
     refined, most = (4 * unknowns, 400_000) if plane else (8 * unknowns, 100_000)
-    why = f"the refined mesh has some {refined} unknowns; vemcvx.quantities(history) simulates on it."
+    why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) simulates on it."
     if refined <= most:
         try:
             return with_quantities(history)[0], ""

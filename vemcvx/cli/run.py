@@ -1,4 +1,4 @@
-"""`vemcvx run`: a problem solved, written, drawn; a study of its parameters."""
+"""`vemcvx run`: simulate a problem, write and draw the history; or a study of its parameters."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ import typer
 from vemcvx.base.arrays import Floats
 from vemcvx.base.canvas import new_figure
 from vemcvx.base.errors import ProblemError, VemcvxError, quietly
-from vemcvx.base.outline import coordinates
+from vemcvx.base.outline import coordinates, count_steps
 from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, Of, SolverName
 from vemcvx.cli.problem_file import Posed, Problem, is_file, read_problem
-from vemcvx.cli.solver_names import named_linear, named_solver, served
-from vemcvx.cli.terminal import INVALID, NOT_CERTIFIED, Shown, progress_bar, say
+from vemcvx.cli.solver_names import make_linear_solver, make_solver, serve_ranks
+from vemcvx.cli.terminal import INVALID, NOT_CERTIFIED, ShowProgress, progress_bar, say
 from vemcvx.cost import study
 from vemcvx.cost.rows import Row, figures, labels
 from vemcvx.cost.workers import DONE, call_safely
@@ -39,12 +39,12 @@ from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping import CHECKPOINT, Folder, choose_stored_steps
 
 ROWS = "rows"
-"""The folder, in the output folder, in which a run keeps completed steps until the history is written."""
+"""The subfolder of the output folder in which a run keeps completed steps until the history is written."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """Simulate a problem, and say what came out and how certain it is."""
+    """The command `vemcvx run`."""
 
     file: File
     mesh: Mesh = None
@@ -57,11 +57,11 @@ class Run:
     solver: SolverName = "newton"
     accuracy: Accuracy = None
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write the history there, for ParaView and scripts.")
+        Path | None, typer.Option(metavar="DIR", help="Write the history to DIR, for ParaView and scripts.")
     ] = None
     plot: Annotated[bool, typer.Option("--plot", help="Write pictures into DIR, or results/<problem>.")] = False
     report: Annotated[
-        bool, typer.Option("--report", help="Write report.html there, too; a run that is refused writes none.")
+        bool, typer.Option("--report", help="Write report.html into the same folder, unless the run is refused.")
     ] = False
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all"
     condense: Condense = True
@@ -70,11 +70,11 @@ class Run:
     ] = None
     linear: Linear = None
     target: Annotated[
-        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error: 0.02.")
+        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error, such as 0.02.")
     ] = None
     of: Of = "energy"
     bound: Annotated[
-        bool, typer.Option("--bound", help="Bound the error of the mesh in every step, from both sides: a theorem.")
+        bool, typer.Option("--bound", help="Bound the error of the mesh in every step, from both sides, guaranteed.")
     ] = False
     probes: Annotated[
         list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
@@ -84,56 +84,58 @@ class Run:
         typer.Option(
             "--set",
             metavar="NAME=VALUE,...",
-            help="A parameter of the scene; of several values, and of several parameters, all combinations are run.",
+            help="A parameter of the scene; several values, also of several parameters, run all combinations.",
         ),
     ] = NONE
     results: Annotated[
         str | None,
-        typer.Option(metavar="NAME,...", help=f"Results that such a study shows. (default: {','.join(study.USUAL)})"),
+        typer.Option(metavar="NAME,...", help=f"Results in the table of a study. (default: {','.join(study.USUAL)})"),
     ] = None
-    workers: Annotated[int, typer.Option(min=1, help="Processes at once, of a study.")] = 2
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes of a study.")] = 2
 
     def __call__(self) -> None:
-        """Simulate, write and draw what is asked for, and say what came out."""
+        """Simulate a problem, and print the results and how certain they are."""
         problem = read_problem(self.file)
-        several = problem.studied(self.settings)
-        if served(self.linear, len(several)):
+        several = problem.combine_settings(self.settings)
+        if serve_ranks(self.linear, len(several)):
             return
         if len(several) > 1:
             self._study(problem, several)
         elif self.results:
-            raise ProblemError("--results: chooses what a study shows; give a parameter several values, --set a=1,2.")
+            raise ProblemError("--results: is for a study only; give a parameter several values, --set a=1,2.")
         else:
-            say("\n".join(self.made(problem)[1]))
+            say("\n".join(self.execute(problem)[1]))
 
-    def made(self, problem: Problem) -> tuple[History, list[str]]:
-        """Return the history, written and drawn as asked for, and what there is to say of it."""
+    def execute(self, problem: Problem) -> tuple[History, list[str]]:
+        """Simulate, write and draw as the options say; return the history and the lines to print."""
         folder, drawings = self._refuse_early(problem)
-        usual = 64 if self.target is None else 8
-        steps, n = self.steps or usual, self.n or problem.usual_n(usual, self.mesh)
+        default = 64 if self.target is None else 8
+        steps, n = self.steps or default, self.n or problem.default_n(default, self.mesh)
         stored = int(self.store) if self.store.isdecimal() else self.store
-        # The folder is held until the history is written: of two runs with one folder the second is refused.
-        held = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
-        left = list[str]()
-        with held as rows, progress_bar("meshing") as shown:
+        # The folder is locked until the history is written: a second run with the same folder is refused.
+        locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
+        missing = list[str]()
+        with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
                 check_memory(problem, n, self.mesh, len(choose_stored_steps(stored, steps)) if folder is None else 1)
             mesh = problem.mesh(n, self.mesh, self.settings)
             if self.points is not None:
                 places(mesh, self.points, "--probe")
             if problem.has_stages:
-                history, told = self._staged(problem, mesh, stored, shown=shown, folder=folder)
+                history, words = self._simulate_stages(problem, mesh, stored, show=show, folder=folder)
             elif self.target is None:
-                history, told = self.simulated(problem, mesh, steps, stored, shown=shown, rows=rows)
+                history, words = self.simulate(problem, mesh, steps, stored, show=show, rows=rows)
             else:
-                history, told = self._adapted(problem, mesh, steps, self.target, shown)
+                history, words = self._adapt(problem, mesh, steps, self.target, show)
+            history = replace(history, units=problem.units)
             if self.report:
                 from vemcvx.cli.report import with_errors
 
-                shown("estimating errors, in finer steps and on a finer mesh", 0, None)
+                show("estimating errors, in finer steps and on a finer mesh", 0, None)
                 history, why = with_errors(history)
-                left = [why] if why else []
-            lines = [f"{problem.name}: {problem.title}", *told, *self._said(history, problem, folder, n, shown), *left]
+                missing = [why] if why else []
+            summary = self._write(history, problem, folder, n, show)
+            lines = [f"{problem.name}: {problem.title}", *words, *summary, *missing]
             if rows is not None:
                 rows.clear()
         if self.plot:
@@ -158,11 +160,11 @@ class Run:
         return history, lines
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
-        """Run all combinations, each in a process and a folder of its own, and say what came out."""
+        """Run all combinations, each in its own process and folder, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
         if self.resume is not None or (self.report and self.out is None):
             raise ProblemError(
-                "--set: several runs have folders of their own in DIR of --out DIR; none can be resumed."
+                "--set: each of several runs has its own folder in DIR of --out DIR; none of them can be resumed."
             )
         drawings = self.out or Path("results") / problem.name
         if self.plot:
@@ -174,16 +176,16 @@ class Run:
             replace(self, settings=list(each), out=out, plot=False) for each, out in zip(several, folders, strict=True)
         ]
         rows, words = list[Row](), dict[str, str]()
-        with progress_bar("runs") as shown, ThreadPool(self.workers) as threads:
-            for row, own in threads.imap(_attempted, runs):
+        with progress_bar("runs") as show, ThreadPool(self.workers) as threads:
+            for row, own in threads.imap(_attempt, runs):
                 rows.append(row)
                 words |= own
-                shown("runs", len(rows), len(runs))
+                show("runs", len(rows), len(runs))
         title = f"{problem.name}: {problem.title}"
         figure = study.picture(rows, chosen, words, title) if self.plot and study.find_results(rows, chosen) else None
-        lines = [title, study.table(rows, chosen).text(), *study.remarks(rows)]
+        lines = [title, study.table(rows, chosen, words if problem.units else {}).text(), *study.remarks(rows)]
         if self.out:
-            lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
+            lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, folders of runs")
         elif figure is not None:
             (name,) = study.write(rows, drawings, figure, tables=False)
             lines.append(f"picture     {drawings / name}")
@@ -193,7 +195,7 @@ class Run:
 
     @property
     def points(self) -> Floats | None:
-        """The probes as points (p, dim), None without any."""
+        """The probes as points (p, dim), or None."""
         if not self.probes:
             return None
         try:
@@ -205,69 +207,69 @@ class Run:
             found = ", ".join(map(repr, self.probes))
             raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None
 
-    def simulated(
+    def simulate(
         self,
         problem: Problem,
         mesh: AnyMesh,
         steps: int,
         store: int | str | Sequence[int],
         *,
-        shown: Shown,
+        show: ShowProgress,
         rows: Folder | None = None,
     ) -> tuple[History, list[str]]:
-        """Return the history, and a line where it was resumed; it is `shown` how far that is."""
+        """Return the history, and a line if the run was resumed; `show` receives the progress."""
         made, resumed = [], self.resume is not None
-        shown("assembling", 0, None)
+        show("assembling", 0, None)
 
         def advance(n: int, steps: int) -> None:
             made.append(n)
-            shown("marching", n, steps)
+            show("marching", n, steps)
 
-        linear, posed = named_linear(self.linear), self._posed(problem, mesh, steps)
+        linear, posed = make_linear_solver(self.linear), self._pose(problem, mesh, steps)
         warn_of_turns(posed.scene, mesh, posed.times)
         how: dict[str, Any] = {"condense": self.condense, "linear": linear, "bound": self.bound, "stream": rows}
-        history = posed.simulated(store=store, progress=advance, resume=resumed, **how)
+        history = posed.simulate(store=store, progress=advance, resume=resumed, **how)
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
 
-    def _staged(
-        self, problem: Problem, mesh: AnyMesh, store: int | str, *, shown: Shown, folder: Path | None
+    def _simulate_stages(
+        self, problem: Problem, mesh: AnyMesh, store: int | str, *, show: ShowProgress, folder: Path | None
     ) -> tuple[History, list[str]]:
-        """Return the stages as one history, and a line for each; those go into folders of their own."""
-        solver, found, lines = named_solver(self.solver, self.accuracy), list[History](), list[str]()
+        """Return the stages as one history, and a line for each; each stage is written to its own folder."""
+        solver, found, lines = make_solver(self.solver, self.accuracy), list[History](), list[str]()
         for k, (scene, times) in enumerate(problem.stages(self.settings), start=1):
             warn_of_turns(scene, mesh, times)
             posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
-            how: dict[str, Any] = {"condense": self.condense, "linear": named_linear(self.linear)}
-            advance = partial(shown, f"stage {k}, marching")
-            found.append(posed.simulated(store=store, progress=advance, **how))
+            how: dict[str, Any] = {"condense": self.condense, "linear": make_linear_solver(self.linear)}
+            advance = partial(show, f"stage {k}, marching")
+            found.append(replace(posed.simulate(store=store, progress=advance, **how), units=problem.units))
             own = folder and write_results(found[-1], folder / f"stage_{k}", Origin(problem.name), self.points)
             where = f", in {own}" if own else ""
-            lines.append(f"stage {k:<6d}t = {times[0]:.6g} ... {times[-1]:.6g}, {found[-1].steps} steps{where}")
+            lines.append(f"stage {k:<6d}t = {times[0]:.6g} ... {times[-1]:.6g}, {count_steps(found[-1].steps)}{where}")
         return joined(found), lines
 
-    def _posed(self, problem: Problem, mesh: AnyMesh, steps: int) -> Posed:
-        return problem.posed(self.settings, mesh, steps, named_solver(self.solver, self.accuracy))
+    def _pose(self, problem: Problem, mesh: AnyMesh, steps: int) -> Posed:
+        return problem.pose(self.settings, mesh, steps, make_solver(self.solver, self.accuracy))
 
-    def _adapted(
-        self, problem: Problem, mesh: AnyMesh, steps: int, target: float, shown: Shown
+    def _adapt(
+        self, problem: Problem, mesh: AnyMesh, steps: int, target: float, show: ShowProgress
     ) -> tuple[History, list[str]]:
-        """Return the history on a mesh, and at instants, chosen for the target; those given are where that begins."""
+        """Return the history on a mesh and at instants chosen for the target; begin with `mesh` and `steps`."""
         if self.resume or self.store != "all" or self.linear is not None or not self.condense:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
-        posed = self._posed(problem, mesh, steps)
-        shown("adapting", 0, None)
+        posed = self._pose(problem, mesh, steps)
+        show("adapting", 0, None)
 
-        def told(now: Any) -> None:
-            shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
+        def show_estimate(now: Any) -> None:
+            show(f"adapting, {now.unknowns} unknowns and {count_steps(now.steps)}, error {now.total:.1%}", 0, None)
 
         estimate = "bound" if self.bound else "residual"
-        found = posed.adapted(posed.times[1:], target, progress=told, of=self.of, estimate=estimate)
+        found = posed.adapt(posed.times[1:], target, progress=show_estimate, of=self.of, estimate=estimate)
         return found.history, [found.summary()]
 
     def _refuse_early(self, problem: Problem) -> tuple[Path | None, Path]:
         """Fail before the work starts if options contradict each other or files cannot be written.
 
-        Return the folder of the history, None without one, and that of pictures and report.
+        Return the folder of the history (or None), and the folder of pictures and report.
         """
         folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
@@ -277,15 +279,15 @@ class Run:
             from vemcvx.estimate.adapt import QUANTITIES
 
             if self.of not in QUANTITIES:
-                raise ProblemError(f"--of: found {self.of!r}; a target is of {', '.join(QUANTITIES)}.")
+                raise ProblemError(f"--of: found {self.of!r}; there are {', '.join(QUANTITIES)}.")
             if self.target is None:
-                words = "the relative error that mesh and steps are for"
+                words = "the relative error of this quantity"
                 raise ProblemError(f"--of: {self.of} goes with --target X, {words}.")
         given = {"--steps": self.steps, "--target": self.target, "--resume": self.resume, "--bound": self.bound or None}
         given["--store last"] = True if self.store == "last" else None
         if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
             raise ProblemError(
-                f"{found[0]}: {problem.name} has stages, which have their own instants and go on from one another; "
+                f"{found[0]}: {problem.name} has stages, each with its own instants, which continue one another; "
                 f"{', '.join(given)} are for problem files without stages()."
             )
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
@@ -308,30 +310,30 @@ class Run:
             files.check_replaceable(folder)
         return folder, drawings
 
-    def _said(self, history: History, problem: Problem, folder: Path | None, n: int, shown: Shown) -> list[str]:
-        """Return the summary and the extremes of a history in words, and the files to which it is written."""
-        shown("extremes", 0, None)
+    def _write(self, history: History, problem: Problem, folder: Path | None, n: int, show: ShowProgress) -> list[str]:
+        """Write the history, if it has a folder; return its summary, its extremes and its files in words."""
+        show("extremes", 0, None)
         extremes, start = list(_extremes(history, problem.units)), time.perf_counter()
         if folder is None:
             none = "files       none; --out DIR keeps the history, --plot draws it"
             return [history.summary(), *extremes, *([] if self.plot or self.report else [none])]
         mesh = self.mesh or problem.family
         origin = Origin(problem.name, mesh, None if mesh is not None and is_file(mesh) else n)
-        write_results(history, folder, origin, self.points, lambda *now: shown("writing", *now))
+        write_results(history, folder, origin, self.points, lambda *now: show("writing", *now))
         seconds = {**history.seconds, "write": time.perf_counter() - start}
         names = SUMMARY, ARCHIVE, *sorted(name for name in FILES.values() if (folder / name).is_file())
-        told = f"files       {folder}: {SERIES} with {len(history.stored)} instants, {', '.join(names)}"
-        return [replace(history, seconds=seconds).summary(), *extremes, told]
+        words = f"files       {folder}: {SERIES} with {len(history.stored)} instants, {', '.join(names)}"
+        return [replace(history, seconds=seconds).summary(), *extremes, words]
 
 
 LEAST_MEMORY = 2000.0
-"""Bytes of memory that an unknown takes at least: measured were 2,500 on plane squares with PARDISO, 8,000 in space."""
+"""Least bytes of memory per unknown: 2,500 were measured on plane squares with PARDISO, 8,000 in space."""
 
 
 def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> None:
-    """Refuse a mesh before it is made if this machine lacks the least memory that any solver needs for it.
+    """Refuse a mesh before it is made if the machine has less memory than every solver needs.
 
-    Two coarse meshes tell how unknowns grow. Stored steps have 24 bytes an unknown.
+    The number of unknowns is extrapolated from two coarse meshes. Stored steps need 24 bytes per unknown.
     """
     if n <= 64 or (family is not None and is_file(family)):
         return
@@ -339,19 +341,19 @@ def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> N
         with quietly():
             coarse, finer = (problem.mesh(k, family).points.size for k in (8, 16))
     except VemcvxError:
-        return  # The file may know no coarse meshes.
+        return  # The file may have no coarse meshes.
     unknowns = finer * (finer / coarse) ** np.log2(n / 16)
     needed, most = (LEAST_MEMORY + 24.0 * stored) * unknowns, machine_memory()
     if needed > most:
         raise ProblemError(
             f"--n {n}: some {unknowns:.2g} unknowns need {needed / 1e9:.2g} GB of memory at least, and this machine "
-            f"has {most / 1e9:.2g} GB. Take fewer cells, --store last, or --target 0.02, which makes cells small only "
-            "where the error is."
+            f"has {most / 1e9:.2g} GB. Take fewer cells, --store last, or --target 0.02, which refines only where "
+            "the error is large."
         )
 
 
 def machine_memory() -> float:
-    """Return the bytes of memory that the machine has, or its control group may take; infinite if unknown."""
+    """Return the bytes of memory of the machine or of its control group; infinite if unknown."""
     found = [np.inf]
     with suppress(AttributeError, OSError, ValueError):
         found.append(float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES"))
@@ -360,31 +362,31 @@ def machine_memory() -> float:
     return min(found)
 
 
-def _attempted(run: Run) -> tuple[Row, dict[str, str]]:
-    """Return the row of one run of a study, made in a process of its own, and the words for its figures."""
+def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
+    """Return the row of one run of a study, in its own process, and the labels of its figures."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
-    status, found = call_safely(_made, run)
+    status, found = call_safely(_execute, run)
     if status != DONE:
         return row | {"status": status, "folder": None, "message": found}, {}
     own, words = found
     return row | {"status": status, "folder": run.out and str(run.out)} | own, words
 
 
-def _made(run: Run) -> tuple[Row, dict[str, str]]:
-    """Return the figures of a run, with its warnings, and the words for them."""
+def _execute(run: Run) -> tuple[Row, dict[str, str]]:
+    """Return the figures of a run with its warnings, and the labels of the figures."""
     logged = BufferingHandler(10**6)
     logged.setLevel(logging.WARNING)
     logging.getLogger("vemcvx").addHandler(logged)
     with quietly() as caught:
-        history, _ = run.made(problem := read_problem(run.file))
-    said = [*(str(warning.message) for warning in caught), *(record.getMessage() for record in logged.buffer)]
+        history, _ = run.execute(problem := read_problem(run.file))
+    warned = [*(str(warning.message) for warning in caught), *(record.getMessage() for record in logged.buffer)]
     met, aim = None, (history.quantities or {}).get(run.of)
     if run.target is not None and history.errors is not None:
         met = (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
     remarks = {
         "met": met,
         "unbounded": " ".join(one.key for one in history.extremes if one.unbounded),
-        "warnings": list(dict.fromkeys(said)),
+        "warnings": list(dict.fromkeys(warned)),
     }
     return figures(history) | remarks, labels(history, problem.units)
 

@@ -1,4 +1,4 @@
-"""`vemcvx show`: a problem's scene, its convex program and its solvers, in words."""
+"""`vemcvx show`: describe the scene of a problem, its convex program and its solvers in words."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 
 from vemcvx import effects
 from vemcvx.base.arrays import Floats
+from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
 from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
 from vemcvx.cli.problem_file import Problem, is_file, read_problem
@@ -28,7 +29,7 @@ from vemcvx.stepping import check_times, softening_ratio
 
 @dataclass(frozen=True, kw_only=True)
 class Show:
-    """Describe a problem's scene in words: effects, unknowns, the convex program, who can solve it."""
+    """The command `vemcvx show`."""
 
     file: File
     mesh: Mesh = None
@@ -36,34 +37,34 @@ class Show:
     settings: Settings = NONE
 
     def __call__(self) -> None:
-        """Print the problem's title, and a table of its scene."""
+        """Describe the scene of a problem in words: effects, unknowns, the convex program, its solvers."""
         problem = read_problem(self.file)
-        n = self.n or problem.usual_n(64, self.mesh)
+        n = self.n or problem.default_n(64, self.mesh)
         mesh = problem.mesh(n, self.mesh, self.settings)
         rows = problem_in_words(problem, self.settings, mesh, mesh_name(problem, self.mesh, n))
         say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")
 
 
 def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, name: str) -> list[tuple[str, str]]:
-    """Return the scene of a problem as rows of a name and words, or the scenes of its stages one after the other."""
+    """Return rows (name, words) for the scene of a problem, or for the scenes of all its stages."""
     if not problem.has_stages:
-        # Data are evaluated at 64 instants, to see whether they are zero at all times.
+        # Data are evaluated at 64 instants, to find data that are zero at all times.
         return scene_in_words(problem.scene(settings), mesh, check_times(problem.times(64)), name)
     rows = list[tuple[str, str]]()
     for k, (scene, times) in enumerate(problem.stages(settings), start=1):
-        rows.append((f"stage {k}", f"t = {times[0]:.6g} ... {times[-1]:.6g}, {len(times) - 1} steps"))
+        rows.append((f"stage {k}", f"t = {times[0]:.6g} ... {times[-1]:.6g}, {count_steps(len(times) - 1)}"))
         rows += scene_in_words(scene, mesh, times, name)
     return rows
 
 
 def mesh_name(problem: Problem, family: str | None, n: int | None) -> str:
-    """The name of a mesh: its file, or its family and number of cells, None if there is no choice of that."""
+    """Return the name of a mesh: its file, or its family and the number n of cells; n may be None."""
     name = family or problem.family or "its own"
     return name if n is None or is_file(name) else f"{name}, n = {n}"
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
-    """The scene as rows of a name and words; effects whose data are zero at all these instants are left out."""
+    """Return rows (name, words) for a scene, without effects whose data are zero at all these instants."""
     posed = pose_scene(scene, mesh, times.tolist())
     seen, n = Condensation(posed.system), posed.system.n
     operators, m = seen.operators, len(seen.retained)
@@ -90,7 +91,7 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
 
 
 def _absent(scene: Scene) -> list[str]:
-    """The effects of the library that the scene does not name."""
+    """Return the names of the effects of vemcvx that the scene does not have."""
     named, kinds = {type(effect) for effect in scene}, [getattr(effects, name) for name in effects.__all__]
     known = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Effect)]
     return [kind.__name__ for kind in known if not inspect.isabstract(kind) and kind not in named]
@@ -108,7 +109,7 @@ def _program(operators: Operators, viscous: bool) -> str:
 
 
 def _terms(operators: Operators) -> str:
-    """The numbers of convex terms by kind, and the second-order cones that they need."""
+    """Return the numbers of convex terms of each kind, and of second-order cones, in words."""
     bounds, soft = int((operators.compliance == 0).sum()), int((operators.compliance > 0).sum())
     kind = "absolute values"
     if operators.block > 1:
@@ -118,7 +119,7 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
-    """The kind of certificate, and rho where a law says how fast weights fall with the slip of a step."""
+    """Return the kind of certificate, and the ratio of softening to stiffness for laws of slip weakening."""
     if norms is None or norms.law is None:
         return "a bound"
     found = softening_ratio(operators, norms.softening)

@@ -1,4 +1,4 @@
-"""Solvers and linear solvers by the names that the command line gives them: ours, cvxpy's, and FILE.py:NAME."""
+"""Solvers and linear solvers by their names on the command line: vemcvx's, cvxpy's, and FILE.py:NAME."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from vemcvx.base.arrays import brief
 from vemcvx.base.errors import ProblemError
-from vemcvx.cli.problem_file import executed, literal, own_errors
+from vemcvx.cli.problem_file import execute_file, parse_literal, run_user_code
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU, all_ranks, serve
 from vemcvx.solvers import (
     OSQP,
@@ -31,17 +31,17 @@ LINEAR: dict[str, Callable[[], LinearSolver]] = {
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
-def named_solver(
+def make_solver(
     name: str, accuracy: float | None, option: str = "--solver", settings: Mapping[str, Any] | None = None
 ) -> Solver:
-    """One of ours, one that cvxpy knows, in any case of letters, or the NAME in a file; `option` asked for it.
+    """Return the solver of a name: vemcvx's, cvxpy's (in upper or lower case), or FILE.py:NAME; `option` is its option.
 
-    A solver that cvxpy knows and does not find here raises later, when it is prepared.
+    A solver that cvxpy supports, but that is not installed, raises later, when it is prepared.
     """
     given = dict(settings or {})
     if ":" in name:
-        made = in_file(name, option, "solver", "solve(program, target)", _solves, **given)
-        solver: Solver = own_errors(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
+        made = load_from_file(name, option, "solver", "solve(program, target)", _solves, **given)
+        solver: Solver = run_user_code(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
         solver = solver if accuracy is None else solver.with_accuracy(accuracy)
         solver.check_accuracy()
         return solver
@@ -55,7 +55,7 @@ def named_solver(
     kind = NAMES.get(name.lower(), ThroughCvxpy)
     own = [key for key in inspect.signature(kind).parameters if key not in ("solver", "options", "tuned")]
     others = {key: given.pop(key) for key in list(given) if key not in own}
-    # Settings that are none of ours are those of the solver's library.
+    # All other settings are passed to the library of the solver.
     if kind is ThroughCvxpy:
         return ThroughCvxpy(name.upper(), **given, options=others)
     if issubclass(kind, ThroughCvxpy):
@@ -66,12 +66,12 @@ def named_solver(
 
 
 def completions() -> list[str]:
-    """The names that shells complete: ours, and those of solvers that are tuned here."""
+    """Return the names that shells complete: vemcvx's solvers, and solvers with settings tuned by vemcvx."""
     return sorted({*NAMES, *(name.lower() for name in TUNED)})
 
 
 def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Settings by the names of solvers as they were typed, from words such as "clarabel.max_iter=200"."""
+    """Return the settings of each solver, by its typed name, from words such as "clarabel.max_iter=200"."""
     called = {name.rpartition(":")[2].lower(): name for name in names}
     found: dict[str, dict[str, Any]] = {}
     for words in typed:
@@ -80,19 +80,19 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
         if not (equals and dot and solver and setting):
             raise ProblemError(f"--option: found {words!r}; wanted SOLVER.NAME=VALUE, such as clarabel.max_iter=200.")
         if solver.lower() not in called:
-            raise ProblemError(f"--option: {solver!r} is none of the solvers asked for, {', '.join(called)}.")
-        found.setdefault(called[solver.lower()], {})[setting] = literal(text)
+            raise ProblemError(f"--option: {solver!r} is none of the chosen solvers, {', '.join(called)}.")
+        found.setdefault(called[solver.lower()], {})[setting] = parse_literal(text)
     return found
 
 
-def in_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
-    """The solver FILE.py:NAME in a file of the user's: of a class, made with the settings given, or an object.
+def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
+    """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings.
 
-    Its class has what is said by `has`, and `fits`.
+    `fits` tests its class; `has` describes the members that the class must have.
     """
     file, _, name = typed.rpartition(":")
     path = Path(file)
-    module = executed(path, f"file of a {noun}")
+    module = execute_file(path, f"file of a {noun}")
     if not hasattr(module, name):
         there_are = sorted(key for key, value in vars(module).items() if isinstance(value, type) and fits(value))
         raise ProblemError(f"{option}: {path} has no {name!r}; its {noun}s are {', '.join(there_are) or 'none'}.")
@@ -104,7 +104,7 @@ def in_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type],
             raise ProblemError(f"--option: {path}: {name} is an object, which takes no settings; name its class.")
         return found
     words = ", ".join(f"{key}={value!r}" for key, value in settings.items())
-    return own_errors(path, f"{name}({words})", partial(found, **settings))
+    return run_user_code(path, f"{name}({words})", partial(found, **settings))
 
 
 def _solves(kind: type) -> bool:
@@ -115,12 +115,12 @@ def _factorises(kind: type) -> bool:
     return issubclass(kind, LinearSolver) and not inspect.isabstract(kind)
 
 
-def named_linear(name: str | None) -> LinearSolver | None:
-    """The linear solver of that name, or that in a file; None leaves the choice to the number of unknowns."""
+def make_linear_solver(name: str | None) -> LinearSolver | None:
+    """Return the linear solver of a name or FILE.py:NAME; None if the number of unknowns decides."""
     if name is None:
         return None
     if ":" in name:
-        return in_file(name, "--linear", "linear solver", "the base vemcvx.LinearSolver", _factorises)
+        return load_from_file(name, "--linear", "linear solver", "the base vemcvx.LinearSolver", _factorises)
     if name.lower() not in LINEAR:
         raise ProblemError(
             f"--linear: there is no linear solver {name!r}; there are {', '.join(LINEAR)}, and your own, FILE.py:CLASS."
@@ -128,16 +128,16 @@ def named_linear(name: str | None) -> LinearSolver | None:
     return LINEAR[name.lower()]()
 
 
-def served(linear: str | None, runs: int = 1) -> bool:
-    """Under mpiexec, hold PETSc's rows until rank 0 ends, on all other ranks; False at once where there is more to do.
+def serve_ranks(linear: str | None, runs: int = 1) -> bool:
+    """Serve PETSc on all ranks of mpiexec but rank 0 until rank 0 ends, and return True there; else return False.
 
-    ProblemError where several `runs` are asked for, which have processes of their own.
+    Raise ProblemError for several `runs`, because each has its own process.
     """
     if linear is None or linear.lower() != "petsc":
         return False
     if runs > 1 and all_ranks().comm.size > 1:
         raise ProblemError(
-            "--set: several runs are processes of their own, which cannot share the ranks of mpiexec; start them one "
+            "--set: each of several runs has its own process, which cannot share the ranks of mpiexec; start them one "
             "by one, or with --linear iterative."
         )
     return serve()

@@ -1,6 +1,6 @@
-"""Problem files and lessons that come with the package: inside it where it is installed, beside it in a checkout.
+"""Problem files and lessons that come with the package: inside an installed package, beside it in a checkout.
 
-Lessons are Python files with cells, in jupytext's percent format, and can be copied as notebooks, in nbformat 4.5:
+Lessons are Python files with cells in jupytext's percent format. They can be copied as notebooks (nbformat 4.5):
 https://nbformat.readthedocs.io/en/latest/format_description.html.
 """
 
@@ -33,42 +33,42 @@ class Supplied:
 
     @property
     def sentence(self) -> str:
-        """The first sentence of its docstring, which is a heading in lessons."""
+        """The first sentence of its docstring; in lessons this is a heading."""
         text = " ".join((ast.get_docstring(self._tree) or "").removeprefix("# ").split())
-        first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # the J. of a name ends none
+        first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # an initial such as J. ends no sentence
         return first.group() if first else text
 
     @property
     def is_problem(self) -> bool:
-        """True if it is a problem file: it defines a mesh, and a scene and times, or stages."""
+        """True if it is a problem file: it defines mesh, and either scene and times, or stages."""
         defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
         return defined >= {"scene", "mesh", "times"} or defined >= {"mesh", "stages"}
 
 
 def problems_folder() -> Path:
-    """The folder of the problem files; ProblemError where they were not installed."""
+    """Return the folder of the problem files; raise ProblemError if they are not installed."""
     for place in (PACKAGE / "problems", PACKAGE.parent / "problems"):
         if (place / "lessons").is_dir():
             return place
-    raise ProblemError(f"{PACKAGE}: came without its problem files and lessons; install the package anew.")
+    raise ProblemError(f"{PACKAGE}: found no problem files and lessons; install the package again.")
 
 
 def problem_files() -> dict[str, Supplied]:
-    """The problem files by name."""
+    """Return the problem files by name."""
     files = {path.stem: Supplied(path) for path in sorted(problems_folder().glob("*.py"))}
     return {name: file for name, file in files.items() if file.is_problem}
 
 
 def lessons() -> dict[int, Supplied]:
-    """The lessons by number."""
+    """Return the lessons by number."""
     named = [(LESSON.fullmatch(path.name), path) for path in (problems_folder() / "lessons").glob("*.py")]
     return dict(sorted((int(match.group(1)), Supplied(path)) for match, path in named if match))
 
 
 def problem_path(file: str | Path) -> Path:
-    """The file itself, or the problem file that came with the package if it is a name alone and there is no such file.
+    """Return the path of a file, or of the problem file of the package with this name.
 
-    ProblemError where it is a name alone, and neither is there.
+    Raise ProblemError if `file` is a bare name, and neither a file nor a problem file of the package has it.
     """
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
@@ -76,14 +76,14 @@ def problem_path(file: str | Path) -> Path:
     supplied = problems_folder() / f"{path.name}.py"
     if not (os.path.isfile(supplied) and Supplied(supplied).is_problem):
         raise ProblemError(
-            f"{path}: there is no such problem file here, and none of that name came with the package; "
-            "`vemcvx problems` lists those that did."
+            f"{path}: there is no such problem file here, and no problem file of the package has this name; "
+            "`vemcvx problems` lists their names."
         )
     return supplied
 
 
 def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool = True) -> list[Path]:
-    """Copy a lesson and its solutions, as notebooks if so asked, and return the copies; no file is overwritten."""
+    """Copy a lesson and its solutions, as notebooks if `notebook`, and return the copies; overwrite no file."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
@@ -109,7 +109,7 @@ FOLDED = {"jupyter": {"source_hidden": True}}
 
 
 def cells(text: str) -> list[tuple[str, str, bool]]:
-    """Kind ("markdown" or "code"), source and whether it is folded, of every cell of a file with cells."""
+    """Return the kind ("markdown" or "code") and the source of every cell of a file, and True if it is folded."""
     first, *rest = MARK.split(text)
     found = []
     for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:
@@ -124,7 +124,7 @@ def cells(text: str) -> list[tuple[str, str, bool]]:
 
 
 def as_notebook(text: str) -> dict[str, Any]:
-    """Return a file with cells as a notebook, without outputs; what only draws is folded."""
+    """Return a file with cells as a notebook without outputs; cells that only draw are folded."""
     made = []
     for number, (kind, source, folded) in enumerate(cells(text)):
         cell: dict[str, Any] = {"cell_type": kind, "id": f"cell-{number}", "metadata": dict(FOLDED) if folded else {}}

@@ -21,25 +21,25 @@ import typer
 from vemcvx.base.errors import NotCertified, ProblemError, VemcvxError
 
 T = TypeVar("T")
-COLUMN = 12  # Where words begin in a line that names what it is about, and go on in the next.
+COLUMN = 12  # The column at which text begins after the name at the start of a line, also in continuation lines.
 
 
 def say(text: str, err: bool = False) -> None:
-    """Print a text to standard output or standard error, where a terminal gets lines that fit."""
+    """Print a text to standard output or standard error; on a terminal, wrap its lines to the width."""
     terminal = (sys.stderr if err else sys.stdout).isatty()
-    typer.echo(broken(text, shutil.get_terminal_size().columns) if terminal else text, err=err)
+    typer.echo(wrap_lines(text, shutil.get_terminal_size().columns) if terminal else text, err=err)
 
 
-def broken(text: str, width: int) -> str:
-    """Return a text in lines of at most so many characters, but for words that are longer."""
+def wrap_lines(text: str, width: int) -> str:
+    """Return a text in lines of at most `width` characters; longer words have a line of their own."""
     wrapper = TextWrapper(width, subsequent_indent=" " * COLUMN, break_long_words=False, break_on_hyphens=False)
     return "\n".join(map(wrapper.fill, text.split("\n")))
 
 
-def listed(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """Return the values of an option that takes several, with commas between, in their order and each once.
+def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
+    """Return the values of an option that takes several, separated by commas, in their order and without repeats.
 
-    `kind` makes a value of its words and raises ValueError where they mean none; `wanted` says what they should be.
+    `kind` makes a value of a word and raises ValueError if it cannot; `wanted` describes the values in messages.
     """
     try:
         parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
@@ -59,23 +59,23 @@ def check_writable(path: Path, option: str) -> None:
 
 
 def write_text(path: Path, text: str, option: str) -> None:
-    """Write the file that an option asks for."""
+    """Write the file of an option; raise ProblemError if that fails."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"{option}: {path} cannot be written: {error.strerror}.") from error
 
 
-Shown = Callable[[str, int, int | None], None]
-"""A function (doing, finished, total) that says how far a command is; `total` is None if unknown."""
-EVERY = 10.0  # Seconds between lines where there is no terminal, so that shorter runs say nothing.
+ShowProgress = Callable[[str, int, int | None], None]
+"""A function (doing, finished, total) that shows the progress of a command; `total` is None if unknown."""
+LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal. Shorter runs print none.
 
 
 @contextmanager
-def progress_bar(doing: str) -> Iterator[Shown]:
-    """Show on standard error what is done, how far and for how long: a bar on a terminal, else a line at times."""
+def progress_bar(doing: str) -> Iterator[ShowProgress]:
+    """Show the task, its progress and the time on standard error: a bar on a terminal, else a line now and then."""
     if not sys.stderr.isatty():
-        yield Lines(doing)
+        yield ProgressLines(doing)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -84,67 +84,67 @@ def progress_bar(doing: str) -> Iterator[Shown]:
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(doing, total=None, counted="")
 
-        def shown(doing: str, finished: int, total: int | None) -> None:
+        def show(doing: str, finished: int, total: int | None) -> None:
             if doing != bar.tasks[task].description:
                 bar.reset(task, description=doing)
             counted = "" if total is None else f"{finished}/{total}"
             bar.update(task, completed=finished, total=total, counted=counted)
 
-        yield shown
+        yield show
 
 
-class Lines:
-    """Lines on standard error, `EVERY` so many seconds: what is done, how far, and how long it still takes."""
+class ProgressLines:
+    """Lines on standard error, one every `LINE_INTERVAL` seconds: task, progress, elapsed and remaining time."""
 
     def __init__(self, doing: str):
-        self.begun = self.said = self.since = time.monotonic()
+        self.start = self.last_line = self.since = time.monotonic()
         self.doing, self.first = doing, 0
 
     def __call__(self, doing: str, finished: int, total: int | None) -> None:
-        """Note how far a command is, and say so if the last line is old."""
+        """Record the progress, and print a line if the last one is older than `LINE_INTERVAL`."""
         now = time.monotonic()
         if doing != self.doing:
             self.doing, self.first, self.since = doing, finished, now
-        if now - self.said < EVERY:
+        if now - self.last_line < LINE_INTERVAL:
             return
-        self.said, words = now, f"vemcvx: {doing}"
+        self.last_line, words = now, f"vemcvx: {doing}"
         if total is not None:
             words += f" {finished} of {total}"
-        words += f", {now - self.begun:.0f} s"
+        words += f", {now - self.start:.0f} s"
         if total is not None and finished > self.first:
             words += f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
         say(words, err=True)
 
 
 @contextmanager
-def logged_at_most(times: int) -> Iterator[None]:
-    """Let each kind of line of the package's log, by its words before a colon, be logged so many times within."""
+def limit_log(times: int) -> Iterator[None]:
+    """Limit the log of the package inside the block: at most `times` lines with the same words before the colon."""
     counts: Counter[str] = Counter()
 
-    def wanted(record: logging.LogRecord) -> bool:
+    def is_within_limit(record: logging.LogRecord) -> bool:
         kind = record.getMessage().split(":")[0]
         counts[kind] += 1
         return counts[kind] <= times
 
     log = logging.getLogger("vemcvx")
-    log.addFilter(wanted)
+    log.addFilter(is_within_limit)
     try:
         yield
     finally:
-        log.removeFilter(wanted)
+        log.removeFilter(is_within_limit)
 
 
 INVALID, NOT_CERTIFIED = 2, 3
-"""Exit codes of commands that are not done. SIGTERM and SIGHUP end them as Ctrl-C does, and all is left in order."""
+"""Exit codes of commands that fail. SIGTERM and SIGHUP end a command like Ctrl-C: files are left in order."""
 
 
-class Ended(BaseException):
-    """The system has asked the command to end; `args` has the number of the signal."""
+class Terminated(BaseException):
+    """A signal that ends the command; `args` has the number of the signal."""
 
 
 @contextmanager
-def reported() -> Iterator[None]:
-    """Turn errors into a line and an exit code, and warnings into a line."""
+def report_errors() -> Iterator[None]:
+    """Turn errors inside the block into a line and an exit code, and warnings into a line."""
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:
         say(f"vemcvx: warning: {message}", err=True)
@@ -154,7 +154,7 @@ def reported() -> Iterator[None]:
         return typer.Exit(code)
 
     try:
-        with warnings.catch_warnings(), _ended_in_order():
+        with warnings.catch_warnings(), _raise_on_signals():
             warnings.showwarning = warn
             yield
     except VemcvxError as error:
@@ -163,24 +163,24 @@ def reported() -> Iterator[None]:
         advice = "take a coarser mesh (--n), fewer steps (--steps), or store fewer (--store)"
         raise end(f"not enough memory: {error or 'none is left'}; {advice}.", INVALID) from error
     except SystemExit as error:
-        raise end(f"the problem's own code ended the program by SystemExit({error.code!r}).", INVALID) from error
+        raise end(f"the code of the problem file ended the program by SystemExit({error.code!r}).", INVALID) from error
     except KeyboardInterrupt as stop:
-        kept = "`run --resume DIR` continues what --out DIR has kept, and `cost` keeps the runs that it has finished"
-        raise end(f"interrupted; {kept}.", 128 + signal.SIGINT) from stop
-    except Ended as error:
+        advice = "`run --resume DIR` continues a run with --out DIR, and `cost` continues after its finished runs"
+        raise end(f"interrupted; {advice}.", 128 + signal.SIGINT) from stop
+    except Terminated as error:
         raise typer.Exit(128 + error.args[0]) from error
 
 
 @contextmanager
-def _ended_in_order() -> Iterator[None]:
-    """Let the signals that end a process raise Ended, unless somebody handles or ignores them."""
+def _raise_on_signals() -> Iterator[None]:
+    """Raise Terminated for signals that end a process, unless they are handled or ignored already."""
 
     def end(number: int, _: object) -> None:
-        raise Ended(number)
+        raise Terminated(number)
 
-    asked = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     main = threading.current_thread() is threading.main_thread()
-    ours = [number for number in asked if main and signal.getsignal(number) is signal.SIG_DFL]
+    ours = [number for number in numbers if main and signal.getsignal(number) is signal.SIG_DFL]
     try:
         for number in ours:
             signal.signal(number, end)

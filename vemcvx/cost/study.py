@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,14 +51,18 @@ def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys([*chosen, "estimated_error"]) if any(name in row for row in rows)]
 
 
-def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
-    """Return the table of a study: varying settings, chosen results, and a remark if a run failed."""
+def table(rows: Sequence[Row], chosen: Sequence[str], labels: Mapping[str, str]) -> Table:
+    """Return the table of a study: varying settings, chosen results, and a remark if a run failed.
+
+    Headings have the units of `labels`, which follow a line break there.
+    """
     several, found, cells = varying(rows), find_results(rows, chosen), []
+    heads = ["\n".join([*name.split("_"), *labels.get(name, "").split("\n")[1:]]) for name in found]
     for row in rows:
         values = ["-" if (value := row.get(name)) is None else f"{value:.5g}" for name in found]
         end = row["status"] if row["status"] != DONE else "target not met" * (row["met"] is False)
         cells.append([*(row[SET + name] for name in several), *values, end])
-    return Table([*(f"{name} =" for name in several), *(name.replace("_", "\n") for name in found), ""], cells)
+    return Table([*(f"{name} =" for name in several), *heads, ""], cells)
 
 
 def remarks(rows: Sequence[Row]) -> Iterator[str]:

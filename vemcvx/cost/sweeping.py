@@ -77,15 +77,15 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
     with quietly() as caught:
         # A small run of the same kind triggers late imports; if it fails, the run below fails with the same error.
         with suppress(VemcvxError):
-            recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
+            recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulate(check=False)
         caught.clear()
         made, start = recipe(point), time.perf_counter()
         if point.target is None:
             steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
-            history = made.simulated(store=steps.tolist())
+            history = made.simulate(store=steps.tolist())
             seconds, estimated = time.perf_counter() - start, _estimate_error(history, point.of)
         else:
-            adapted = made.adapted(instants, point.target, of=point.of)
+            adapted = made.adapt(instants, point.target, of=point.of)
             history, estimated = adapted.history, adapted.passes[-1].total
             seconds = time.perf_counter() - start
     said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]

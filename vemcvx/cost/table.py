@@ -7,6 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.outline import count_steps
 from vemcvx.cost.rows import Row, csv
 from vemcvx.cost.workers import DONE
 from vemcvx.plots.style import MARKERS, SERIES
@@ -26,7 +27,7 @@ def in_words(row: Row) -> str:
     where, how = row["family"] or "its own mesh", f"{row['solver']} at {row['accuracy']:g}"
     if row["target"] is not None:
         return f"{where} refined adaptively from n = {row['n']}, target {percent(row['target'])}, {how}"
-    return f"{where} n = {row['n']}, {row['steps']} steps, {how}"
+    return f"{where} n = {row['n']}, {count_steps(row['steps'])}, {how}"
 
 
 def percent(part: float) -> str:
@@ -79,7 +80,8 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
         words = "no run of this sweep has an answer."
         if cheapest := next((row for row in found if row["error"] <= level), None):
             words = f"use {in_words(cheapest)}: costs {cheapest['seconds']:.2g} s, error {percent(cheapest['error'])} "
-            words += f"({cheapest['unknowns']} unknowns, {cheapest['steps']} steps, {cheapest['peak_mb'] or 0:.0f} MB)"
+            size = f"{cheapest['unknowns']} unknowns, {count_steps(cheapest['steps'])}"
+            words += f"({size}, {cheapest['peak_mb'] or 0:.0f} MB)"
         elif best:
             words = f"no run of this sweep is as good; the best is {in_words(best)} with {percent(best['error'])}. "
             words += "Use a larger --n, or a smaller --target."

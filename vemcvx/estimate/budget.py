@@ -110,7 +110,7 @@ class ErrorBudget(Outlined):
         worst = self.steps[np.argmax(self.total)]
         parts = [(name, f"{value:.1e}") for name, value in self.largest.items()]
         return Outline(
-            f"ErrorBudget: estimated relative energy errors at step {worst}, the largest of {len(self.steps)} steps",
+            f"ErrorBudget: largest estimated relative energy errors, at step {worst} ({len(self.steps)} examined)",
             [*parts, *(("jump", words) for words in self.jumps)],
         )
 

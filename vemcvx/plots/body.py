@@ -72,6 +72,7 @@ def deformed_mesh(
         Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows and
         marks of contact are those of `stressed_body` with the friction alone.
     """
+    units = history.units if units is None else units
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     sizes = (np.linalg.norm(u, axis=1)[mesh.vertices] for u in history.displacement)
     means = [np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes]
@@ -141,6 +142,7 @@ def stressed_body(
     HistoryError
         There is no stress, or are no forces, of that name.
     """
+    units = history.units if units is None else units
     _check_stress(stress, history, "stressed_body")
     choice(forces, "stressed_body", "forces", FORCES, HistoryError)
     mesh = plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
@@ -361,6 +363,7 @@ def deformed_body(
     VemcvxError
         PyVista or matplotlib is not installed.
     """
+    units = history.units if units is None else units
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("deformed_body: this body is plane; deformed_mesh and stressed_body draw it.")

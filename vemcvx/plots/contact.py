@@ -126,13 +126,14 @@ def friction_traction(
     limits : (low, high), optional
         Ends of the axis of forces; by default the same for all steps.
     units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.style`.
+        Names of units: see :mod:`vemcvx.plots.style`. By default `history.units`.
 
     Raises
     ------
     HistoryError
         The history has no contact.
     """
+    units = history.units if units is None else units
     row, contact = history.row(step), history.contact
     line = contact_line(history, "friction_traction")
     traction = line.along(contact.traction[row])
@@ -201,6 +202,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     HistoryError
         The history has no contact, or no step.
     """
+    units = history.units if units is None else units
     line, steps = contact_line(history, "stick_slip_map"), _later(history, "stick_slip_map")
     states = directions(history, line)
     ax = canvas.axes_or_new(ax, 6.4, 4.2)
@@ -296,6 +298,7 @@ def along_contact(
     HistoryError
         The history has no contact, or no step; or too many steps are asked for, or what there is no picture of.
     """
+    units = history.units if units is None else units
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
     picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
     line, _ = contact_line(history, picture), _later(history, picture)

@@ -177,6 +177,7 @@ def contact_face(
         The body is plane, has no contact there, or contact goes round it; there are several faces for one `ax`; or
         nothing of that name can be shown.
     """
+    units = history.units if units is None else units
     row = history.row(step)
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
     window = style.window_of(window)
@@ -268,6 +269,7 @@ def friction_disc(
         The body is plane, has no contact or no friction at that step, or contact goes round it; or there are several
         faces for one `ax`.
     """
+    units = history.units if units is None else units
     row = history.row(step)
     for panel, name, face in _panels(history, on, ax, "friction_disc", (5.0, 5.0)):
         contact = face.history.contact

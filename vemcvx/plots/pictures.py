@@ -54,6 +54,7 @@ def energy_ledger(
     HistoryError
         The history has no step.
     """
+    units = history.units if units is None else units
     if history.steps == 0:
         raise HistoryError("energy_ledger: this history has no step after the initial instant.")
     given = new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
@@ -110,6 +111,7 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
     HistoryError
         The history has no bound: it is one of bodies in space, or of ``simulate(..., bound=False)``.
     """
+    units = history.units if units is None else units
     if history.cell_bounds is None or history.bound is None:
         raise HistoryError("error_map: this history has no guaranteed bound; simulate the scene with bound=True.")
     mesh = plane_mesh(history.mesh, "error_map")
@@ -170,6 +172,7 @@ def hysteresis_loop(
     HistoryError
         `between` is no such array; or no boundary is named, and no support moves and no load changes.
     """
+    units = history.units if units is None else units
     if (loop := loop_of(history, on)) is None:
         names = ", ".join(map(repr, history.mesh.boundaries))
         raise HistoryError(f"hysteresis_loop: nothing here says what moves; name a boundary, on=, of {names}.")
@@ -214,6 +217,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     HistoryError
         No force acts on a named boundary.
     """
+    units = history.units if units is None else units
     curves = {
         f"{name}, $x_{axis + 1}$": values[:, axis]
         for name, values in history.resultants.items()
@@ -302,7 +306,7 @@ def write_plots(
     suffix : {".png", ".svg", ".pdf"}
         The kind of file.
     units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.style`.
+        Names of units: see :mod:`vemcvx.plots.style`. By default `history.units`.
 
     Returns
     -------

@@ -61,7 +61,7 @@ NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
 FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
-PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth"
+PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth", "units"
 """Attributes of a history that are no arrays and go into JSON unchanged."""
 WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
@@ -189,6 +189,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "mesh": {"family": origin.family, "n": origin.n, **size_of(mesh)},
         "unknowns": run.state.shape[1],
         "steps": history.steps,
+        "units": history.units,
         "effects": list(history.effects),
         "left_out": list(history.inactive),
         "solver": history.solver,

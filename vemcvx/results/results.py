@@ -76,6 +76,7 @@ class Results:
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
     bounded_force: dict[str, int] | None = None
     stabilisation: Stabilisation | None = None
+    units: dict[str, str] | None = None
 
     @property
     def steps(self) -> int:

@@ -65,6 +65,7 @@ def join(stages: Sequence[Results]) -> Results:
         # Corners are known if the supports of the boundary are the same in all stages.
         sides=first.sides if held.count(held[0]) == len(held) else None,
         stabilisation=first.stabilisation,
+        units=first.units,
         **_in_time(stages, ("displacement", "forces", "prestress", "out_of_plane_prestress")),
     )
 

@@ -1,29 +1,29 @@
-"""`vemcvx benchmark`: solvers on a collection, compared at equal true accuracy, whatever their tolerances mean.
+"""`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
 
-Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both relative to
-norms of its own. So each solver is asked with many, and its time to the error E on an instance is that of the
-*cheapest* trial whose true error is at most E. A trial is one call of a solver with one tolerance. With d* the
+Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both, relative to
+its own norms. So each solver runs with many tolerances. Its time to the error E on an instance is the time of the
+*cheapest* trial with a true error of at most E. A trial is one call of a solver with one tolerance. With d* the
 certified optimum of the file and d the answer, its true error is |d - d*|_K / |d*|_K, known up to the certificate of
-d*; its certified error needs no d*. From these times come
+d*; its certified error does not need d*. From these times follow
 
-- for every E how many instances a solver reaches, and what became of the rest: *missed* (answers, all farther off),
-  *failed* (no answer), *late* (out of time); those that it does not take do not count;
+- for every E the number of instances that a solver reaches, and the outcome of the others: *missed* (all answers are
+  less accurate), *failed* (no answer), *late* (time limit exceeded); instances that it does not accept do not count;
 - the shifted geometric mean exp(mean log(t + s)) - s of its seconds with s = .01, where an instance that it does not
-  reach counts as the time limit, whatever it took;
-- the performance profile (Dolan and Moré 2002): the share of instances on which it takes at most x times as long as
-  the fastest.
+  reach counts as the time limit;
+- the performance profile (Dolan and Moré 2002): the fraction of instances on which it takes at most x times as long as
+  the fastest solver.
 
-An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) are a table of
-their own, for not every solver takes their cones; so are sequences, and programs without an optimum. A status is
-judged, whatever the error: "infeasible" or "unbounded" is right of a program that is that, and wrong of any other.
+An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) have their own
+table, because not every solver accepts their cones. Sequences and programs without an optimum have tables, too. For the
+latter only the status is judged: "infeasible" or "unbounded" is right or wrong.
 
-Solvers that cvxpy calls are given the program scaled as in a run, and run as their libraries come, but for the
-tolerance, one number for all that the library has, and for limits on iterations, which make way for the limit on
-seconds. Ours, and those in files of users, have the duality gap 1/2 (tolerance |d*|)^2 as their target. A sequence is
-asked for step by step, each begun with what the one before has left, if the solver can use that; its error is the
-largest of all steps, in units of the largest |d*|_K, and its seconds are those of all. Seconds are of the processor,
-all threads together, for set-up and solve of the library, without cvxpy's compilation: the least of up to five calls
-within a tenth of a second. The limit is by the clock.
+Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
+for two: one tolerance replaces all tolerances of the library, and limits on iterations are lifted in favour of the time
+limit. Solvers of vemcvx and of users' files have the duality gap 1/2 (tolerance |d*|)^2 as their target. A sequence is
+solved step by step; a step is a warm start for the next if the solver can use it. The error of a sequence is the
+largest of all steps, in units of the largest |d*|_K, and its time is the sum. Seconds are processor time of all threads
+for set-up and solve in the library, without the compilation in cvxpy: the minimum of up to five calls within a tenth of
+a second. The time limit is wall-clock time.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection.writing import INFEASIBLE, MANIFEST, UNBOUNDED
 from vemcvx.cli.options import NONE, Options, solver_names
-from vemcvx.cli.solver_names import named_solver, read_options
-from vemcvx.cli.terminal import listed, progress_bar, say
+from vemcvx.cli.solver_names import make_solver, read_options
+from vemcvx.cli.terminal import parse_list, progress_bar, say
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.plots.style import SERIES
 from vemcvx.program import Answer, SolvedProgram, StepProgram
@@ -66,18 +66,18 @@ from vemcvx.solvers.solver import ScaledSolver, name_failures
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ASKED = 1e-3, 1e-6, 1e-9
-"""Relative errors in energy norm by which solvers are compared."""
+ERRORS = 1e-3, 1e-6, 1e-9
+"""The relative errors in energy norm at which solvers are compared."""
 BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
-"""What a trial comes to: an answer, however good; none; none in time; a program that the solver does not take."""
+"""Outcomes of a trial: no end yet; an answer of any accuracy; no answer; time limit exceeded; program not accepted."""
 PLANE, DISCS, NONE_THERE, SEQUENCE = "plane", "discs", "no optimum", "sequence"
 KINDS = {
     PLANE: "Absolute values and bounds",
     DISCS: "Discs: second-order cones",
     NONE_THERE: "Infeasible or unbounded",
-    SEQUENCE: "Sequences of steps, each begun with what the one before has left",
+    SEQUENCE: "Sequences of steps, each with the answer before as a warm start",
 }
-"""Kinds of instances, and how tables call them."""
+"""Kinds of instances, and their titles in tables."""
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "CLARABEL": (("tol_gap_abs", "tol_gap_rel", "tol_feas"), {"max_iter": 10_000}, 0.0),
     "CVXOPT": (("abstol", "reltol", "feastol"), {"max_iters": 10_000}, 0.0),
@@ -90,22 +90,22 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""What cvxpy calls the tolerances of solvers, limits on iterations that never end a trial before its seconds do, and
-the least tolerance that a library takes; solvers that are not in this table are tried once, as they come."""
+"""Solver -> names of its tolerances in cvxpy, a limit on iterations above what the time limit permits, and the smallest
+tolerance that its library accepts. Other solvers run once, with default settings."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}
-"""Packages that are not called as cvxpy calls the solver, but for capitals."""
+"""Solvers whose package has another name than the solver in cvxpy."""
 REPEATS, LONG_ENOUGH = 5, 0.1
-"""Calls of a trial, and the seconds after which it is called no more: the least of these is what others repeat."""
+"""Largest number of calls of a trial, and the seconds after which it is not repeated; the minimum time counts."""
 BATCH = 10
-"""Instances that a process tries, between two words of how far it is."""
+"""Number of instances that one process tries; progress is shown between processes."""
 MEAN_SHIFT = 0.01
-"""Seconds of the shifted geometric mean: differences far below do not count."""
+"""Shift of the geometric mean, in seconds: much smaller differences do not count."""
 TABLE, WORDS, PROFILES = "trials.csv", "benchmark.md", "profiles.png"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """Compare solvers on a collection at equal true accuracy: a sweep of tolerances, a table, performance profiles."""
+    """The command `vemcvx benchmark`."""
 
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `vemcvx collection` wrote.")]
     solvers: Annotated[
@@ -113,40 +113,40 @@ class Benchmark:
         typer.Option(
             metavar="A,B,...",
             autocompletion=solver_names,
-            help="Names of solvers, or FILE.py:CLASS for your own. (default: none, the table of what is stored)",
+            help="Names of solvers, or FILE.py:CLASS for your own. (default: none, the table of stored results)",
         ),
     ] = None
-    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="Of a solver for one trial.")] = 60.0
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="Time limit of one trial.")] = 60.0
     tolerances: Annotated[
-        str, typer.Option(metavar="X,X,...", help="What solvers are asked with.", show_default="1e-1,1e-2,...,1e-15")
+        str, typer.Option(metavar="X,X,...", help="Tolerances of the solvers.", show_default="1e-1,1e-2,...,1e-15")
     ] = ",".join(f"1e-{k}" for k in range(1, 16))
     options: Options = NONE
     only: Annotated[
-        str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
+        str | None, typer.Option(metavar="WORD,WORD,...", help="Instances with one of these words in grade or name.")
     ] = None
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: benchmark, in the folder)")] = None
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: DIR/benchmark)")] = None
 
     def __call__(self) -> None:
-        """Try what is not tried yet, write table and picture of all that is stored, and print the table."""
+        """Compare solvers on a collection at equal true accuracy: sweep tolerances, write a table and a picture."""
         if not self.time_limit > 0:
             raise ProblemError(f"--time-limit: found {self.time_limit:g}; wanted seconds, more than zero.")
         instances = read_instances(self.folder, self.only)
-        tolerances = listed("--tolerances", self.tolerances, float, "numbers such as 1e-3,1e-6,1e-9")
+        tolerances = parse_list("--tolerances", self.tolerances, float, "numbers such as 1e-3,1e-6,1e-9")
         if not all(0 < one < 1 for one in tolerances):
             raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
-        names = () if self.solvers is None else listed("--solvers", self.solvers, str, "names such as clarabel,scs")
+        names = () if self.solvers is None else parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
         options, out = read_options(self.options, names), self.out or self.folder / "benchmark"
         entrants = [Entrant(name, tuple(options.get(name, {}).items())) for name in names]
-        labels = [entrant.label for entrant in entrants]  # A name that there is not is an error here.
-        with Owned(out) as files, progress_bar("benchmark") as shown:
+        labels = [entrant.label for entrant in entrants]  # An unknown name is an error here.
+        with Owned(out) as files, progress_bar("benchmark") as show:
             for entrant, label in zip(entrants, labels, strict=True):
                 kept = files.take(re.sub(r"[^\w.=+ -]+", "_", label).replace(" ", "_") + ".jsonl")
                 ladder = entrant.ladder(tolerances)
                 new = [(Trial(one["name"], one["sha256"], self.time_limit), ladder) for one in instances]
-                while todo := list(left(journal(kept), new)):
-                    shown(label, len(new) - len(todo), len(new))
+                while todo := list(remaining_work(journal(kept), new)):
+                    show(label, len(new) - len(todo), len(new))
                     try_in_process(entrant, self.folder, todo[:BATCH], kept)
-            entries = stored(out, instances)
+            entries = read_journals(out, instances)
             if not entries:
                 raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
             heads = ("solver", *(field.name for field in fields(Trial)))
@@ -162,11 +162,11 @@ class Benchmark:
 
 
 Row = Mapping[str, Any]
-"""An instance, as the manifest has it."""
+"""An instance in the manifest."""
 
 
 def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
-    """Return the instances of a collection, or those whose grade or name has one of the words."""
+    """Return the instances of a collection; with `only`, instances with one of these words in grade or name."""
     path = folder / MANIFEST
     try:
         rows = [{**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]]
@@ -174,7 +174,7 @@ def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
         raise ProblemError(
             f"{folder}: has no {MANIFEST} of a collection ({error}); write one by vemcvx collection --out {folder}."
         ) from error
-    words = () if only is None else listed("--only", only, str, "words such as core,discs,degenerate")
+    words = () if only is None else parse_list("--only", only, str, "words such as core,discs,degenerate")
     wanted = [
         row
         for row in rows
@@ -193,17 +193,17 @@ def kind_of(row: Row) -> str:
     return SEQUENCE if row["steps"] > 1 else DISCS if row["block"] > 1 else PLANE
 
 
-# Trials, and the journal of a solver: a line of JSON for each that has ended.
+# Trials, and the journal of a solver: one line of JSON for each finished trial.
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The outcome of a solver, asked with a tolerance, on an instance."""
+    """The result of a solver with one tolerance on one instance."""
 
     instance: str
-    sha256: str  # of its file: results for another file of that name do not count
-    limit: float  # seconds that it had
-    tolerance: float | None = None  # that the solver was asked with; None where it has none
+    sha256: str  # hash of the file; results for another file with the same name do not count
+    limit: float  # time limit, seconds
+    tolerance: float | None = None  # None if the solver has none
     outcome: str = BEGUN
     seconds: float | None = None
     true: float | None = None
@@ -213,20 +213,20 @@ class Trial:
 
     @property
     def is_enough(self) -> bool:
-        """True if tighter tolerances would tell no more."""
+        """True if tighter tolerances are not needed."""
         if self.true is None or self.certified is None:
             return False
-        return self.true <= min(ASKED) and self.certified <= ASKED[1]
+        return self.true <= min(ERRORS) and self.certified <= ERRORS[1]
 
 
 Work = tuple[Trial, tuple[float | None, ...]]
-"""A trial to be begun, and the tolerances that are left to be tried."""
+"""A trial to begin with, and the tolerances that have not been tried."""
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 """The label of a solver -> the name of an instance -> its trials."""
 
 
 def journal(path: Path) -> list[Trial]:
-    """Return the trials in a journal; lines that are torn, or of another version, are left out."""
+    """Return the trials in a journal, without damaged lines and lines of another version."""
     trials: list[Trial] = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         try:
@@ -236,8 +236,8 @@ def journal(path: Path) -> list[Trial]:
     return trials
 
 
-def left(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Work]:
-    """Yield the part of the work that the trials do not answer; a late one is tried again where there is more time."""
+def remaining_work(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Work]:
+    """Yield the part of the work that the trials do not cover; late trials are repeated if the time limit is larger."""
     for new, ladder in work:
         own = [one for one in trials if (one.instance, one.sha256) == (new.instance, new.sha256)]
         late = any(one.outcome == LATE and one.limit >= new.limit for one in own)
@@ -247,8 +247,8 @@ def left(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Work]:
             yield new, rest
 
 
-def stored(folder: Path, instances: Sequence[Row]) -> Entries:
-    """Return all journals in a folder, whoever made them; trials of other files than these instances' do not count."""
+def read_journals(folder: Path, instances: Sequence[Row]) -> Entries:
+    """Return all journals in a folder, without trials of other files than those of the instances."""
     files = {one["name"]: one["sha256"] for one in instances}
     found: dict[str, dict[str, list[Trial]]] = {}
     for path in sorted(folder.glob("*.jsonl")):
@@ -260,7 +260,7 @@ def stored(folder: Path, instances: Sequence[Row]) -> Entries:
 
 
 def try_in_process(entrant: Entrant, folder: Path, work: Sequence[Work], path: Path) -> None:
-    """Try a solver in a process of its own, until that has done the work, takes too long or dies; keep a journal."""
+    """Try a solver in a separate process until the work is done, the time over or the process dead; keep a journal."""
     spawn = get_context("spawn")
     here, there = spawn.Pipe(duplex=False)
     process = spawn.Process(target=try_all, args=(there, entrant, folder, work), daemon=True)
@@ -291,12 +291,12 @@ def _note(path: Path, trial: Trial) -> None:
 
 
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
-    """Try a solver on instances in this process; send each trial when it begins, and when it has ended.
+    """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    With it go the seconds that may pass until the next, None while a solver is prepared.
+    The second item is the largest number of seconds until the next message; None while a solver is prepared.
     """
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Libraries print, asked or not.
-    os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # of what is loaded yet
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries always print.
+    os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with threadpool_limits(limits=1):
         for trial, ladder in work:
             programs = sequence_from_npz(folder / f"{trial.instance}.npz")
@@ -308,7 +308,7 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
                 for tolerance in ladder:
                     trial = replace(trial, tolerance=tolerance)
                     pipe.send((trial, trial.limit))
-                    ended = replace(trial, outcome=ANSWERED, **measured(asks, programs, tolerance, status))
+                    ended = replace(trial, outcome=ANSWERED, **measure(asks, programs, tolerance, status))
                     pipe.send((ended, None))
                     if ended.is_enough:
                         break
@@ -317,29 +317,29 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
                 pipe.send((replace(trial, outcome=outcome, says=str(error)), None))
 
 
-# A solver, asked and judged.
+# Calls of a solver, and their errors.
 
 Memory = dict[str, Any]
-"""What the answer to a step of a sequence leaves for the next; empty before the first."""
+"""Data of one step of a sequence for the warm start of the next step; empty before the first."""
 Asking = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
-"""A function of a tolerance: seconds, the answer if there is one, and what the solver says."""
+"""A function of a tolerance and the memory; returns seconds, the answer or None, and the status of the solver."""
 
 
 @dataclass(frozen=True)
 class Entrant:
-    """A solver that takes part: its name as it was typed, and settings beside the tolerance."""
+    """A solver of the benchmark: its typed name, and settings other than the tolerance."""
 
     typed: str
     options: tuple[tuple[str, Any], ...] = ()
 
     @property
     def solver(self) -> Solver:
-        """The solver itself: one of ours, of a user's file, or of cvxpy's."""
-        return named_solver(self.typed, None, "--solvers", dict(self.options))
+        """The solver: of vemcvx, of a user's file, or of cvxpy."""
+        return make_solver(self.typed, None, "--solvers", dict(self.options))
 
     @property
     def label(self) -> str:
-        """Name and settings, and the version of the library, of this package, or of the contents of the user's file."""
+        """Name, settings, and the version of the library or of vemcvx, or a hash of the user's file."""
         solver, name = self.solver, self.typed.lower()
         if ":" in self.typed:
             name, of = solver.name, sha256(Path(self.typed.rpartition(":")[0]).read_bytes()).hexdigest()[:8]
@@ -353,7 +353,7 @@ class Entrant:
         return " ".join([name, *(f"{key}={value}" for key, value in self.options), of])
 
     def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
-        """Return the tolerances that it is asked with, from loose to tight."""
+        """Return the tolerances for this solver, from loose to tight."""
         name = getattr(self.solver, "solver", None)
         if name is not None and name not in LIBRARIES:
             return (None,)
@@ -361,16 +361,16 @@ class Entrant:
         return tuple(sorted({max(one, least) for one in tolerances}, reverse=True))
 
     def asks(self, programs: Sequence[StepProgram]) -> list[Asking]:
-        """Return functions that solve these programs of the same operators, which are compiled or prepared once.
+        """Return functions that solve these programs; their common operators are compiled or prepared once.
 
-        NotAccepted where the solver does not take such a program, or is not installed.
+        Raise NotAccepted if the solver does not accept such a program, or is not installed.
         """
         solver, operators = self.solver, programs[0].operators
         if missing := operators.features - solver.accepts:
-            raise NotAccepted(f"solver {solver.name}: takes no {' and no '.join(sorted(missing))}.")
+            raise NotAccepted(f"solver {solver.name}: accepts no {' and no '.join(sorted(missing))}.")
         if operators.kernel is not None and not solver.semidefinite:
             raise NotAccepted(
-                f"solver {solver.name}: takes no semidefinite K; only friction and contact hold the body."
+                f"solver {solver.name}: accepts no semidefinite K; only friction and contact hold the body."
             )
         if isinstance(solver, ThroughCvxpy):
             solver.prepare(operators)
@@ -388,7 +388,7 @@ def _through_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program
     tolerances, unlimited, _ = LIBRARIES.get(solver.solver, ((), {}, 0.0))
 
     def ask(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
-        # Some of cvxpy's interfaces change the dictionaries that they are given.
+        # Some interfaces of cvxpy change their dictionaries.
         options = {**unlimited, **dict.fromkeys(tolerances, tolerance), **solver.options}
         start = time.process_time()
         raw = chain.solver.solve_via_data(dict(data), True, False, options, memory)
@@ -418,22 +418,22 @@ def _by_its_own(prepared: Prepared, program: StepProgram, unit: float) -> Asking
 
 
 def _unit(programs: Sequence[StepProgram]) -> float:
-    """Return the largest |d*|_K; 1 where that is zero, or there is no d*."""
+    """Return the largest |d*|_K; 1 if it is zero, or if there is no d*."""
     return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
 
 
-def measured(
+def measure(
     asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
 ) -> dict[str, Any]:
     """Return the fields of a trial: sums of seconds and iterations over the steps of an instance, the largest errors.
 
-    A step that is alone is asked for several times, and its least seconds count. Where the program has no optimum, its
-    `status` is what a solver is to say. Who says the wrong one has an infinite error. SolverFailed where there is no
-    answer, or none of finite numbers.
+    A single step is solved several times, and the minimum of the seconds counts. For a program without an optimum,
+    `status` is the right status; a wrong one is an infinite error. Raise SolverFailed without an answer of finite
+    numbers.
     """
     memory: Memory = {}
     unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
-    with name_failures("asked"), quietly():  # What a library warns of, its status says.
+    with name_failures("asked"), quietly():  # The status of a library replaces its warnings.
         for ask, program in zip(asks, programs, strict=True):
             begun = time.perf_counter()
             seconds, answer, says = ask(tolerance, memory)
@@ -447,7 +447,7 @@ def measured(
             if status or stated in (INFEASIBLE, UNBOUNDED):
                 errors.append((0.0, 0.0) if stated == status else (np.inf, np.inf))
             elif answer is None or not np.isfinite(answer.d).all():
-                raise SolverFailed(f"it says {says!r}, without an answer of finite numbers.")
+                raise SolverFailed(f"its status is {says!r}, without an answer of finite numbers.")
             else:
                 errors.append(_errors(program, answer, unit))
     true, certified = map(max, zip(*errors, strict=True))
@@ -455,9 +455,9 @@ def measured(
 
 
 def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, float]:
-    """Return the true and the certified error of an answer, in this unit."""
+    """Return the true and the certified error of an answer, relative to `unit`."""
     if not isinstance(program, SolvedProgram):
-        raise ProblemError("benchmark: an instance has no answer to compare with.")
+        raise ProblemError("benchmark: an instance has no certified optimum to compare with.")
     certificate = program.certify(answer.d, answer.lam, answer.p)
     true = program.operators.energy_norm(answer.d - program.answer.d)
     return true / unit, float(certificate.error + certificate.error_floor) / unit
@@ -473,30 +473,30 @@ def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> 
 
 
 def takes(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
-    """Return True if a solver was tried on an instance, and takes it."""
+    """Return True if a solver was tried on an instance and accepts it."""
     return name in own and all(one.outcome != REFUSED for one in own[name])
 
 
 def fate(trials: Sequence[Trial], error: float) -> str:
-    """Return what became of an instance at an error: "reached", "missed", FAILED or LATE."""
+    """Return the outcome of an instance at an error: "reached", "missed", FAILED or LATE."""
     if np.isfinite(seconds_to(trials, error)):
         return "reached"
     outcomes = [one.outcome for one in trials]
     return next((one for one in (LATE, FAILED) if one in outcomes), "missed")
 
 
-def compared(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that take some instances of a kind, and the instances that count and that all of these take.
+def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
+    """Return the solvers that accept some instances of a kind, and the valid instances that all of them accept.
 
-    An instance counts if its optimum is certified to a tenth of the error.
+    An instance is valid if its optimum is certified to a tenth of the error.
     """
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
     some = {label: own for label, own in entries.items() if any(takes(own, name) for name in names)}
     return some, [name for name in names if some and all(takes(own, name) for own in some.values())]
 
 
-def shifted_mean(seconds: Sequence[float], limit: float) -> float:
-    """Return the shifted geometric mean, in which what is not reached counts as the limit; NaN of none."""
+def geometric_mean(seconds: Sequence[float], limit: float) -> float:
+    """Return the shifted geometric mean; an instance that is not reached counts as the limit. NaN if there is none."""
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
@@ -507,39 +507,39 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
     """Return a table for each kind of instances, as text for a terminal and as Markdown."""
     text, markdown = "", "# Solvers at equal true accuracy\n\n"
     for kind, title in KINDS.items():
-        if compared(entries, instances, kind, max(ASKED))[0]:
+        if select_common(entries, instances, kind, max(ERRORS))[0]:
             heading = f"{title}: {sum(kind_of(one) == kind for one in instances)} instances"
             table = scores(entries, instances, kind, limit)
             text += f"{heading}\n{table.text()}\n\n"
             markdown += f"## {heading}\n\n{table.markdown()}\n"
     remark = (
-        "Instances reached, of those that the solver takes and whose optimum is certified to a tenth of the error; and "
-        "seconds of the processor to that error by the cheapest tolerance: shifted geometric means over the instances "
-        f"that all solvers of the table take, with {limit:g} s where one is not reached. sure: reached by certified "
-        f"error, too (which includes what rounding hides); miss, fail, late: fates of the others at {ASKED[1]:g}. A "
-        "status, infeasible or unbounded, is right or wrong, whatever the error."
+        "to: instances reached, of those that the solver accepts and whose optimum is certified to a tenth of the "
+        "error. s to: processor time to that error with the cheapest tolerance, as shifted geometric means over the "
+        f"instances that all solvers of the table accept; an instance that is not reached counts as {limit:g} s. sure: "
+        "instances whose certified error, including rounding, is small enough, too. miss, fail, late: outcomes of the "
+        f"other instances at {ERRORS[1]:g}. A status, infeasible or unbounded, is right or wrong."
     )
     return f"{text}{remark}", f"{markdown}{remark}\n"
 
 
 def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
-    """Return a row a solver, the fastest to 1e-6 first; means are over the instances that all these solvers take.
+    """Return one row per solver, the fastest to 1e-6 first; means are over instances that all these solvers accept.
 
-    Numbers leave 16 of 80 columns to names, which are folded.
+    Names are wrapped to 16 of 80 columns.
     """
-    rows, errors = [], [f"1e{round(np.log10(error))}" for error in ASKED]
-    for label, own in compared(entries, instances, kind, max(ASKED))[0].items():
+    rows, errors = [], [f"1e{round(np.log10(error))}" for error in ERRORS]
+    for label, own in select_common(entries, instances, kind, max(ERRORS))[0].items():
         counts, means = [], []
-        for error in ASKED:
+        for error in ERRORS:
             mine, common = (
-                compared({label: own}, instances, kind, error)[1],
-                compared(entries, instances, kind, error)[1],
+                select_common({label: own}, instances, kind, error)[1],
+                select_common(entries, instances, kind, error)[1],
             )
             fates = Counter(fate(own[name], error) for name in mine)
             counts.append((f"{fates['reached']}/{len(mine)}", fates, mine))
-            means.append(shifted_mean([seconds_to(own[name], error) for name in common], limit))
+            means.append(geometric_mean([seconds_to(own[name], error) for name in common], limit))
         _, fates, mine = counts[1]
-        sure = sum(np.isfinite(seconds_to(own[name], ASKED[1], "certified")) for name in mine)
+        sure = sum(np.isfinite(seconds_to(own[name], ERRORS[1], "certified")) for name in mine)
         ends = [str(count) for count in (sure, *(fates[one] for one in ("missed", FAILED, LATE)))]
         seconds = ["-" if np.isnan(m) else f"{m:.4f}"[1:] if m < 1 else f"{m:.3g}" for m in means]
         name = "\n".join(wrap(label, 16))
@@ -550,8 +550,8 @@ def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) 
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
-    """Return label -> on each instance, seconds over those of the fastest; infinite where it is not reached."""
-    tick = time.get_clock_info("process_time").resolution  # A clock that ticks slowly may count nothing at all.
+    """Return label -> the seconds relative to the fastest solver on each instance; infinite if it is not reached."""
+    tick = time.get_clock_info("process_time").resolution  # A slow clock may measure zero seconds.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
     }
@@ -563,26 +563,26 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
 
 
 def profiles(entries: Entries, instances: Sequence[Row]) -> Figure:
-    """Draw performance profiles at each error, a row for each kind of instances that solvers have in common."""
-    kinds = [kind for kind in (PLANE, DISCS) if compared(entries, instances, kind, ASKED[1])[1]]
+    """Draw performance profiles at each error, one row per kind of instances that all solvers accept."""
+    kinds = [kind for kind in (PLANE, DISCS) if select_common(entries, instances, kind, ERRORS[1])[1]]
     if not kinds:
-        raise VemcvxError("no instance was tried by all solvers that take some")
+        raise VemcvxError("there is no instance that all solvers accept")
     figure, labels = new_figure(11.0, 0.8 + 3.4 * len(kinds)), list(entries)
-    grid = figure.subplots(len(kinds), len(ASKED), sharex=True, sharey=True, squeeze=False)
+    grid = figure.subplots(len(kinds), len(ERRORS), sharex=True, sharey=True, squeeze=False)
     for axes, kind in zip(grid, kinds, strict=True):
-        for ax, error in zip(axes, ASKED, strict=True):
-            some, names = compared(entries, instances, kind, error)
+        for ax, error in zip(axes, ERRORS, strict=True):
+            some, names = select_common(entries, instances, kind, error)
             for label, own in (profile(some, names, error) if names else {}).items():
                 x = [1.0, *np.sort([one for one in own if np.isfinite(one)]), 1e9]
-                share = np.minimum(np.arange(len(x)), len(x) - 2) / len(own)
+                fraction = np.minimum(np.arange(len(x)), len(x) - 2) / len(own)
                 again, place = divmod(labels.index(label), len(SERIES))
                 line = {"color": SERIES[place], "linestyle": ("-", "--", ":", "-.")[again % 4], "linewidth": 1.6}
-                ax.step(x, share, where="post", label=label, **line)
+                ax.step(x, fraction, where="post", label=label, **line)
             ax.set(xscale="log", xlim=(1.0, 1e4), ylim=(0.0, 1.02))
             ax.set_title(f"{kind}, true error {error:.0e}: {len(names)} instances", fontsize="medium")
             plain_logarithms(ax.xaxis, (1.0,))
             light_grid(ax)
-        axes[0].set_ylabel("share of instances")
+        axes[0].set_ylabel("fraction of instances")
     grid[-1][1].set_xlabel("times as long as the fastest")
     figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     return figure

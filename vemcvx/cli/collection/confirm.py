@@ -6,9 +6,9 @@ Needs numpy, scipy and clarabel only. With d_1, d_2 two answers to one program a
 
     |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),
 
-and the intervals [primal - gap, primal] of both hold the least value. Both are tested, with gaps computed here, on the
-numbers of the file as they are; of a sequence in every step. Instances that are infeasible or unbounded have a vector
-that proves it, which is tested: p >= 0 with D'p = 0 and e'p < 0, or d with K d = 0, D d <= 0, g'd > sum w|Bd|.
+and the intervals [primal - gap, primal] of both contain the minimum. Both statements are tested, with gaps computed
+here from the numbers of the file; for a sequence in every step. Infeasible and unbounded instances have a vector that
+proves it, which is tested: p >= 0 with D'p = 0 and e'p < 0, or d with K d = 0, D d <= 0, g'd > sum w|Bd|.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EPS = float(np.finfo(float).eps)
 
 
 class Program:
-    """min 1/2 d'Kd - g'd + sum w|Bd - b| under Dd <= e (or (Dd - e)_+^2 / 2c), from an NPZ; or a sequence of those."""
+    """The program min 1/2 d'Kd - g'd + sum w|Bd - b|, Dd <= e (or (Dd - e)_+^2 / 2c), of an NPZ file; or a sequence."""
 
     def __init__(self, path: Path):
         with np.load(path) as file:
@@ -56,7 +56,7 @@ class Program:
             self.solve = splu(self.K).solve
 
     def steps(self) -> list[Program]:
-        """The programs of a sequence, whose vectors have a row a step; else the program itself."""
+        """Return the programs of a sequence, whose vectors have one row per step; or the program itself."""
         if self.g.ndim == 1:
             return [self]
         every = [copy.copy(self) for _ in self.g]
@@ -65,21 +65,21 @@ class Program:
         return every
 
     def norm(self, d: Any) -> float:
-        """|d|_K."""
+        """Return |d|_K."""
         return float(np.sqrt(max(d @ (self.K @ d), 0.0)))
 
     def feasible(self, d: Any) -> Any:
-        """d within its hard bounds, of which each reads one unknown."""
+        """Return d, clipped to its hard bounds, each of which bounds one unknown."""
         d, D = d.copy(), sp.csr_matrix(self.D)
         for i, x, e in zip(D.indices[self.c == 0], D.data[self.c == 0], self.e[self.c == 0], strict=True):
             d[i] = min(d[i], e / x) if x > 0 else max(d[i], e / x)
         return d
 
-    def certified(self, d: Any, lam: Any, p: Any) -> tuple[float, float, float]:
-        """Primal value, gap, and what rounding may hide in it, of any d within its bounds."""
+    def certify(self, d: Any, lam: Any, p: Any) -> tuple[float, float, float]:
+        """Return the primal value, the gap and its rounding error for d within its bounds."""
         size, p = np.linalg.norm(lam.reshape(-1, self.block), axis=1), np.maximum(p, 0.0)
-        share = np.where(size > self.w, self.w / np.where(size > 0, size, 1.0), 1.0)
-        lam = lam * np.repeat(share, self.block)
+        factor = np.where(size > self.w, self.w / np.where(size > 0, size, 1.0), 1.0)
+        lam = lam * np.repeat(factor, self.block)
         s, z, soft = self.B @ d - self.b, self.D @ d - self.e, self.c > 0
         slips = np.linalg.norm(s.reshape(-1, self.block), axis=1)
         r = self.g - self.B.T @ lam - self.D.T @ p - self.K @ d
@@ -92,21 +92,21 @@ class Program:
         floor = 0.5 * EPS**2 * abs(size @ abs(self.solve(size)))
         floor += EPS * float((abs(self.B) @ abs(d) + abs(self.b)) @ np.repeat(self.w, self.block))
         floor += EPS * float((abs(self.D) @ abs(d) + abs(self.e)) @ p)
-        # Forces that are off balance by so much do work on motions in the kernel.
+        # Unbalanced forces do work on motions in the kernel.
         floor += float(abs(self.N.T @ r) @ abs(self.N.T @ d))
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
-    def solved(self) -> tuple[Any, Any, Any]:
-        """d, lam and p by Clarabel, in x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e.
+    def run_clarabel(self) -> tuple[Any, Any, Any]:
+        """Return d, lam and p by Clarabel, for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e.
 
-        Absolute values are two inequalities each, which keep more digits than a cone.
+        Absolute values are two inequalities each, which is more accurate than a cone.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]
         cones, one = block > 1, sp.eye(m)
         rows: Any = [[None, -one], [-self.B, None]] if cones else [[self.B, -one], [-self.B, -one]]
         terms, right = sp.csr_matrix(sp.bmat(rows)), np.r_[np.zeros(m) if cones else self.b, -self.b]
-        if cones:  # A cone's first row is that of t_i, the others are those of B_i.
+        if cones:  # The first row of a cone is t_i, the others are B_i.
             order = np.hstack([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)]).ravel()
             terms, right = terms[order], right[order]
         limits = sp.hstack([self.D, sp.csr_matrix((r, m)), -sp.diags(self.c)])
@@ -122,20 +122,20 @@ class Program:
         lam = -z[: len(right)].reshape(m, 1 + block)[:, 1:].ravel() if cones else z[:m] - z[m : 2 * m]
         return np.array(found.x)[:n], lam, z[len(right) :]
 
-    def confirmed(self) -> tuple[bool, float]:
-        """Whether Clarabel's answer does not contradict the optimum; and its certified error, relative to |d|_K."""
-        d, lam, p = self.solved()
+    def confirm(self) -> tuple[bool, float]:
+        """Return True if Clarabel's answer agrees with the optimum, and its certified error relative to |d|_K."""
+        d, lam, p = self.run_clarabel()
         d = self.feasible(d)
-        ours, theirs = self.certified(self.d, self.lam, self.p), self.certified(d, lam, p)
-        errors = [float(np.sqrt(2 * (gap + floor))) for _, gap, floor in (ours, theirs)]
-        low = max(value - gap - floor for value, gap, floor in (ours, theirs))
-        high = min(value + floor for value, gap, floor in (ours, theirs))
+        stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)
+        errors = [float(np.sqrt(2 * (gap + floor))) for _, gap, floor in (stored, found)]
+        low = max(value - gap - floor for value, gap, floor in (stored, found))
+        high = min(value + floor for value, gap, floor in (stored, found))
         near = self.norm(d - self.d) <= sum(errors)
         return near and low <= high, errors[1] / (self.norm(self.d) or 1.0)
 
 
-def proved(program: Program, status: str, vector: Any) -> bool:
-    """True if the vector proves that the program is infeasible, or unbounded, but for rounding."""
+def is_proof(program: Program, status: str, vector: Any) -> bool:
+    """Return True if the vector proves, up to rounding, that the program is infeasible or unbounded."""
     size = float(abs(vector).max())
     if status == "infeasible":
         rigid = bool((program.c[vector > 0] == 0).all() and (vector >= 0).all())
@@ -147,7 +147,7 @@ def proved(program: Program, status: str, vector: Any) -> bool:
 
 
 def main(folder: Path) -> int:
-    """Confirm the whole folder, and say so; 0 where every optimum was confirmed."""
+    """Confirm all instances of a folder and print the result; return 0 if all are confirmed."""
     instances = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["instances"]
     right: dict[str, bool] = {}
     errors, proofs = [], 0
@@ -156,9 +156,9 @@ def main(folder: Path) -> int:
         if "certificate" in instance:
             proofs += 1
             program = Program(folder / f"{name}.npz")
-            right[name] = proved(program, instance["status"], np.array(instance["certificate"]))
+            right[name] = is_proof(program, instance["status"], np.array(instance["certificate"]))
         else:
-            found = [program.confirmed() for program in Program(folder / f"{name}.npz").steps()]
+            found = [program.confirm() for program in Program(folder / f"{name}.npz").steps()]
             right[name] = all(one for one, _ in found)
             errors.append(max(error for _, error in found))
     for name in (name for name, known in right.items() if not known):
@@ -167,7 +167,7 @@ def main(folder: Path) -> int:
         f"{sum(right.values())} of {len(right)} are confirmed: {len(errors)} optima, {proofs} proofs that there is none"
     )
     counts = ", ".join(f"{sum(error <= one for error in errors)} to {one:g}" for one in (1e-3, 1e-6, 1e-9))
-    print(f"Clarabel's answers are certified by themselves: {counts}")
+    print(f"answers of Clarabel by their certified error: {counts}")
     return 0 if all(right.values()) else 1
 
 

@@ -1,12 +1,13 @@
-"""A collection of instances with certified answers, written for authors of solvers: steps of runs of problem files.
+"""A collection of instances with certified optima for authors of solvers: steps of runs of problem files.
 
-Grades say what makes instances hard. *easy* and *sizes* are the paper's scene and closed forms; *bounds* one-sided
-contact; *pressure* friction whose weights are Coulomb's, at the pressures of the solution; *discs* friction in space, a
-second-order cone a contact; *bodies* several of them; *floating* a K with a kernel, held by friction and contact alone;
-*soft* obstacles that give way; *viscous* matrices of rates; *sticking* terms of which few slip; *degenerate* terms that
-are at rest and at their bound at once; *incompressible* and *units* K of condition up to 1e9 and numbers of other
-sizes; *large* sparse K of up to a million unknowns; *no optimum* programs that are infeasible or unbounded, with a
-certificate of that; *sequences* the 256 steps of a run, each with the answer before for a start.
+Grades name what makes instances hard. *easy* and *sizes*: the paper's scene and closed forms. *bounds*: one-sided
+contact. *pressure*: friction with Coulomb's weights at the pressures of the solution. *discs*: friction in space, with
+one second-order cone per contact node. *bodies*: several bodies. *floating*: a K with a kernel, as only friction and
+contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*: few terms slip.
+*degenerate*: many terms have zero slip and a multiplier at its bound. *incompressible* and *units*: K with condition
+numbers up to 1e9, and numbers of unusual magnitude. *large*: sparse K with up to a million unknowns. *no optimum*:
+infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run, each with the answer before
+as a warm start.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import logged_at_most, progress_bar, say
+from vemcvx.cli.terminal import limit_log, progress_bar, say
 from vemcvx.exchange import FORMATS, description, encode_program, in_json, sequence_to_npz
 from vemcvx.program import SolvedProgram, StepProgram
 from vemcvx.results import programs_of_steps
@@ -39,23 +40,48 @@ from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
 VERSION = 5
-"""The version of the list below: other instances, or others under the same names, are another version."""
+"""The version of the list below: if instances change, also under the same names, the version changes."""
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
-"""Files beside this one that a collection has with the numbers of its versions put in."""
+"""Files in this folder that are copied into a collection, with its version numbers filled in."""
 ACCURACY = 1e-14
-"""Accuracy that is asked of optima: as much as there is."""
+"""The requested accuracy of optima, below what rounding permits."""
 INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Instance:
-    """Step `step` of a run of `of` steps of a problem file, with n cells per unit length and settings "name=value".
+    """One step, or a sequence of steps, of a run of a problem file.
 
-    In a degenerate instance the weights of terms that
-    stick are lowered to what these carry: the answer stays, and every such term is at once at rest and at its bound. An
-    instance with `without` has no optimum: it is infeasible or unbounded. One of more than one of the `steps` is a
-    sequence, which ends with that step.
+    Parameters
+    ----------
+    grade : str
+        The grade of difficulty.
+    problem : str
+        The name of the problem file.
+    n : int
+        Cells per unit length.
+    of : int
+        The number of steps of the run.
+    step : int
+        The number of the step.
+    settings : tuple of str
+        Parameters of the scene, "name=value".
+    condense : bool
+        True for the program in the contact unknowns only.
+    degenerate : bool
+        True if weights of sticking terms are lowered to the norm of their multipliers. The optimum does not change, but
+        these terms have zero slip and a multiplier at its bound.
+    without : {"", "infeasible", "unbounded"}
+        Why the program has no optimum; "" if it has one.
+    steps : int
+        The number of steps of a sequence that ends with `step`.
+
+    Examples
+    --------
+    >>> from vemcvx.cli.collection import Instance
+    >>> Instance(grade="easy", problem="feng_han_huang", n=8, of=8, step=4).name
+    'feng_han_huang-n8-4of8'
     """
 
     grade: str
@@ -71,7 +97,7 @@ class Instance:
 
     @property
     def name(self) -> str:
-        """A word with all settings but the grade."""
+        """The name, made of all fields except the grade."""
         ends = "-full" * (not self.condense), "-degenerate" * self.degenerate, f"-{self.without}" * bool(self.without)
         settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
         steps = f"{self.step - self.steps + 1}to" * (self.steps > 1) + f"{self.step}of{self.of}"
@@ -79,15 +105,15 @@ class Instance:
 
     @property
     def run(self) -> tuple[str, int, int, tuple[str, ...]]:
-        """The run that it is a step of."""
+        """The run to which the step belongs."""
         return self.problem, self.n, self.of, self.settings
 
 
 Row = tuple[str, str, tuple[int, ...], tuple[int, ...]] | tuple[Any, ...]
-"""Grade, problem, cells per unit length, steps, and settings if there are any."""
+"""Grade, problem, cells per unit length, steps, and settings, if any."""
 
 
-def _listed(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[Instance, ...]:
+def _list_instances(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[Instance, ...]:
     return tuple(
         Instance(grade=grade, problem=problem, n=n, of=of, step=k, settings=settings, **more)
         for grade, problem, cells, steps, *settings_ in rows
@@ -102,7 +128,7 @@ TINY = "young=2e-4", "bound=4e-6", "push=8e-6", "press=1e-8"
 NEAR_HALF = "poisson=0.499", "poisson=0.49999", "poisson=0.4999999"
 PAPER, BLOCK = "feng_han_huang", "block_in_space"
 INSTANCES = (
-    *_listed(
+    *_list_instances(
         [
             ("easy", PAPER, (8, 16), (4, 8)),
             ("easy", "frictional_hysteresis", (4, 8), (2,)),
@@ -137,7 +163,7 @@ INSTANCES = (
             ("discs", "skew_joint", (4, 6), (2, 8)),
         ]
     ),
-    *_listed(
+    *_list_instances(
         [
             ("sizes", PAPER, (8, 16, 32), (4, 8)),
             ("sizes", PAPER, (64,), (8,)),
@@ -151,7 +177,7 @@ INSTANCES = (
         ],
         condense=False,
     ),
-    *_listed(
+    *_list_instances(
         [
             ("degenerate", "l_shaped_bracket", (8, 16), (6, 8)),
             ("degenerate", PAPER, (16, 32), (6, 8)),
@@ -159,7 +185,7 @@ INSTANCES = (
         ],
         degenerate=True,
     ),
-    *_listed(
+    *_list_instances(
         [
             ("no optimum", "hertz_contact", (6,), (8,)),
             ("no optimum", "block_with_grain", (6,), (2,)),
@@ -167,7 +193,7 @@ INSTANCES = (
         ],
         without=INFEASIBLE,
     ),
-    *_listed(
+    *_list_instances(
         [
             ("no optimum", "block_on_incline", (6,), (2,)),
             ("no optimum", "bolted_joint", (6,), (2,)),
@@ -176,19 +202,19 @@ INSTANCES = (
         without=UNBOUNDED,
     ),
 )
-SEQUENCES = _listed(
+SEQUENCES = _list_instances(
     [("sequences", name, (n,), (256,)) for name, n in ((PAPER, 32), ("block_with_grain", 6), (BLOCK, 4))],
     of=256,
     steps=256,
 )
-"""Of absolute values, of Coulomb's weights beside bounds, and of discs."""
-LARGE = _listed([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
-"""Instances that are written on demand only: minutes, and a gigabyte."""
+"""Sequences with absolute values, with Coulomb's weights and bounds, and with discs."""
+LARGE = _list_instances([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
+"""Instances that are only written on request: they take minutes and a gigabyte."""
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}
 
 
-def _core() -> frozenset[str]:
-    """Three instances of every grade, evenly from its first to its last; two where they differ little, six of discs."""
+def _choose_core() -> frozenset[str]:
+    """Return the names of three instances per grade, evenly spaced; two of similar ones (FEWER), six with discs."""
     found: list[str] = []
     for grade in dict.fromkeys(one.grade for one in INSTANCES):
         own, k = [one.name for one in INSTANCES if one.grade == grade], FEWER.get(grade, 3)
@@ -196,41 +222,41 @@ def _core() -> frozenset[str]:
     return frozenset(found)
 
 
-CORE = _core()
-"""Names of the instances for a coffee break."""
+CORE = _choose_core()
+"""Names of the instances of the small core set."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Collection:
-    """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
+    """The command `vemcvx collection`."""
 
     out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
     form: Annotated[
-        str | None, typer.Option("--format", metavar="mtx|cbf|mps|qps", help="A format to write beside npz.")
+        str | None, typer.Option("--format", metavar="mtx|cbf|mps|qps", help="A further format beside npz.")
     ] = None
     core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
     large: Annotated[
-        bool, typer.Option("--large", help="With sparse programs of up to a million unknowns: minutes, and a GB.")
+        bool, typer.Option("--large", help="Include sparse programs of up to a million unknowns: minutes, and a GB.")
     ] = False
 
     def __call__(self) -> None:
-        """Write it, and say what there is."""
-        # Runs log what is odd about physics, which is what grades are about.
-        with progress_bar("reading") as shown, logged_at_most(0):
+        """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
+        # Runs log what is unusual in a scene. Here it is intended.
+        with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
-            say(write_collection(self.out, self.form, (*chosen, *more), told=shown))
+            say(write_collection(self.out, self.form, (*chosen, *more), progress=show))
 
 
 def write_collection(
     folder: Path,
     beside: str | None = None,
     instances: Sequence[Instance] = (*INSTANCES, *SEQUENCES),
-    told: Callable[[str, int, int], None] = lambda *_: None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
-    """Make every instance, write a file and its words for each, a manifest and the script; `beside` is a format.
+    """Make every instance, write its files, a manifest and the script, and return a summary in words.
 
-    Return a summary in words. `told` is called with (name, done, total).
+    `beside` is a further format of the files. `progress` is called with (name, done, total).
     """
     if beside is not None and beside not in FORMATS:
         raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
@@ -241,9 +267,9 @@ def write_collection(
         def write(name: str, content: bytes) -> None:
             sums[files.write(name, content)] = sha256(content).hexdigest()
 
-        for done, (instance, solved) in enumerate(_made(instances)):
-            told(instance.name, done, len(instances))
-            data = _encoded(instance, solved, tuple(forms))
+        for done, (instance, solved) in enumerate(_make_programs(instances)):
+            progress(instance.name, done, len(instances))
+            data = _encode(instance, solved, tuple(forms))
             for end, content in data.items():
                 write(f"{instance.name}{end}", content)
             row = {"name": instance.name, "core": instance.name in CORE, **asdict(instance)}
@@ -263,8 +289,8 @@ def write_collection(
     as_published = "" if others else f"; {OPTIMA} agrees with that of version {VERSION}"
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
-        f"{MANIFEST} has sizes, nonzeros and certified optima; python {SCRIPT} confirms them; README.md says what the "
-        f"files hold{as_published}" + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
+        f"{MANIFEST} has sizes, nonzeros and certified optima; python {SCRIPT} confirms them; README.md describes "
+        f"the files{as_published}" + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
     )
 
 
@@ -272,7 +298,7 @@ SIZES = "unknowns", "norm_terms", "block", "limits", "kernel", "steps"
 
 
 def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The sizes of instances, as the manifest has them, and bounds of their optimum, or proof that there is none."""
+    """Return the table of instances: sizes, status, and bounds of the minimum."""
     cells = []
     for row in rows:
         sizes, optimum = [str(row[name]) for name in SIZES], row.get("optimum", {})
@@ -282,11 +308,11 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Sentences on instances that are others than those published with this version, in the list beside this file.
+    """Return sentences on instances that differ from those published with this version, in the file OPTIMA.
 
-    They are the same if sizes are, and if bounds on the least values overlap but for SAME of them: the last digits of
-    condensed matrices and of states before a step are the machine's. Under another BLAS the optimum of a graded mesh
-    moved by 1.6e-11, where K did by 2e-12.
+    Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
+    the last digits of condensed matrices and of states before a step depend on the machine. With another BLAS the
+    optimum on a graded mesh moved by 1.6e-11, while K moved by 2e-12.
     """
     with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
         published = {row["name"]: row for row in csv.DictReader(file)}
@@ -304,10 +330,10 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return found
 
 
-def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
-    """Return contents of files under the ends of their names, of one program or of a sequence; the JSON is the last.
+def _encode(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
+    """Return suffix -> contents of the files of one program or of a sequence; JSON is the last.
 
-    Of a sequence the value and the bounds on that are sums over all steps, errors those of the worst.
+    For a sequence the value and its bounds are sums over all steps; errors are the largest of all steps.
     """
     if instance.steps == 1:
         program, proof = _variant(instance, solved[0])
@@ -320,36 +346,36 @@ def _encoded(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequenc
     return sequence_to_npz(solved) | {".json": in_json({**each[-1], "steps": len(solved), "optimum": {**sums, **most}})}
 
 
-def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
-    """Yield the instances with the programs of their steps; those of one run come from one run."""
+def _make_programs(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
+    """Yield the instances with the programs of their steps; each run is simulated once."""
     here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
-        with suppress_scene_warnings():  # What holds the bodies is what grades are about.
-            posed = problem.posed(first.settings, problem.mesh(first.n), first.of, exactly)
-            history = replace(posed, times=posed.times[: last + 1]).simulated(check=False, progress=False)
+        with suppress_scene_warnings():  # Warnings about supports do not matter here.
+            posed = problem.pose(first.settings, problem.mesh(first.n), first.of, exactly)
+            history = replace(posed, times=posed.times[: last + 1]).simulate(check=False, progress=False)
         for one in wanted:
             numbers = range(one.step - one.steps + 1, one.step + 1)
             yield one, list(programs_of_steps(history, numbers, one.condense))
 
 
 def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
-    """Return the program of an instance, and the words that prove that it has no optimum, if it has none."""
+    """Return the program of an instance, and status and certificate if it has no optimum."""
     if instance.degenerate:
-        # Terms that stick have just the weight that they need: those that slip by less than SAME of the largest slip.
+        # Lower the weights of sticking terms (slip below SAME of the largest slip) to the norms of their multipliers.
         size = np.linalg.norm(program.slip(program.answer.d), axis=1)
         lower = np.where(size <= SAME * size.max(initial=0.0), np.linalg.norm(program.answer.lam, axis=1), program.w)
         return replace(program, w=np.minimum(lower, program.w)), {}
     if not instance.without:
         return program, {}
-    changed, proof = (_pinched if instance.without == INFEASIBLE else _pushed_off)(program)
+    changed, proof = (_make_infeasible if instance.without == INFEASIBLE else _make_unbounded)(program)
     return changed, {"status": instance.without, "certificate": proof.tolist()}
 
 
-def _pinched(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a second obstacle opposite the first, which it overlaps, and multipliers that prove it.
+def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
+    """Return the program with a second obstacle that contradicts the first, and multipliers that prove infeasibility.
 
     D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
     """
@@ -362,15 +388,15 @@ def _pinched(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     return StepProgram(both, program.g, program.w, program.b, e), p
 
 
-def _pushed_off(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program whose load pushes it along a motion of the kernel twice as hard as friction holds it there.
+def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
+    """Return the program with a load along a motion of the kernel that is twice the friction, and this motion.
 
     Along the ray r, K r = 0 and D r <= 0, the objective falls by g'r - sum w_i |B_i r| > 0 for each length of r.
     """
     operators = program.operators
     assert operators.kernel is not None
     motions = [sign * motion for motion in operators.kernel.T for sign in (1.0, -1.0)]
-    # A motion along an obstacle does not run into it because of the rounding of its entries.
+    # Rounding of its entries must not exclude a motion along an obstacle.
     ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
     held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1))
     held = held or float(np.abs(program.g).max())

@@ -1,4 +1,4 @@
-"""What every test gets: one thread of BLAS, signals that count, and the families of meshes."""
+"""Settings of all tests: one BLAS thread, default signal handlers, tiers of tests, the fixture of mesh families."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import signal
 import sys
 from pathlib import Path
 
-# Two test processes with two threads each would only get in each other's way on two cores.
+# On two cores, two test processes with two BLAS threads each would slow each other down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Who starts the tests in the background ignores interrupts and hang-ups, which processes that tests interrupt inherit.
+# A shell that runs the tests in the background ignores these signals; processes of tests would inherit this.
 if sys.platform != "win32":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -19,7 +19,7 @@ if sys.platform != "win32":
 import pytest
 from scenes import FAMILIES
 
-# While thousands of tests are read, the collector of garbage walks through all of them again and again for nothing.
+# While pytest collects thousands of tests, the garbage collector would traverse all of them again and again.
 gc.disable()
 
 LONGER = {
@@ -56,16 +56,16 @@ LONGER = {
     "vem": "space_stiffness stabilisation_spectrum",
     "whole": "any_scene contributing independent_bodies independent_programs properties site structure wrong_kinds",
 }
-"""Files of tests, by folder, that take longer than a few seconds in all: the rest is the tier for people who edit."""
+"""Test files, by folder, that take longer than a few seconds; all other files form the quick tier."""
 
 
 def longer(path: Path) -> bool:
-    """True if a file of tests is one of the longer ones."""
+    """Return True if a file of tests is in `LONGER`."""
     return path.stem.removeprefix("test_") in LONGER.get(path.parent.name, "").split()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave longer files unread where only quick tests are asked for: reading all takes a quarter of their time."""
+    """Skip the longer files if only quick tests are selected: collecting them takes a quarter of the tier's time."""
     return True if config.getoption("markexpr") == "quick" and longer(collection_path) else None
 
 
@@ -79,11 +79,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Tests run with the collector, as users do."""
+    """Enable the garbage collector again: tests run with it, like the programs of users."""
     gc.enable()
 
 
 @pytest.fixture(params=FAMILIES)
 def family(request: pytest.FixtureRequest) -> str:
-    """Every family of meshes in turn."""
+    """Return the name of a mesh family; a test with this fixture runs once per family."""
     return request.param

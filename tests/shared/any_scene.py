@@ -1,12 +1,12 @@
-"""Scenes at random, of everything a scene can hold: what certificates and errors are tried on.
+"""Random scenes with all effects, supports and settings, on which certificates and error estimates are tested.
 
-``draw(seed)`` is a scene on a small mesh with its instants, solver and way of running; equal seeds give equal scenes.
-Materials of every kind and unit, all supports, bodies that only friction and contact hold, contact on one, two or
-three sides, in parts that meet inside a side and at corners, one- and two-sided, soft, with gaps that move, friction
-of Tresca, Coulomb (capped) and none, on ground that stands still or moves; loads of all kinds
-whose courses reverse, hold, vanish and hardly change; dashpots; condensed or not, all solvers, both linear solvers;
-starts from zero, settled, in equilibrium,
-from a given state, and runs that are interrupted and gone on with.
+``draw(seed)`` returns a scene on a small mesh with its instants, solver and settings; equal seeds give equal scenes.
+Scenes have materials of every kind and unit, all supports, and bodies that only friction and contact hold. Contact is
+on one, two or three sides, in parts that meet inside a side and at corners; it is bilateral, unilateral or soft, with
+gaps that move. Friction is Tresca's, Coulomb's (capped) or absent, on ground that stands still or moves. Loads of all
+kinds reverse, hold, vanish and hardly change; some scenes have dashpots. Runs are condensed or not, with all solvers
+and both linear solvers. They start from zero, settled, in equilibrium or from a given state; some are interrupted and
+resumed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SIDES = ("left", "right", "bottom", "top")
 
 @dataclass
 class Drawn:
-    """A scene and how it is to be run."""
+    """A scene and the settings of its run."""
 
     seed: int
     effects: list
@@ -36,7 +36,7 @@ class Drawn:
     condense: bool
     start: str
     kinds: set = field(default_factory=set)
-    """what of the declared kinds it holds: see :func:`draw`"""
+    """kinds of things in the scene, as listed in :func:`draw`"""
 
     @property
     def scene(self):
@@ -44,7 +44,7 @@ class Drawn:
 
     @property
     def words(self):
-        """How to rebuild it, and what it is."""
+        """The call that rebuilds the scene, and its kinds, in words."""
         effects = "; ".join(effect.describe() for effect in self.effects)
         return (
             f"any_scene.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, {self.solver!r}, "
@@ -55,7 +55,7 @@ class Drawn:
 
 @dataclass
 class _Course:
-    """A factor in time, linear between the instants of a run."""
+    """A factor that depends on time, linear between the instants of a run."""
 
     times: np.ndarray
     values: np.ndarray
@@ -65,11 +65,11 @@ class _Course:
 
 
 class _Draw:
-    """The choices of one scene."""
+    """The random choices that make one scene."""
 
     def __init__(self, seed):
         self.seed, self.rng = seed, np.random.default_rng([seed, 20])
-        self.belts = np.random.default_rng([seed, 42])  # Of their own, so that scenes without are what they were.
+        self.belts = np.random.default_rng([seed, 42])  # A separate generator: scenes without belts stay the same.
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)
@@ -126,7 +126,7 @@ class _Draw:
         return self.built
 
     def field(self, size, low=0.0, high=1.0):
-        """An affine function of place between low and high of `size`."""
+        """Return an affine function of place with values between `low` and `high` times `size`."""
         points = self.built.points
         lo, span = points.min(axis=0), np.ptp(points, axis=0)
         c = self.rng.uniform(low, high, 3)
@@ -135,7 +135,7 @@ class _Draw:
     # Time
 
     def course(self):
-        """A course from zero at times[0], unless the run begins late."""
+        """Return a course in time that is zero at times[0], unless the run begins under load."""
         n = len(self.times)
         kind = self.one("ramp", "free", "few", "turns", "held")
         if kind == "ramp":
@@ -154,7 +154,7 @@ class _Draw:
         return _Course(self.times, np.asarray(values, dtype=float))
 
     def pressing(self):
-        """A course that only presses."""
+        """Return a course in time that presses and never pulls."""
         values = np.linspace(0, 1, len(self.times)) if self.chance(0.5) else self.rng.uniform(0.3, 1, len(self.times))
         if not self.late:
             values[0] = 0.0
@@ -192,7 +192,7 @@ class _Draw:
         return vx.Traction(lambda x, t: course(t) * np.column_stack([g(x) for g in f]), on=side)
 
     def force(self):
-        """One more load of any kind; sizes in proportion to the stiffness."""
+        """Return one load of a random kind; its size is proportional to the stiffness."""
         stress = self.young * self.strain
         kind = self.one("traction", "pressure", "body", "point", "heat", "prestress")
         course, f, g = self.course(), self.field(stress, -1, 1), self.field(stress, -1, 1)
@@ -214,7 +214,7 @@ class _Draw:
         return vx.Prestress(lambda x, t: course(t) * np.column_stack([f(x), g(x), h(x)]))
 
     def bound(self):
-        """A friction bound: constant, varying in space and time, zero in places, huge or zero."""
+        """Return a friction bound: constant, varying in space and time, zero in places, huge or zero."""
         size = self.young * self.strain * self._ten(-2, 0.3)
         kind = self.one("constant", "constant", "varies", "in time", "zero in places", "huge", "zero", "jumps")
         f, course = self.field(size), self.pressing()
@@ -235,7 +235,7 @@ class _Draw:
 
     def tresca(self, side):
         if self.chance(0.2):
-            self.bound()  # A second bound, which no friction has now: without it all seeds would draw other scenes.
+            self.bound()  # An unused draw, which keeps the scenes of all seeds as they are.
         rule = self.one("nodes", "nodes", "integral")
         return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, ground=self.ground())
 
@@ -250,7 +250,7 @@ class _Draw:
         return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground())
 
     def ground(self):
-        """Ground that stands still, or runs by what strains move and by up to a thousand times more."""
+        """Return ground that stands still, or moves by displacements of strains, times up to a thousand."""
         if self.belts.random() > 0.12:
             return None
         self.kinds.add("belt")
@@ -275,7 +275,7 @@ class _Draw:
         return lambda x, t: f(x)
 
     def contact(self, side, free=False):
-        """Contact and friction on a side."""
+        """Return contact and friction on one side."""
         kinds = ("bilateral", "unilateral", "unilateral", "soft") if not free else ("unilateral", "soft", "bilateral")
         kind = self.one(*kinds)
         self.kinds.add(kind)
@@ -294,7 +294,7 @@ class _Draw:
         return effects
 
     def contacts(self, held, free):
-        """Contact on one side, in two parts of it, or on several sides that meet at corners."""
+        """Return contact on one side, on two parts of a side, or on several sides that meet at corners."""
         names = self.built.boundaries
         kind = self.one("one", "one", "parts", "corner", "three")
         if kind == "parts" and "west" in names and "east" in names:
@@ -348,9 +348,9 @@ class _Draw:
 
 
 def draw(seed):
-    """The scene of a seed.
+    """Return the scene of a seed.
 
-    Kinds that are told (``Drawn.kinds``): "bilateral", "unilateral", "soft", "Coulomb", "capped", "free",
+    ``Drawn.kinds`` has some of these kinds: "bilateral", "unilateral", "soft", "Coulomb", "capped", "free",
     "kernel", "viscous", "heat", "prestress", "orthotropic", "two materials", "contrast", "incompressible", "thin",
     "turned", "parts", "corner", "gap moves", "belt", "extreme loads", "clarabel", "osqp", "iterative", "full", and the
     kind of support.
@@ -392,13 +392,13 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # What is always refused says little; one time in ten it is tried.
+            # Scenes that are always refused test little: one in ten of them is kept.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 
 
 def _has_kernel(effects, mesh):
-    """Whether nothing but friction and one-sided contact holds the body; False too where nothing does."""
+    """Return True if only friction and one-sided contact hold the body; False also if nothing holds it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:

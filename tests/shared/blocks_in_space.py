@@ -1,7 +1,7 @@
-"""A block on a rough floor in space, as a System of matrices: scikit-fem's hexahedra or tetrahedra, no mesh of ours.
+"""A block on a rough floor in space, as a System of matrices that scikit-fem assembles on hexahedra or tetrahedra.
 
-The block (0, 1)^3 stands on its face z = 0, in bilateral or one-sided contact with friction of Tresca or Coulomb; its
-top is pulled by a traction that may turn, or it is held on the face x = 1.
+The block (0, 1)^3 stands on its face z = 0, in bilateral or one-sided contact with Tresca's or Coulomb's friction. A
+traction that may turn pulls its top; the face x = 1 may be clamped.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def share(v, w):
 
 @dataclass(frozen=True)
 class Block:
-    """K of all (n_nodes, 3) displacements, loads of unit tractions on the top, and int phi_i over the floor."""
+    """The stiffness matrix of all (n_nodes, 3) displacements, unit loads on the top, and int phi_i over the floor."""
 
     points: np.ndarray
     K: sp.csr_matrix
     top: np.ndarray
-    """(3, 3 n_nodes) the load of a unit traction on z = 1, along each axis"""
+    """(3, 3 n_nodes) loads of unit tractions on z = 1, along each axis"""
     floor: np.ndarray
     """nodes on z = 0"""
     shares: np.ndarray
@@ -48,7 +48,7 @@ class Block:
 
 @cache
 def block(n, cells="hexahedra", lam=1.0, mu=1.0):
-    """The block with n cells along each edge."""
+    """Return the block with n cells along each edge."""
     line = np.linspace(0.0, 1.0, n + 1)
     kind, linear = {
         "hexahedra": (skfem.MeshHex, skfem.ElementHex1()),
@@ -68,21 +68,21 @@ def block(n, cells="hexahedra", lam=1.0, mu=1.0):
 def on_floor(
     body, traction, *, bound=1.0, contact="bilateral", coefficient=None, held=True, gap=0.0, frames=None, ground=None
 ):
-    """The System of the block on its floor.
+    """Return the System of the block on its floor.
 
     Parameters
     ----------
     traction : callable t -> (3,)
-        On the top.
+        Force per area on the top.
     bound : float
-        Tresca's, a force per area.
+        Tresca's friction bound, a force per area.
     contact : "bilateral" or "unilateral"
     coefficient : float, optional
-        Coulomb's, in place of the bound.
+        Coulomb's coefficient, in place of the bound.
     held : bool
-        Whether the face x = 1 is clamped.
+        True if the face x = 1 is clamped.
     frames : (m,) angles, optional
-        By which the tangential frames are turned.
+        Angles by which the tangential frames are rotated.
     """
     n = len(body.points)
     fixed = np.zeros((n, 3), dtype=bool)
@@ -131,7 +131,7 @@ def on_floor(
 
 
 def assert_within_both_certificates(system, direct, iterative):
-    """Steps of an inexact linear solver are those of a direct one, within both certificates; the same terms stick."""
+    """Check that steps of both linear solvers agree within their certificates, and that the same terms stick."""
     assert iterative.certificate.max() <= 1e-8
     apart = iterative.state - direct.state
     distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))

@@ -1,4 +1,4 @@
-"""Exact errors beside guaranteed bounds: of a known displacement, or of one that is known much better."""
+"""Exact errors to compare with guaranteed bounds: against a known displacement, or against a much finer run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """(c, n, 20) values at the nodes of triangles of least energy, less the work of a body force, by the outline."""
+    """Return nodal values (c, n, 20) in triangles that minimise energy minus body work, given the cell outline."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -36,7 +36,7 @@ def inside(fans, outline, body):
 
 
 def nodal_values(circle, u, t):
-    """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
+    """Yield the nodal values (c, n, 20) of the conforming displacement for each chunk of cells."""
     body = circle.boundary.reader.body(t)[0]
     outline = circle.equilibrium.edges.outline(u)
     for one in circle.forms:
@@ -44,7 +44,7 @@ def nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
+    """Return |v - w|_a for the displacements with these nodal values (n_nodes, 2), under equal body forces."""
     apart = one - other
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), np.zeros((len(circle.boundary.edges.areas), 6)))
     energy = sum(circle._inner(form, v.outline, v.outline).sum() for form in circle.forms)
@@ -52,20 +52,20 @@ def energy_distance(circle, one, other):
 
 
 def richer_values(pair):
-    """The same of v + w."""
+    """Return |v + w|_a."""
     for one in pair.circle.forms:
         yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
 
 
 def strains_at_stations(fans, v):
-    """(c, n, 18, 3) e_xx, e_yy, 2 e_xy at the stations of all triangles, of nodal values (c, n, 20)."""
+    """Return strains (c, n, 18, 3), e_xx, e_yy, 2 e_xy, at the stations of triangles with nodal values (c, n, 20)."""
     c, n, _ = v.shape
     grad = np.einsum("sak,ctkr,ctab->ctsrb", SLOPES, v.reshape(c, n, 10, 2), fans.back, optimize=True)
     return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
 
 
 def at_rule(values):
-    """Of each chunk the strains (c, n, 21, 3), points and weights there."""
+    """Yield strains (c, n, 21, 3), points and weights for each chunk of cells."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
     for fans, v in values:
         c, n, _ = v.shape
@@ -76,7 +76,7 @@ def at_rule(values):
 
 
 def strain_at(circle, u, t, x):
-    """Strains (q, 3) of the conforming displacement at points (q, 2)."""
+    """Return strains (q, 3) of the conforming displacement at points (q, 2)."""
     found = locate(circle.posed.space.mesh, x)
     cells = np.full(len(x), -1)
     cells[found.points] = found.cells
@@ -91,7 +91,7 @@ def strain_at(circle, u, t, x):
         corners = np.concatenate([1.0 - hat.sum(axis=2, keepdims=True), hat], axis=2)
         t_of = corners.min(axis=2).argmax(axis=1)
         every = np.arange(len(mine))
-        # The part of the edge from corner k is that of the smallest coordinate at corner k + 2.
+        # A point belongs to the part at the edge from corner k if its barycentric coordinate k + 2 is the smallest.
         part = (corners[every, t_of].argmin(axis=1) + 1) % 3
         slopes = np.einsum("qai,qij->qaj", monomial_slopes(hat[every, t_of]), COEFFICIENTS[part])
         values = v[at, t_of].reshape(-1, 10, 2)[every[:, None], NODES[part]]
@@ -101,12 +101,12 @@ def strain_at(circle, u, t, x):
 
 
 def error_from(circle, u, t, strain):
-    """|w - v|_a of a displacement w with the strains strain(x) (q, 3) at points (q, 2)."""
+    """Return |w - v|_a for a displacement w with strains strain(x) (q, 3) at points (q, 2)."""
     return apart_from(nodal_values(circle, u, t), strain)
 
 
 def apart_from(values, strain):
-    """The same of nodal values of each chunk."""
+    """Return |w - v|_a for nodal values v of each chunk."""
     squared = 0.0
     for fans, own, x, weights in at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
@@ -115,7 +115,7 @@ def apart_from(values, strain):
 
 
 def distance(coarse, fine, step=-1, of_fine=-1):
-    """|v - v_f|_a of the displacements of two histories, and the bound of the finer one's error."""
+    """Return |v - v_f|_a for the displacements of two histories, and the error bound of the finer history."""
     k, m = coarse.row(step), fine.row(of_fine)
     circle, ahead = circle_of(coarse), circle_of(fine)
     now = instant(fine, m)
@@ -124,16 +124,16 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 
 
 def richest(pair):
-    """A bound of |u - v - w|_a, w being richer inside of the body, of a scene without springs."""
+    """Return a bound of |u - v - w|_a for a scene without springs; w is an enrichment inside the cells."""
     A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.lacking))
 
 
 def beside_refined(coarse, part, most=20_000):
-    """Of a step from rest |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of that run.
+    """Return |v - v_f - w_f|_a for a step from rest, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
 
-    Cells within those of the coarse mesh are refined where the bound says, until it is no more than this part of the
-    error, or these are the most cells.
+    The mesh is refined where the bound is large, until the bound is at most `part` of the error, or the mesh has `most`
+    cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     wanted = part * vx.error_bound(coarse, step=-1).lower

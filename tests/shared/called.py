@@ -1,4 +1,4 @@
-"""Commands as tests call them, in the same process."""
+"""Call commands in the process of the test."""
 
 from typer.testing import CliRunner
 
@@ -6,6 +6,6 @@ from vemcvx.cli import app
 
 
 def call(*words):
-    """Exit code and output of a command."""
+    """Return the exit code and the output of a command."""
     done = CliRunner().invoke(app, words)
     return done.exit_code, done.output

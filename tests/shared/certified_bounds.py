@@ -1,14 +1,14 @@
-"""What the certificates of a march imply for each number in it, so that no tolerance has to be guessed.
+"""Bounds that the certificates of a march imply for each of its numbers, so that tests need no guessed tolerance.
 
-The steps of given weights are nonexpansive, so |y_n - y_n*|_K <= E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2
+Steps with given weights are nonexpansive, so |y_n - y_n*|_K <= E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2
 floor_m). With A = K^{-1} and mu = lam_n - lam_n*, forces balance up to r_n with |r_n|_A <= sqrt(2 gap_n), hence
 
     |B'mu|_A = |r_n + K (y_n - y_n*)|_A <= sqrt(2 gap_n) + E_n <= 2 E_n,
 
     |y_j - y_j*| <= A_jj^{1/2} E_n,    |mu_i| <= (S_ii)^{1/2} 2 E_n,  S = (B A B')^{-1},
-    |s_i - s_i*| <= (B_i A B_i')^{1/2} (E_n + E_{n-1}),   so the loss errs by sum w_i times that.
+    |s_i - s_i*| <= (B_i A B_i')^{1/2} (E_n + E_{n-1}),   so the error of the loss is at most the sum of w_i times this.
 
-On blocks of two and more, the largest eigenvalue of the block takes the place of the diagonal entry.
+For blocks of two and more unknowns the largest eigenvalue of the block replaces the diagonal entry.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ EPS = np.finfo(float).eps
 
 @dataclass(frozen=True)
 class Bounds:
-    """Largest errors that the certificates allow, for all instants."""
+    """The largest errors that the certificates allow, at all instants."""
 
     state: np.ndarray
     """(N + 1, n)"""
@@ -35,7 +35,7 @@ class Bounds:
 
 
 def bounds(system, trajectory):
-    """Of a march with given weights that stored every step; rounding of sums over the steps included."""
+    """Return the bounds of a march with given weights and every step stored; they include rounding of sums."""
     norms, w = system.norms, system.norms.weights(0.0)
     compliance = np.linalg.inv(system.K.toarray())
     B = norms.B.toarray()
@@ -52,7 +52,7 @@ def bounds(system, trajectory):
 
 
 def ledger_bound(system, trajectory):
-    """(N + 1,) bound of |work - (E - E_0) - loss - sum 1/2 |d|_K^2|, whose steps are d.r + sum (lam.s - w|s|)."""
+    """Bound (N + 1,) of |work - (E - E_0) - loss - sum 1/2 |d|_K^2|, whose increments are d.r + sum (lam.s - w|s|)."""
     d = np.diff(trajectory.state, axis=0)
     size = np.sqrt(np.einsum("ni,ni->n", d, (system.K @ d.T).T))
     gap = trajectory.gap[1:] + trajectory.floor[1:]
@@ -61,21 +61,21 @@ def ledger_bound(system, trajectory):
 
 
 def ledger_defect(system, trajectory):
-    """(N + 1,) what is missing in the identity of the energy ledger."""
+    """Return the residual (N + 1,) of the energy balance."""
     d = np.diff(trajectory.state, axis=0)
     numerical = 0.5 * np.append(0.0, np.cumsum(np.einsum("ni,ni->n", d, (system.K @ d.T).T)))
     return trajectory.work - (trajectory.energy - trajectory.energy[0]) - trajectory.dissipated - numerical
 
 
 def admissible(system, trajectory):
-    """The multipliers (N + 1, m, block) that were certified: the nearest with |lam_i| <= w_i."""
+    """Return the certified multipliers (N + 1, m, block): the nearest ones with |lam_i| <= w_i."""
     lam = trajectory.multipliers
     size = np.linalg.norm(lam, axis=2)
     return lam * np.minimum(1.0, system.norms.weights(0.0) / np.maximum(size, np.finfo(float).tiny))[:, :, None]
 
 
 def _sizes(matrix, block):
-    """Largest eigenvalue of each diagonal block."""
+    """Return the largest eigenvalue of each diagonal block."""
     m = len(matrix) // block
     diagonal = matrix.reshape(m, block, m, block)[np.arange(m), :, np.arange(m), :]
     return np.linalg.eigvalsh(diagonal)[:, -1]

@@ -1,4 +1,4 @@
-"""What work takes, counted: the same on every machine, however busy it is."""
+"""Count function calls, a measure of work that does not depend on the machine or its load."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def calls(action: Callable[[], Any]) -> int:
-    """How many functions `action` calls, Python's and C's: work done array by array takes as many for any size."""
+    """Count the Python and C functions that `action` calls; vectorised work needs equally many for every size."""
     count = 0
 
     def seen(_: object, event: str, __: object) -> None:

@@ -1,7 +1,7 @@
-"""The declared family on which estimates of the error of a mesh stand to the truth: aspects of 1 to 100, both ways.
+"""The cases on which estimated mesh errors are compared with true ones: cells of aspect 1 to 100 in both directions.
 
-Blocks and beams on squares of sides up to 100 to 1, and on the other families stretched up to 16 to 1. Every case has a
-mesh for its truth, whose own error is a small part of that of the first.
+Blocks and beams are meshed by rectangles of aspect up to 100, and by the other families stretched up to 16 to 1. Every
+case has a reference mesh, whose error is a small part of the error of the first mesh.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TIMES = (0.0, 0.5, 1.0)
 
 @dataclass(frozen=True)
 class Case:
-    """A scene on a mesh, and the mesh of its truth."""
+    """A scene with its mesh and a finer reference mesh."""
 
     name: str
     scene: Callable[[], vx.Scene]
@@ -30,7 +30,7 @@ class Case:
 
 
 def block():
-    """The paper's scene."""
+    """Return the paper's scene."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
@@ -40,7 +40,7 @@ def block():
 
 
 def sheared():
-    """A block on its foot, sheared and pulled by parabolas at its head."""
+    """Return a block clamped at its foot, with parabolic shear and tension at its head."""
 
     def pull(x, t):
         s = x[:, 0] * (1 - x[:, 0])
@@ -50,13 +50,13 @@ def sheared():
 
 
 def heavy():
-    """A block that hangs from its top by its weight, beside a force from the left that grows upwards."""
+    """Return a block that hangs from its top, under its weight and a horizontal body force that grows upwards."""
     weight = vx.BodyForce(lambda x, t: t * np.column_stack([x[:, 1], np.full(len(x), -3.0)]))
     return vx.Scene(STEEL, vx.Clamp(on="top"), weight)
 
 
 def cantilever():
-    """A beam, clamped on the left, bent by a parabola of shear on the right."""
+    """Return a beam that is clamped on the left and bent by parabolic shear on the right."""
 
     def shear(x, t):
         return t * np.column_stack([np.zeros(len(x)), 6 * x[:, 1] * (1 - x[:, 1])])
@@ -67,7 +67,7 @@ def cantilever():
 BLOCKS = {"block": (block, 256), "sheared": (sheared, 192), "heavy": (heavy, 192)}
 SQUARES = ((8, 8), (16, 16), (32, 4), (64, 4), (128, 4), (256, 8), (200, 2))
 CELLS = {1: 12, 4: 6, 16: 4}
-"""Cells across the short side of the box in which those of an aspect are made."""
+"""Number of cells across the short side of the box, by aspect."""
 
 
 def squares(nx: int, ny: int, length: float = 1.0):
@@ -75,7 +75,7 @@ def squares(nx: int, ny: int, length: float = 1.0):
 
 
 def stretched(family: str, n: int, aspect: int, tall: bool):
-    """Cells of a family made in a long box that is pressed into the unit square: across the long side they are flat."""
+    """Return a mesh of a family, made in a long box and mapped to the unit square, with flat or tall cells."""
     sides = np.array([1.0, aspect] if tall else [aspect, 1.0])
     mesh = vx.meshes.FAMILIES[family](n, box=tuple((0.0, side) for side in sides))
     return vx.PolygonMesh(mesh.points / sides, list(mesh.cells), boundaries=mesh.boundaries)
@@ -84,7 +84,7 @@ def stretched(family: str, n: int, aspect: int, tall: bool):
 def cases() -> Iterator[Case]:
     for name, (scene, n) in BLOCKS.items():
         for pair in [*SQUARES, *(pair[::-1] for pair in SQUARES if pair[0] != pair[1])]:
-            # Nested: 200 columns divide 400 of the truth, not 256.
+            # The meshes are nested: 200 columns divide the 400 columns of the reference, and not 256.
             fine = {200: (400, 100), 2: (100, 400)}.get(pair[0], (n, n))
             yield Case(f"{name} {pair[0]}x{pair[1]}", scene, partial(squares, *pair), partial(squares, *fine))
         for family in (name for name in FAMILIES if name != "squares"):

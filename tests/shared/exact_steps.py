@@ -1,19 +1,18 @@
-"""One step of backward Euler solved in integers of 512 fractional bits: what certificates are held against.
+"""One step of backward Euler, solved in integers of 512 fractional bits to check certificates.
 
-Given a System and the state that a step began with, the step's program (:mod:`vemcvx.program.step_program`) is posed
-anew in fixed-point numbers, so that nothing is rounded on the way; nothing of the package but the System's data is
-used. On guessed sets (which terms stick, which slip and where to, which limits act) its optimality conditions are the
-linear system
+Given a System and the state before a step, the step's program (:mod:`vemcvx.program.step_program`) is posed again in
+fixed-point numbers, without rounding; only the data of the System are used. For given sets (sticking terms, slipping
+terms with their directions, active limits) its optimality conditions are the linear system
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
-solved by refinement with factors in double precision until its residual is below 1e-60. Sets are changed (primal-dual
-active sets; single pivots, Murty 1974, where those cycle) until every inequality holds to 1e-48 in the units of the
-step, in which K's diagonal and the largest force are of size one. A solution of these conditions is *the* minimiser
-where the weights are given (unique in the seminorm of K); where they depend on p (Coulomb) it is a solution.
+which is solved by refinement, with factors in double precision, until its residual is below 1e-60. Sets are changed
+by primal-dual active sets (by single pivots, Murty 1974, if these cycle) until every inequality holds to 1e-48 in the
+units of the step; in these units K's diagonal and the largest force are of size one. With given weights a solution of
+these conditions is *the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), it is a solution.
 
-Units are powers of two: d = 2^a D d^, with D_i = 2^-e and K_ii 2^(-2e) of size one; energies are 2^(2a) times those of
-the scaled program.
+Units are powers of two: d = 2^a D d^, with D_i = 2^-e and K_ii 2^(-2e) of size one. Energies are 2^(2a) times the
+energies of the scaled program.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ import scipy.sparse as sp
 BITS = 512
 ONE = 1 << BITS
 SHARP = ONE >> 200
-"""Residuals below this, 6e-61, are none."""
+"""Residuals below this number, 6e-61, count as zero."""
 TIGHT = ONE >> 160
-"""Inequalities may be missed by this, 7e-49."""
+"""Allowed violation of inequalities, 7e-49."""
 MOST_SETS = 400
 STICKS = 0
 
 
 def fixed(values):
-    """Doubles (any shape) as integers times 2^-BITS; exact down to 2^-BITS."""
+    """Convert doubles (any shape) to integers times 2^-BITS; exact down to 2^-BITS."""
     values = np.asarray(values, dtype=float)
     mantissa, exponent = np.frexp(values)
     whole, exponent = (mantissa * 2.0**53).astype(np.int64), exponent + (BITS - 53)
@@ -46,12 +45,12 @@ def fixed(values):
 
 
 def floats(values):
-    """The nearest doubles of integers times 2^-BITS."""
+    """Convert integers times 2^-BITS to the nearest doubles."""
     return np.array([np.ldexp(float(v), -BITS) for v in np.ravel(values)]).reshape(np.shape(values))
 
 
 class Matrix:
-    """A sparse matrix of fixed-point entries."""
+    """A sparse matrix with fixed-point entries."""
 
     def __init__(self, rows, columns, entries, shape):
         order = np.argsort(rows, kind="stable")
@@ -60,7 +59,7 @@ class Matrix:
 
     @classmethod
     def of(cls, matrix):
-        """From a matrix of doubles."""
+        """Return the fixed-point copy of a matrix of doubles."""
         found = sp.coo_matrix(matrix)
         return cls(found.row.astype(int), found.col.astype(int), fixed(found.data), found.shape)
 
@@ -76,33 +75,33 @@ class Matrix:
         return Matrix(self.columns, self.rows, self.entries, self.shape[::-1])
 
     def whole(self):
-        """Dense."""
+        """Return the dense matrix."""
         out = np.zeros(self.shape, dtype=object)
         for i, j, v in zip(self.rows, self.columns, self.entries, strict=True):
             out[i, j] += int(v)
         return out
 
     def dense(self):
-        """In doubles."""
+        """Return the matrix in doubles."""
         out = np.zeros(self.shape)
         np.add.at(out, (self.rows, self.columns), floats(self.entries))
         return out
 
 
 def block(parts, shape):
-    """A matrix of (matrix, first row, first column)."""
+    """Build a matrix from blocks (matrix, first row, first column)."""
     rows = np.concatenate([m.rows + i for m, i, _ in parts])
     columns = np.concatenate([m.columns + j for m, _, j in parts])
     return Matrix(rows, columns, np.concatenate([m.entries for m, _, _ in parts]), shape)
 
 
 def _times(A, B):
-    """The product of dense fixed-point matrices."""
+    """Return the product of dense fixed-point matrices."""
     return np.dot(A, B) >> BITS
 
 
 def _without(K, N):
-    """P K P with P the projection across the columns of N: rounding has left K a kernel but for its last digits."""
+    """Return P K P with the projection P orthogonal to the columns of N; rounding has left K only nearly singular."""
     gram = [[int(v) for v in row] for row in _times(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
@@ -117,7 +116,7 @@ def _without(K, N):
 
 
 def eliminated(matrix, right):
-    """A solution of a linear system (dense, fixed-point) by elimination; unknowns without a pivot are zero."""
+    """Solve a dense fixed-point linear system by elimination; unknowns without a pivot are zero."""
     A, x, n = matrix.copy(), right.copy(), len(right)
     pivots, k = [], 0
     for column in range(n):
@@ -145,12 +144,12 @@ def eliminated(matrix, right):
 
 
 class Stuck(Exception):
-    """No sets were found on which all conditions hold."""
+    """Error if no sets were found on which all conditions hold."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """The exact answer to a step, in scaled fixed-point numbers."""
+    """The exact solution of a step, in scaled fixed-point numbers."""
 
     d: np.ndarray
     lam: np.ndarray
@@ -162,11 +161,11 @@ class Step:
     acts: np.ndarray
 
     def distance(self, increment):
-        """|increment - d|_K, for a scaled fixed-point increment."""
+        """Return |increment - d|_K for a scaled fixed-point increment."""
         return self.size(increment - self.d)
 
     def size(self, d):
-        """|d|_K."""
+        """Return |d|_K."""
         square = int(((self.K @ d) * d).sum() >> BITS)
         return float(np.ldexp(np.sqrt(floats(max(square, 0))), self.unit))
 
@@ -193,10 +192,10 @@ class Steps:
         self.B, self.E = Matrix.of(B), Matrix.of(E)
 
     def step(self, before, s, t, guess, settled=False, weights=None):
-        """The exact step from the state `before` (n,) at `s` to `t`.
+        """Return the exact step from the state `before` (n,) at `s` to `t`.
 
-        guess = (d, lam, p) in the package's units, from which sets are begun; `weights` (m,) replace those of the
-        system where they are to count as given; `settled` is a step at one instant, without damping.
+        `guess` = (d, lam, p), in the package's units, determines the first sets. `weights` (m,) replace the weights
+        of the system. `settled` means a step at one instant, without damping.
         """
         system, power, norms, limits = self.system, self.power, self.system.norms, self.system.limits
         load = np.asarray(system.load(t), dtype=float)
@@ -233,15 +232,15 @@ class Steps:
         return Step(d, lam, p, a, K, slips, acts)
 
     def scaled(self, before, after, unit):
-        """after - before in the units of a step."""
+        """Return after - before in the units of a step."""
         return fixed(np.ldexp(after, -self.power - unit)) - fixed(np.ldexp(before, -self.power - unit))
 
     def unscaled(self, d, unit):
-        """A scaled fixed-point increment in the package's units."""
+        """Convert a scaled fixed-point increment to the package's units."""
         return np.ldexp(floats(d), self.power + unit)
 
     def _law(self, t, weights, a):
-        """(w, M): weights w + M p, scaled."""
+        """Return (w, M), scaled: the weights are w + M p."""
         norms = self.system.norms
         m, r = self.B.shape[0], self.E.shape[0]
         none = Matrix.of(sp.csr_matrix((m, r)))
@@ -257,7 +256,7 @@ class Steps:
 
 
 def _rows(matrix):
-    """Exponents of the sizes of the rows, and the matrix whose rows are of size one."""
+    """Return the exponents of the row sizes, and the matrix with rows of size one."""
     matrix = sp.csr_matrix(matrix)
     size = abs(matrix).max(axis=1).toarray().ravel() if matrix.shape[0] else np.zeros(0)
     power = np.frexp(size)[1]
@@ -265,7 +264,7 @@ def _rows(matrix):
 
 
 def _unit(load, before, drag, d, power):
-    """The exponent a of a step's size."""
+    """Return the exponent a of a step's size."""
     sizes = [np.ldexp(load, power), np.ldexp(before, -power), drag, np.ldexp(d, -power)]
     top = max(np.abs(x).max(initial=0.0) for x in sizes)
     return int(np.frexp(top)[1])
@@ -285,7 +284,7 @@ class _Conditions:
     law: tuple
 
     def solve(self, start):
-        """(d, lam, p, slips, acts) at which all of them hold."""
+        """Return (d, lam, p, slips, acts) that satisfy all conditions."""
         d, lam, p = start
         slips, acts = self._sets(d, lam, p, shift=ONE // 8)
         seen, single, pairs = set(), False, self._parallel()
@@ -310,7 +309,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _parallel(self):
-        """(norm term, limit, ratio of the rows) that read one and the same unknown, as at corners."""
+        """Return (norm term, limit, ratio of the rows) for each pair that reads one unknown, as at corners."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)
@@ -326,7 +325,7 @@ class _Conditions:
         ]
 
     def _released(self, slips, acts, pairs):
-        """Terms slip that a limit which acts moves: to stick, and to stand at the limit, may contradict each other."""
+        """Mark terms as slipping if an active limit moves them: sticking may contradict the limit."""
         slips = slips.copy()
         for i, j, ratio in pairs:
             slip = (ratio * int(self.e[j]) >> BITS) - int(self.b[i])
@@ -346,7 +345,7 @@ class _Conditions:
         return slips.astype(int), acts.astype(bool)
 
     def _next(self, d, lam, p, slips, acts):
-        """The sets with every violation mended."""
+        """Return the sets with every violation corrected."""
         w, s, z = self._weights(p), self.B @ d - self.b, self.E @ d - self.e
         new, pressed = slips.copy(), acts.copy()
         for i, (x, y, v) in enumerate(zip(lam, s, w, strict=True)):
@@ -363,7 +362,7 @@ class _Conditions:
         return new, pressed
 
     def _on(self, slips, acts):
-        """The solution on given sets, refined."""
+        """Return the refined solution on given sets."""
         matrix, right = self._system(slips, acts)
         dense = matrix.dense()
         solve = _factor(dense)
@@ -400,7 +399,7 @@ class _Conditions:
 
 
 def _picked(matrix, rows):
-    """The matrix with zeros in all other rows."""
+    """Return the matrix with zeros in all other rows."""
     keep = np.isin(matrix.rows, rows)
     return Matrix(matrix.rows[keep], matrix.columns[keep], matrix.entries[keep], matrix.shape)
 
@@ -410,7 +409,7 @@ def _unit_rows(rows, size):
 
 
 def _factor(dense):
-    """Solves with the matrix in doubles; None where it is singular."""
+    """Return a solver of systems with the matrix in doubles, or None if the matrix is singular."""
     size = np.abs(dense).max(axis=1, initial=0.0)
     row = np.ldexp(1.0, -np.frexp(np.where(size > 0, size, 1.0))[1])
     factors, pivots, info = la.lapack.dgetrf(row[:, None] * dense)

@@ -1,4 +1,4 @@
-"""Random scenes in space with friction on one face of a block or on several that meet at edges and corners."""
+"""Random scenes in space with friction on one face of a block, or on several faces that meet at edges and corners."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TIMES = np.linspace(0.0, 1.0, 4)
 
 
 def random_scene(seed):
-    """A scene, a mesh, and the kind of friction: a load that turns, bounds that vanish in places."""
+    """Return a scene with a load that turns and a bound with zeros, a mesh, and the kind of friction."""
     rng = np.random.default_rng(seed)
     family, n = FAMILIES[rng.integers(5)], int(rng.integers(2, 4))
     count = int(rng.integers(1, 4))

@@ -1,4 +1,4 @@
-"""Answers of an earlier commit, kept as data, and the distance of new answers from them.
+"""Stored answers of an earlier commit, and the distance of new answers from the stored ones.
 
 An answer is the final displacement with energies, losses and certificates at all instants, or the class and message of
 an error. Two answers agree if they differ by no more than both certificates allow.
@@ -8,7 +8,7 @@ given the state before it. A step with given friction and two-sided contact is a
 the energy norm: errors add up. One-sided contact couples normal and tangential forces, by Dundurs' beta <= 1/2 of an
 elastic body, and friction that follows pressure or slip returns a part q < 1 of an error to the step. A step then
 enlarges an error by a factor of at most (1 - beta^2)^(-1/2) / (1 - q), about 3 for q = 0.6. With `GROWTH` = 4 in these
-cases, else 1,
+cases, and 1 in all others,
 
     delta_n = sum over m <= n of GROWTH^(n - m) (e_m + e'_m) + ROUNDING * (largest energy norm)
 
@@ -34,9 +34,9 @@ from vemcvx.cli.terminal import limit_log
 GROWTH = 4.0
 """Factor by which a step may pass on the error of the step before, with one-sided contact or a law of friction."""
 ROUNDING = 1e-10
-"""Part of the largest energy norm that rounding in different orders may change, a hundredth of the accuracy asked."""
+"""Allowed effect of rounding, relative to the largest energy norm: a hundredth of the requested accuracy."""
 LOSS = 30.0
-"""Relative errors of losses, sums of products of forces and slips, over relative errors of states."""
+"""Factor from relative errors of states to relative errors of losses, which are sums of forces times slips."""
 ARRAYS = ("displacement", "energy", "dissipated", "error")
 SCALARS = ("refused", "message", "seconds", "kind", "certified")
 
@@ -76,7 +76,7 @@ def answer(run):
         except Exception as error:  # a crash is reported as such
             return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
     seconds, path = time.process_time() - began, history.trajectory
-    # Where nothing has moved, both are zero.
+    # If nothing has moved, both are zero.
     error = np.where(path.unit > 0, path.certified * np.where(path.unit > 0, path.unit, 1.0), 0.0)
     kept = FrozenAnswer("", "", seconds, path.certificate_kind, float(path.certified.max()), history.displacement[-1])
     kept.energy, kept.dissipated, kept.error = path.energy, path.dissipated, error
@@ -85,7 +85,7 @@ def answer(run):
 
 @dataclass
 class Comparison:
-    """The distance of two answers over the one that certificates allow, at most 1 if they agree; faults in words."""
+    """The distance of two answers divided by the allowed distance (at most 1 if they agree), and faults in words."""
 
     ratio: float
     faults: list
@@ -106,7 +106,7 @@ def compare(old, new, history, growth=GROWTH):
     allowed = np.array(allowed)
     rows = old.displacement
     if rows.shape[1] == 3 and history.mesh.interfaces:
-        # Nodes that joining made are numbered otherwise than before: the old ones go to the nearest displacements.
+        # The numbering of nodes made by joining has changed: each old displacement is paired with the nearest new one.
         rows = rows[linear_sum_assignment(cdist(new.displacement, rows))[1]]
     before = vx.measures.Field(history.mesh, rows, history.moduli, stabilisation=history.stabilisation or "shear")
     distance = vx.measures.energy_distance(history, before, kind="nodal").absolute
@@ -127,7 +127,7 @@ def compare(old, new, history, growth=GROWTH):
 
 
 def _worst(off, allowed):
-    """The deviation and what is allowed at the instant where their ratio is largest."""
+    """Return the deviation and the allowed deviation at the instant of their largest ratio."""
     n = int(np.argmax(np.abs(off) / np.maximum(allowed, np.finfo(float).tiny)))
     return abs(float(off[n])), float(allowed[n])
 

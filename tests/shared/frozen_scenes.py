@@ -1,4 +1,4 @@
-"""Random scenes whose answers by an earlier commit are kept as data: what a rewritten core is held against.
+"""Random scenes with stored answers of an earlier commit, to compare a rewritten core with.
 
 ``draw(seed)`` returns a scene on a small mesh with its instants and its start. Every seed has a random generator of its
 own, and uses public names of vemcvx only, so that scenes stay the same while the package changes. Scenes cover the
@@ -29,7 +29,7 @@ import vemcvx as vx
 from vemcvx.effects import Contribution, Friction, Law
 
 TAG = 56
-"""Second part of the seeds, so that no other random family of the tests draws the same numbers."""
+"""Second part of the seeds, different from the seeds of other random families of the tests."""
 COUNT = 2000
 ANSWERS = Path(__file__).with_name("frozen_scenes.npz")
 FAMILIES = ("squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex", "hanging")
@@ -38,7 +38,7 @@ SPACE_FAMILIES = ("cubes", "cubes", "tetrahedra", "prisms", "voronoi3")
 
 @dataclass
 class FrozenScene:
-    """A scene, its mesh, its instants and its start, and the kinds of things that it holds."""
+    """A scene, its mesh, its instants, its initial state, and the kinds of things in it."""
 
     seed: int
     effects: list
@@ -58,12 +58,12 @@ class FrozenScene:
 
     @property
     def is_ambiguous(self):
-        """Whether a step may have several solutions: friction follows pressure, slip or closure."""
+        """True if a step may have several solutions, because friction depends on pressure, slip or closure."""
         return bool(self.kinds & {"Coulomb", "weakening", "while closed"})
 
     @property
     def passes_on(self):
-        """Whether a step may enlarge the error of the step before: see the head of frozen_answers."""
+        """True if a step may enlarge the error of the step before, as explained in frozen_answers."""
         return self.is_ambiguous or bool(self.kinds & {"unilateral", "compliant"})
 
     def run(self, **options):
@@ -94,7 +94,7 @@ class SlipWeakening(vx.Effect):
 
 @dataclass
 class _Draw:
-    """The choices of one scene."""
+    """The random choices that make one scene."""
 
     seed: int
     kinds: set = field(default_factory=set)
@@ -125,14 +125,14 @@ class _Draw:
     # Space
 
     def block(self, box, n):
-        """A mesh of a box."""
+        """Return a mesh of a box."""
         if len(box) == 3:
             family = self.one(*SPACE_FAMILIES)
             return vx.meshes.SPACE_FAMILIES[family]((2, 2, n), box=box, seed=self.seed % 50)
         return vx.meshes.FAMILIES[self.one(*FAMILIES)]((int(self.rng.integers(2, 4)), n), box=box)
 
     def make_mesh(self):
-        """A block, or one block on another, in the plane or in space."""
+        """Return a mesh of one block, or of two blocks on each other, in the plane or in space."""
         self.dim = 3 if self.chance(0.15) else 2
         self.plane = self.one("strain", "strain", "stress")
         self.kinds.add("space" if self.dim == 3 else f"plane {self.plane}")
@@ -153,20 +153,20 @@ class _Draw:
         self.mesh = mesh.with_cell_data("hard", hard.astype(float)).with_cell_data("soft", (~hard).astype(float))
 
     def field(self, size, low=0.0, high=1.0):
-        """An affine function of place between low and high times a size."""
+        """Return an affine function of place with values between low and high times a size."""
         origin, span = self.mesh.points.min(axis=0), np.ptp(self.mesh.points, axis=0)
         c = self.rng.uniform(low, high, 1 + self.dim)
         return lambda x: size * (c[0] + ((x - origin) / span) @ (c[1:] - c[0]) / self.dim)
 
     def vector(self, size):
-        """An affine vector field f(x, t), times a course."""
+        """Return an affine vector field times a course in time, f(x, t)."""
         parts, course = [self.field(size, -1, 1) for _ in range(self.dim)], self.course()
         return lambda x, t: course(t) * np.column_stack([part(x) for part in parts])
 
     # Time
 
     def course(self, low=-1.0):
-        """A factor in time: a ramp, random values from `low` to 1, a reversal, a pause or a drop to zero."""
+        """Return a factor in time: a ramp, random values from `low` to 1, a reversal, a pause or a drop to zero."""
         n, kind = len(self.times), self.one("ramp", "random", "turn", "hold", "drop")
         values = {
             "ramp": np.linspace(0, 1, n),
@@ -204,7 +204,7 @@ class _Draw:
         return [self.material()]
 
     def load(self):
-        """A load of any kind, in proportion to the stiffness."""
+        """Return a load of a random kind, in proportion to the stiffness."""
         kind = self.note(self.one("traction", "traction", "pressure", "body force", "point load", "heat", "prestress"))
         course, f, side = self.course(), self.field(self.stress, -1, 1), self.sides[self.one("left", "right", "top")]
         if kind == "traction":
@@ -223,7 +223,7 @@ class _Draw:
         return vx.Prestress(lambda x, t: course(t) * np.column_stack([part(x) for part in parts]))
 
     def supports(self):
-        """The support of the upper or only body, on one side."""
+        """Return the supports of the upper or only body, on one side."""
         side = self.sides[self.one("right", "right", "top", "left")]
         kind = self.note(self.one("clamp", "clamp", "moved", "moved", "normal", "springs", "symmetry", "skew"))
         course, f, k = self.course(), self.field(self.move, -1, 1), self.young / self.length
@@ -240,7 +240,7 @@ class _Draw:
         return [vx.PrescribedDisplacement(lambda x, t: course(t) * f(x), on=side, direction=way), springs]
 
     def bound(self):
-        """A friction bound: constant, varying in space or in time, zero in places, none or huge."""
+        """Return a friction bound: constant, varying in space or in time, zero in places, zero or huge."""
         size, f, course = self.stress * self.ten(-1.5, 0.3), self.field(1.0), self.course(0.0)
         return self.one(
             size,
@@ -253,12 +253,12 @@ class _Draw:
         )
 
     def by_direction(self):
-        """Options of friction by direction, whose ratio of bounds is constant; `bound` or `coefficient` is constant."""
+        """Return options of friction by direction; the ratio of bounds, and `bound` or `coefficient`, are constant."""
         angle = self.rng.uniform(0, 3)
         return (float(np.cos(angle)), float(np.sin(angle)), 0.1), self.rng.uniform(0.3, 1.5)
 
     def friction(self, side, pressed, law=None):
-        """Friction on a side; `pressed` if contact there is one-sided."""
+        """Return friction on a side; `pressed` is False in bilateral contact."""
         kinds = ("Tresca", "Tresca", "weakening", *(["Coulomb", "Coulomb", "Coulomb"] if pressed else []))
         kind, options = self.note(law or self.one(*kinds)), {}
         if kind == "weakening":
@@ -297,7 +297,7 @@ class _Draw:
         }[kind]
 
     def contact(self, side, free=False):
-        """Contact on a side, mostly with friction; bodies that nothing else holds have it always, and no gap."""
+        """Return contact on a side, mostly with friction; `free` bodies always have friction, and no gap."""
         kind = self.note(self.one("bilateral", "unilateral", "unilateral", "compliant"))
         gap = 0.0 if free else self.gap()
         if kind == "bilateral":
@@ -338,7 +338,7 @@ class _Draw:
 
 
 def turn(mesh, angle):
-    """Return a plane mesh turned by an angle."""
+    """Return a plane mesh, rotated by an angle."""
     rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     sides = {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
     return vx.PolygonMesh(mesh.points @ rotation, mesh.cells).with_boundaries(sides)
@@ -353,7 +353,7 @@ def draw(seed):
 
 @dataclass
 class Judgement:
-    """What became of scenes: seeds that disagree in words, refusals by class, CPU seconds."""
+    """The outcomes of scenes: seeds with different answers, in words, refusals by class, CPU seconds."""
 
     wrong: dict = field(default_factory=dict)
     """seed -> faults, where answers must agree"""
@@ -365,20 +365,20 @@ class Judgement:
     """seed -> class and message"""
     newly_answered: dict = field(default_factory=dict)
     messages: dict = field(default_factory=dict)
-    """seed -> message of the error, of all that are refused"""
+    """seed -> message of the error, for all refused scenes"""
     seconds: float = 0.0
     seconds_before: float = 0.0
     ratios: dict = field(default_factory=dict)
-    """seed -> distance over what certificates allow"""
+    """seed -> distance, relative to the allowed distance"""
 
     @property
     def crashed(self):
-        """Errors that are none of the package's."""
+        """Errors of classes that the package does not define."""
         return {kind: count for kind, count in self.refused.items() if kind.startswith("crash")}
 
     @property
     def failed(self):
-        """Whether an answer is wrong, or one crashed."""
+        """True if an answer is wrong, or a run crashed."""
         return bool(self.wrong or self.crashed)
 
 

@@ -1,9 +1,9 @@
-"""Full slip in space in closed form: manufactured full slip in (x, z), with slip along y beside it.
+"""Full slip in space in closed form: the manufactured full slip in (x, z), and an additional slip along y.
 
     u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), mu = 1,
 
-so that u_z = 0 on z = 0, where d_z (u_x, u_y) = x (u_x, u_y): friction points against the slip, and has the bound g =
-mu x |(u_x, u_y)|. The part along y has no divergence.
+so that u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y) on z = 0: friction is opposite to the slip, with the bound
+g = mu x |(u_x, u_y)|. The component along y has no divergence.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def displacement(x, t, lam):
 
 
 def strain(x, t, lam):
-    """(..., 6): e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz."""
+    """Return the strains (..., 6): e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz."""
     xx, zz, xz = plane.strain(x[:, 0], x[:, 2], t, lam).T
     growth = ASIDE * t / 6 * np.exp(x[:, 0] * x[:, 2])
     return np.column_stack([xx, 0 * xx, zz, growth * (1 + x[:, 0] * x[:, 2]), growth * x[:, 0] ** 2, xz])
@@ -42,7 +42,7 @@ def scene(poisson=0.3, pulled=False):
     lam = plane.lame(poisson)
 
     def on_top(x, t):
-        """sigma n on z = 1."""
+        """Return sigma n on z = 1."""
         in_plane = plane.traction_on_top(x[:, 0], x[:, 2], t, lam)
         return np.column_stack([in_plane[:, 0], plane.MU * strain(x, t, lam)[:, 4], in_plane[:, 1]])
 
@@ -59,7 +59,7 @@ def scene(poisson=0.3, pulled=False):
 
 
 def energy_error(history, lam):
-    """Relative error of Pi u in the energy norm at the last instant, by four points a tetrahedron of every cell."""
+    """Return the relative energy error of Pi u at the last instant, by four quadrature points per tetrahedron."""
     mesh = history.mesh
     rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
     cell = cell_of_corner(mesh.cell_offsets)[cell_of_corner(rows)]

@@ -1,4 +1,4 @@
-"""Files gone wrong, and readers of them in processes of their own, with little time: what ends or hangs one is seen."""
+"""Damaged files, and readers in separate processes with limited time and memory, so that crashes are detected."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ import vemcvx as vx
 
 ROOT = Path(vx.__file__).parent.parent
 MEMORY = 2 * 2**30
-"""Bytes that a process may hold. What it asks for is bounded by four times as many: some readers ask for much more than
-they write to, which costs nothing."""
+"""Bytes that a process may use. It may reserve four times as many: some readers reserve memory and do not use it."""
 SECONDS = 30
-"""Of the processor, for a batch of files; a sound one takes milliseconds. A process that waits has ten times more."""
+"""CPU seconds for a batch of files; a sound file takes milliseconds. The limit by the clock is ten times larger."""
 
 STRANGE = (b"1000000000000", b"-1", b"nan", b"inf", b"1e400", b"99999999999999999999", b"", b"\xff\xfe", b"300000000")
 READER = textwrap.dedent(
@@ -48,7 +47,7 @@ READER = textwrap.dedent(
 
 
 def read_all(paths, kind="mesh"):
-    """Read files in a process of their own; what is said of each, "" where one is read."""
+    """Read files in a separate process; return the error message of each file, "" if it was read."""
     command = [sys.executable, "-c", READER, str(MEMORY), str(SECONDS), kind, *map(str, paths)]
     done = subprocess.run(
         command,
@@ -64,7 +63,7 @@ def read_all(paths, kind="mesh"):
 
 
 def mutated(data, rng):
-    """One of the ways in which files go wrong."""
+    """Return the bytes of a file, damaged in one of several ways."""
     at, kind = int(rng.integers(len(data))), rng.integers(8)
     if kind == 0:
         return data[:at]
@@ -94,7 +93,7 @@ def mutated(data, rng):
 
 
 def mutated_archive(data, rng):
-    """An NPZ whose check sums are sound, and one of its arrays is not."""
+    """Return the bytes of an NPZ file with one damaged array and correct check sums."""
     arrays = dict(np.load(io.BytesIO(data)))
     name = sorted(arrays)[int(rng.integers(len(arrays)))]
     array = arrays[name]

@@ -1,11 +1,12 @@
-"""The frictional hysteresis patch test in space: a block dragged along a curve over a table with Tresca's friction.
+"""The frictional hysteresis patch test in space: a block is dragged along a curve over a table, with Tresca's friction.
 
-Bottom bilateral with the bound g, top moved by U(t) in the plane, u = (a + gamma z, 0) with vectors a and gamma:
+The bottom is in bilateral contact with the friction bound g, and the top moves by U(t) in the plane. Then
+u = (a + gamma z, 0) with vectors a and gamma:
 
     gamma_n = P((U_n - a_{n-1}) / H),   P the projection on the disc of radius g / mu,   a_n = U_n - gamma_n H,
 
-with tractions (0, 0, +-mu gamma_x) on the sides across x and (0, 0, +-mu gamma_y) across y. It is exact for backward
-Euler on every mesh.
+with tractions (0, 0, +-mu gamma_x) on the sides normal to x and (0, 0, +-mu gamma_y) on the sides normal to y.
+Backward Euler is exact on every mesh.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ SIZE = np.array([1.0, 1.2, 0.9])
 BOX = tuple((0.0, float(length)) for length in SIZE)
 AXES = np.eye(3)
 REACH = BOUND * SIZE[2] / MU
-"""r: how far the top may be from the foot before it slides."""
+"""r: largest displacement of the top relative to the foot while the foot sticks."""
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A path of the top at instants 0, 1, ..., and what follows from it."""
+    """A path of the top at the instants 0, 1, ..., and the exact solution."""
 
     top: np.ndarray
     """(N + 1, 2)"""
@@ -35,7 +36,7 @@ class Turn:
 
     @classmethod
     def along(cls, top, foot):
-        """From the place of the foot at the beginning."""
+        """Return the solution for a path of the top and the initial place of the foot."""
         feet = [np.asarray(foot, dtype=float)]
         for place in top[1:]:
             apart = place - feet[-1]
@@ -48,17 +49,17 @@ class Turn:
 
     @property
     def shear(self):
-        """(N + 1, 2) gamma."""
+        """Shear strains gamma (N + 1, 2)."""
         return (self.top - self.foot) / SIZE[2]
 
     def displacement(self, points):
-        """(N + 1, n_nodes, 3)."""
+        """Return the displacements (N + 1, n_nodes, 3)."""
         u = np.zeros((len(self.top), *points.shape))
         u[:, :, :2] = self.foot[:, None] + points[:, 2, None] * self.shear[:, None]
         return u
 
     def scene(self, friction=None, axes=AXES):
-        """The block; `axes` says where the three axes point to if it is turned."""
+        """Return the scene of the block; `axes` are the directions of its three axes if it is rotated."""
 
         def top(x, t):
             return np.tile(axes[:, :2] @ self.top[round(t)], (len(x), 1))
@@ -77,6 +78,6 @@ class Turn:
 
 
 def curve():
-    """Sticks, slides along a curve that turns, sticks where it reverses, and slides on."""
+    """Return a path on which the block sticks, slides along a curve, sticks after a reversal, and slides again."""
     places = [(0, 0), (0.6, 0.4), (2.0, 0.5), (2.5, 2.0), (2.1, 1.7), (-1.0, 2.0), (-1.0, -1.5)]
     return Turn.along(REACH * np.array(places), (0.0, 0.0))

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def same(one, other):
-    """Equality to the bit, type and order of names included, through dataclasses, mappings and sequences."""
+    """Return True if two objects are equal to the bit, with types and order of names, down to their parts."""
     if isinstance(one, np.ndarray):
         equal = isinstance(other, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
         return equal and one.tobytes() == other.tobytes()

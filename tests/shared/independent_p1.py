@@ -1,17 +1,17 @@
-"""Frictional contact on linear triangles, written again from scratch: scikit-fem assembles, cvxpy and Clarabel solve.
+"""Frictional contact on linear triangles, implemented independently with scikit-fem, cvxpy and Clarabel.
 
-Nothing of the package is used. A step of backward Euler is the convex program of all nodal displacements u,
+This module does not use the package. A step of backward Euler is the convex program of all nodal displacements u,
 
     minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w+_i (s_i)_+ + w-_i (s_i)_-
               + sum_j k_j/2 (n_j.u - gap_j)_+^2           s_i = t_i.(u - u_prev)
     subject to  E u = h,   n_j.u <= gap_j,
 
-handed to Clarabel at 1e-13; on the sets it finds, its optimality conditions are solved once more as a dense linear
-system, and all inequalities are checked. Coulomb's friction is a fixed point of such programs, w = mu p, each of which
-begins with the sets of the one before.
+which Clarabel solves to 1e-13. On the sets of its answer the optimality conditions are solved again as a dense linear
+system, and all inequalities are checked. Coulomb's friction is a fixed point of such programs, w = mu p; each program
+begins with the sets of the previous one.
 
-Signs: normals point out of the body, tangents are normals turned by +90 degrees; a nodal force of friction on the body
-is -lam t, the obstacle's is -p n.
+Signs: normals point out of the body, and tangents are normals rotated by +90 degrees. Friction exerts the nodal force
+-lam t on the body, and the obstacle exerts -p n.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ def stressed(v, w):
 
 
 class NotPolished(AssertionError):
-    """This program has no answer, whatever others have."""
+    """Error if the program has no solution."""
 
 
 @dataclass
 class Rows:
-    """Directions at nodes: row i is direction_i . u(node_i), with the length int phi_i of its side.
+    """Directions at nodes: row i is direction_i . u(node_i), with its length int phi_i.
 
-    Between bodies it is direction_i . (u(node_i) - u(partner_i)).
+    Between bodies row i is direction_i . (u(node_i) - u(partner_i)).
     """
 
     nodes: np.ndarray
@@ -79,7 +79,7 @@ class Rows:
 
 @dataclass
 class Body:
-    """Linear elasticity on triangles of a box, and all that acts on it; built up by the methods below."""
+    """A box of linear elastic triangles, with supports, loads, contact and friction that the methods add."""
 
     points: np.ndarray
     triangles: np.ndarray
@@ -99,7 +99,7 @@ class Body:
         self.basis = skfem.Basis(self.mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
         self.scalar = skfem.Basis(self.mesh, skfem.ElementTriP1(), intorder=2)
         self.n = len(self.points)
-        # Entries of skfem's vectors in our order, component after component at each node.
+        # The entries of skfem's vectors in the order of this module: both components of a node are neighbours.
         self.order = self.basis.nodal_dofs.T.ravel()
         self.K, self.C = np.zeros((2 * self.n, 2 * self.n)), np.zeros((2 * self.n, 2 * self.n))
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -124,7 +124,7 @@ class Body:
         return np.unique(self.mesh.facets[:, self.sides[side]])
 
     def rows(self, side, tangents=False):
-        """Normals (or tangents) at the nodes of a side."""
+        """Return normals (or tangents) at the nodes of a side."""
         basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=4)
         lengths = skfem.LinearForm(lambda v, w: v).assemble(basis)
         nodes, n = self.nodes(side), np.array(self.normals[side])
@@ -132,7 +132,7 @@ class Body:
         return Rows(nodes, np.tile(direction, (len(nodes), 1)), lengths[nodes])
 
     def integral(self, side, g):
-        """int g phi_i over a side, (nodes of it,), for a polynomial g(x)."""
+        """Return int g phi_i over a side, for each of its nodes and a polynomial g(x)."""
         basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=8)
         return skfem.LinearForm(lambda v, w: g(np.array(w.x)) * v).assemble(basis)[self.nodes(side)]
 
@@ -149,11 +149,11 @@ class Body:
         return self
 
     def orthotropic(self, E1, E2, nu12, G, angle):
-        """Plane stress; axis 1 at an angle from x."""
+        """Set an orthotropic material in plane stress, with axis 1 at an angle from x."""
         inverse = np.array([[1 / E1, -nu12 / E1, 0], [-nu12 / E1, 1 / E2, 0], [0, 0, 1 / G]])
         c, s = np.cos(angle), np.sin(angle)
         turn = np.array([[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]])
-        # Stresses along the axes are turn @ stresses along x, y; strains (2 e_xy) turn by the inverse transpose.
+        # Stresses along the axes are turn @ stresses along x, y; strains (with 2 e_xy) rotate by the inverse transpose.
         strains = np.linalg.inv(turn).T
         law = np.linalg.inv(turn) @ np.linalg.inv(inverse) @ strains
         self.K = self.K + self._matrix(anisotropic, **{f"c{i}{j}": law[i, j] for i in range(3) for j in range(3)})
@@ -175,7 +175,7 @@ class Body:
         return self
 
     def traction(self, side, force):
-        """force(x, y, t) -> two components."""
+        """Add a traction, force(x, y, t) -> two components."""
         basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=6)
 
         def load(t):
@@ -193,7 +193,7 @@ class Body:
         return self.traction(side, lambda x, y, t: (-value(x, y, t) * n[0], -value(x, y, t) * n[1]))
 
     def body_force(self, force):
-        """Affine in space: its mean over a triangle is its value at the centroid."""
+        """Add a body force that is affine in space: its mean over a triangle is its value at the centroid."""
 
         def load(t):
             x, y = self.centroids.T
@@ -212,7 +212,7 @@ class Body:
         return self
 
     def prestress(self, stress):
-        """stress(x, y, t) -> xx, yy, xy at centroids; it acts as -int sigma : eps(v)."""
+        """Add an initial stress, stress(x, y, t) -> xx, yy, xy at centroids, which acts as -int sigma : eps(v)."""
 
         def load(t):
             x, y = self.centroids.T
@@ -232,7 +232,7 @@ class Body:
         return self
 
     def move(self, side, value):
-        """u = value(x, y, t), both components."""
+        """Add a support with both components prescribed, u = value(x, y, t)."""
         for node in self.nodes(side):
             x, y = self.points[node]
             for a in range(2):
@@ -240,7 +240,7 @@ class Body:
         return self
 
     def guide(self, side, direction, value):
-        """One component of u on a side: direction . u = value(x, y, t)."""
+        """Add a support with one component prescribed, direction . u = value(x, y, t)."""
         for node in self.nodes(side):
             x, y = self.points[node]
             self.held.append((node, np.asarray(direction, float), lambda t, x=x, y=y: value(x, y, t)))
@@ -250,14 +250,14 @@ class Body:
         return self.move(side, lambda x, y, t: (0.0, 0.0))
 
     def bilateral(self, side):
-        """n . u = 0, where nothing else is prescribed."""
+        """Add bilateral contact, n . u = 0, at nodes without another prescribed value."""
         for node in self.nodes(side):
             if not any(other == node for other, _, _ in self.held):
                 self.held.append((node, np.array(self.normals[side]), lambda t: 0.0))
         return self
 
     def wall(self, side, gap=None, stiffness=None):
-        """n . u <= gap(x, y, t), rigid or a spring per area."""
+        """Add an obstacle, n . u <= gap(x, y, t), rigid or with a stiffness per area."""
         rows = self._free(self.rows(side))
         x, y = self.points[rows.nodes].T
         self.capped_weights.append(
@@ -266,7 +266,7 @@ class Body:
         return self
 
     def rub(self, side, bound=None, coefficient=None, integrated=False):
-        """Friction on a side: a bound (x, y, t), or a coefficient (x, y) of the pressure of the wall there."""
+        """Add friction on a side: a bound(x, y, t), or a coefficient(x, y) of the pressure of its obstacle."""
         rows = self._free(self.rows(side, tangents=True))
         x, y = self.points[rows.nodes].T
 
@@ -280,7 +280,7 @@ class Body:
         return self
 
     def _free(self, rows):
-        """The rows that what is prescribed leaves free to move; supports of joints are not foreseen."""
+        """Return the rows that prescribed values leave free; prescribed values at joints are not supported."""
         if rows.partners is not None:
             return rows
         keep = []
@@ -292,7 +292,7 @@ class Body:
 
 
 class Bodies(Body):
-    """Several boxes of triangles, one above the other; their sides are "lower.left", and "lower|upper" between them."""
+    """Boxes of triangles on top of each other, with sides such as "lower.left" and interfaces such as "lower|upper"."""
 
     def __init__(self, points, triangles, body_of_triangle, names):
         super().__init__(points, triangles)
@@ -321,26 +321,26 @@ class Bodies(Body):
 
 @dataclass
 class State:
-    """What is known at an instant."""
+    """The state at one instant."""
 
     u: np.ndarray
     lam: np.ndarray
     p: np.ndarray
     q: np.ndarray
-    """reactions along what is prescribed"""
+    """reactions along prescribed directions"""
     sets: tuple = ()
-    """which way friction rows slip (0: they stick), and which walls press"""
+    """directions of slip of friction rows (0: sticks), and which obstacles press"""
 
 
 @dataclass
 class Result:
-    """The history of a body: instants first; nodal forces (2 n,), all on the body."""
+    """The history of a body; instants are the first axis, and nodal forces (2 n,) act on the body."""
 
     displacement: np.ndarray
     lam: np.ndarray
     pressures: np.ndarray
     forces: np.ndarray
-    """K u + C u' - f: what supports, walls and friction exert"""
+    """K u + C u' - f: forces of supports, obstacles and friction"""
     energy: np.ndarray
     dissipated: np.ndarray
     work: np.ndarray
@@ -364,7 +364,7 @@ class March:
         self.press = self._pressing()
 
     def _pressing(self):
-        """(rubs, walls) mu where a wall presses on the node of a friction row."""
+        """Return the matrix (rubs, walls) with mu where an obstacle presses on the node of a friction row."""
         out = []
         for rows, _, mu in self.body.rubs:
             found = np.zeros((len(rows.nodes), len(self.spring)))
@@ -386,7 +386,7 @@ class March:
         )
 
     def bounds(self, t, p):
-        """Bounds of friction as forces, one a row."""
+        """Return the friction bounds of the rows as forces."""
         parts = [np.zeros(len(rows.nodes)) if weights is None else weights(t) for rows, weights, _ in self.body.rubs]
         return np.concatenate([np.zeros(0), *parts]) + self.press @ p
 
@@ -410,7 +410,7 @@ class March:
             loss.append(loss[-1] + rubbed + du @ (body.C @ du) / k)
             work.append(work[-1] + f @ du - now.q @ moved - pushed)
             states.append(now)
-        # A spring that is pressed by z stores k z^2 / 2 = p^2 / 2k.
+        # A spring compressed by z stores k z^2 / 2 = p^2 / 2k.
         give = np.divide(1.0, self.spring, out=np.zeros_like(self.spring), where=self.soft)
         stored = [0.5 * float(s.u @ (body.K @ s.u) + s.p @ (give * s.p)) for s in states]
         U = np.array([s.u for s in states])
@@ -428,11 +428,11 @@ class March:
         )
 
     def _step(self, before, s, t):
-        """A convex program, or a fixed point of them."""
+        """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._program(before, s, t, self.bounds(t, before.p))
-        # What presses on a floor that holds tight is a beginning: friction of yesterday's pressures may not hold a
-        # body that nothing else holds.
+        # The pressures under very large friction are the first guess: friction from the pressures of the last step may
+        # not hold a body that nothing else holds.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
@@ -444,7 +444,7 @@ class March:
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
     def _program(self, before, s, t, bounds, near=None):
-        """The answer of a convex program; from the sets of a state `near` it, if there is one."""
+        """Solve a convex program, beginning with the sets of a state `near` its solution if it is given."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)
@@ -453,7 +453,7 @@ class March:
         return self._polished(*problem, sets)
 
     def _clarabel(self, H, f, gap, h, bounds, b):
-        """Multipliers and sets of the program as Clarabel has them; variables in a unit of their own."""
+        """Return the sets of the program according to Clarabel, which receives scaled variables."""
         unit = np.abs(np.linalg.lstsq(H, f, rcond=1e-12)[0]).max() + np.abs(h).max(initial=0.0)
         unit = unit if unit > 0 else 1.0
         scale = np.abs(H.diagonal()).max()
@@ -478,7 +478,7 @@ class March:
                 rules.append(rigid)
         for tolerance in (1e-13, 1e-11, 1e-9):
             names = "tol_gap_abs", "tol_gap_rel", "tol_feas"
-            # Clarabel may stop a digit short of 1e-13, or fail on the way there; the polish finds the rest.
+            # Clarabel may stop a digit short of 1e-13, or fail before it; polishing corrects this.
             with warnings.catch_warnings(), contextlib.suppress(cp.SolverError):
                 warnings.simplefilter("ignore")
                 cp.Problem(cp.Minimize(cost), rules).solve(
@@ -492,13 +492,13 @@ class March:
         acts = room > 0
         if rigid is not None:
             acts[~self.soft] = np.asarray(rigid.dual_value) > -room[~self.soft]
-        # A row sticks where its slip is nearer to zero than its multiplier to the bounds.
+        # A row sticks if its slip is nearer to zero than its multiplier to the bound.
         sign = np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int)
 
         return sign, acts
 
     def _polished(self, H, f, gap, h, bounds, b, sets):
-        """The optimality conditions on the sets, as a dense linear system; sets mended where a sign is wrong."""
+        """Solve the optimality conditions on the sets as a dense linear system; correct the sets if a sign is wrong."""
         sign, acts = sets
         n = len(f)
         for _ in range(MOST_SETS):
@@ -532,7 +532,7 @@ class March:
 
 
 def _solved(H, A, f, c):
-    """x with H x + A'm = f, A x = c, refined once."""
+    """Solve H x + A'm = f, A x = c, with one step of refinement."""
     n, k = len(f), len(c)
     M = np.zeros((n + k, n + k))
     size = H.diagonal().max()

@@ -1,4 +1,4 @@
-"""Tests that need packages of extras."""
+"""Marks of tests that need packages of extras."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ import pytest
 
 
 def needs(package):
-    """A mark: skipped where the package is not installed."""
+    """Return a mark that skips a test if the package is not installed."""
     return pytest.mark.skipif(find_spec(package) is None, reason=f"{package} is not installed")

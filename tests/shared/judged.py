@@ -1,4 +1,4 @@
-"""Runs of drawn scenes, held against exact steps: no answer further off than its certificate and floor say."""
+"""Compare runs of random scenes with exact steps: errors are at most certificate plus rounding floor."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""Where nothing but contact holds a body, motions without energy are told from others by stiffness 2^-8 of K's."""
+"""Inverse of the relative stiffness, 2^-8, that the package adds to rigid motions of bodies that only contact holds."""
 CONSISTENT = 1e-11
-"""Weights and the law of their pressures may differ by this part of the largest force: Newton's method stops there."""
+"""Allowed deviation of weights from the friction law, relative to the largest force: Newton's method stops there."""
 UPPER = 1 + 1e-9
-"""What evaluating bound and error in doubles may cost."""
+"""Factor for the rounding of bound and error in doubles."""
 
 
 @dataclass
 class Verdict:
-    """What became of a drawn scene."""
+    """The outcome of a random scene."""
 
     refused: str = ""
-    """the sentence of the error, if it was refused"""
+    """the error message, if the scene was refused"""
     faults: list = field(default_factory=list)
     steps: int = 0
-    """how many were held against exact ones"""
+    """number of steps compared with exact steps"""
     unknown: int = 0
-    """how many have no exact answer that was found"""
+    """number of steps without an exact solution"""
     ratio: float = 0.0
-    """largest error over certificate + floor"""
+    """largest ratio of error to certificate + floor"""
 
 
 def run(drawn):
-    """The history of a drawn scene, started as it says."""
+    """Simulate a random scene from its initial state."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
     scene, mesh, times = drawn.scene, drawn.mesh, drawn.times
     half = (len(times) + 1) // 2
@@ -62,7 +62,7 @@ def _resumed(scene, mesh, times, half, options):
 
 
 def judged(drawn):
-    """Run a drawn scene and hold it against exact steps."""
+    """Run a random scene and compare it with exact steps."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", vx.SceneWarning)
@@ -74,7 +74,7 @@ def judged(drawn):
 
 
 def judge(drawn, history):
-    """Hold a history of a drawn scene against exact steps."""
+    """Compare a history of a random scene with exact steps."""
     verdict = Verdict()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
@@ -90,7 +90,7 @@ def judge(drawn, history):
 
 
 def _numbers(history, verdict):
-    """Nothing that is no number."""
+    """Check that all numbers are finite."""
     t, c = history.trajectory, history.contact
     for name in ("state", "multipliers", "pressures", "weights", "energy", "dissipated", "work", "gap", "floor"):
         if not np.isfinite(getattr(t, name)).all():
@@ -104,12 +104,12 @@ def _steps(drawn, system, t, verdict):
     exact = Steps(system)
     scale = t.unit
     raw = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor)
-    # Where the data could move nothing either, the relative certificate is 0 or infinite.
+    # If the data move nothing, the relative certificate is 0 or infinite.
     bound = np.where(scale > 0, (t.certificate + t.certificate_floor) * np.where(scale > 0, scale, 1.0), raw)
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # Beyond the terms of the program come those of nodes that supports drag along.
+        # The multipliers after those of the program belong to nodes that supports drag along.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -130,7 +130,7 @@ def _steps(drawn, system, t, verdict):
 
 
 def _total(drawn, system, t, verdict):
-    """Errors of all steps add up to no more than `certificate_total`, where steps do not expand."""
+    """Check that the errors of nonexpansive steps add up to at most `certificate_total`."""
     given = system.norms is None or system.norms.law is None
     if system.limits is not None or system.damping is not None or drawn.start == "equilibrium" or not given:
         return
@@ -142,7 +142,7 @@ def _total(drawn, system, t, verdict):
         now = _exact_state(exact, now, t, n)
         if now is None:
             return
-        # Exact states are rounded once a step.
+        # Exact states are rounded once per step.
         blur += EPS * np.sqrt(np.abs(now) @ (abs(system.K) @ np.abs(now)))
         off = t.state[n] - now
         error = np.sqrt(max(float(off @ (system.K @ off)), 0.0))
@@ -153,7 +153,7 @@ def _total(drawn, system, t, verdict):
 
 
 def _exact_state(exact, before, t, n):
-    """The state (n,) after step n from the state `before`; None where it was not found."""
+    """Return the exact state (n,) after step n from the state `before`, or None if it was not found."""
     guess = t.state[n] - before, t.multipliers[n].ravel()[: exact.system.B.shape[0]], t.pressures[n]
     try:
         step = exact.step(before, float(t.times[n - 1]), float(t.times[n]), guess, settled=n == 0)
@@ -163,7 +163,7 @@ def _exact_state(exact, before, t, n):
 
 
 def _same(drawn, history, verdict):
-    """Up to where it was interrupted, a resumed run is the uninterrupted one; what follows is judged by itself."""
+    """Check that a resumed run equals the uninterrupted run up to the interruption."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
     whole, half = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options), (len(drawn.times) + 1) // 2
     for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "certificate_floor"):
@@ -172,12 +172,12 @@ def _same(drawn, history, verdict):
 
 
 def _asked(drawn):
-    """The accuracy asked for; 1e-8 is the default of those chosen by size."""
+    """Return the requested accuracy; 1e-8 is the default of automatically chosen solvers."""
     return 1e-8 if drawn.solver is None else drawn.solver.accuracy
 
 
 def _inexact(drawn, system):
-    """Relative error of energies and work that solves with K cost: cond(K) times a unit, no more than was asked."""
+    """Return the relative error of energies and work from solves with K: cond(K) times a unit, at most the accuracy."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
@@ -185,10 +185,10 @@ def _inexact(drawn, system):
 
 
 def _unsolved(drawn, system):
-    """t -> the error in the energy norm that an iterative solver leaves of what load and supports bring about by t.
+    """Return a function of t: the energy error of an iterative solver in the response to loads and supports at t.
 
-    Its residual of r |b| makes an error of r cond(K)^(1/2) |x|_K, K x = b; x may be far larger than the states, which
-    contact holds.
+    A residual of r |b| makes an error of r cond(K)^(1/2) |x|_K, with K x = b; x may be far larger than the states,
+    which contact limits.
     """
     if not isinstance(drawn.linear, vx.Iterative) or system.kernel is not None:
         return lambda t: 0.0
@@ -203,10 +203,10 @@ def _unsolved(drawn, system):
 
 
 def _given_its_weights(exact, t, n, before, guess):
-    """The distance to the exact answer for the weights of the answer, where those are what its own pressures ask for.
+    """Return the distance to the exact solution for the weights of the answer, if these obey the law of its pressures.
 
-    Coefficients that are not small may leave a step several solutions: one that solves the step with its own weights
-    is one of them, another than that which was found from its sets, perhaps.
+    With large coefficients a step may have several solutions. An answer that solves the step with its own weights is
+    one of these, perhaps a different one from the solution found from its sets.
     """
     norms, now = exact.system.norms, float(t.times[n])
     w, asked = t.weights[n][: norms.count], norms.weights_under(now, t.pressures[n])
@@ -220,9 +220,9 @@ def _given_its_weights(exact, t, n, before, guess):
 
 
 def _ledger(posed, t, inexact, unsolved, verdict):
-    """work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 step by step, up to what does not balance.
+    """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    A residual r and a friction gap leave r . d + gap, |r . d| <= error |d|_K; each product of the sums is rounded.
+    A residual r and a friction gap leave r . d + gap, with |r . d| <= error |d|_K; each product in the sums is rounded.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
@@ -234,7 +234,7 @@ def _ledger(posed, t, inexact, unsolved, verdict):
         half = 0.5 * float(du @ (A @ du))
         press = float(p[n] @ (z[n] - z[n - 1])) - 0.5 * float(soft @ (p[n] ** 2 - p[n - 1] ** 2))
         done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])
-        # Losses are >= 0: a slip of rounding against its force, lam . s < 0, counts as none.
+        # Losses are >= 0: a slip against its force by rounding, lam . s < 0, counts as zero.
         slip = (
             system.B @ d + system.slip_of_supports(float(t.times[n])) - system.slip_of_supports(float(t.times[n - 1]))
         )
@@ -244,10 +244,10 @@ def _ledger(posed, t, inexact, unsolved, verdict):
         K = system.K if system.damping is None else system.K + system.damping.C / (t.times[n] - t.times[n - 1])
         error = np.sqrt(2 * t.gap[n]) + np.sqrt(2 * t.floor[n])
         left = error * np.sqrt(max(float(d @ (K @ d)), 0.0)) + t.gap[n] + t.floor[n]
-        # What rounding leaves in a state, it leaves in its energy and in the work done on it.
+        # Rounding errors of a state are also in its energy and its work.
         size_of_states = t.norm[n] + t.norm[n - 1]
         left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
-        # Energy and work of a step are sums over products with four solves, for two instants.
+        # Energy and work of a step are sums of products with four solves, at two instants.
         left += 2 * (unsolved(float(t.times[n])) + unsolved(float(t.times[n - 1]))) * size_of_states
         force = size @ np.maximum(np.abs(u[n]), np.abs(u[n - 1])) + np.abs(posed.force(float(t.times[n])))
         blur = float(force @ (np.abs(du) + np.abs(u[n]) + np.abs(u[n - 1]))) + totals[: n + 1].max()
@@ -267,7 +267,7 @@ def _excess(posed, u, t):
 
 
 def _balance(posed, history, verdict):
-    """All nodal forces and the loads balance, springs to the ground included, in force and in moment."""
+    """Check that all nodal forces, loads and springs to the ground balance, in force and in moment."""
     points = history.mesh.points
     middle = points.mean(axis=0)
     x, y = (points - middle).T / np.ptp(points, axis=0).max()
@@ -277,7 +277,7 @@ def _balance(posed, history, verdict):
         u, f = history.displacement[n].ravel(), posed.force(float(times[n]))
         sprung = np.zeros_like(f) if posed.springs is None else posed.springs @ u
         total = history.forces[n].ravel() + f - sprung
-        # Dashpots push, too: what they cancel in is not smaller than the forces themselves.
+        # Forces of dashpots count, too, for the size of the terms that cancel.
         blur = abs(posed.A) @ np.abs(u) + np.abs(f) + np.abs(history.forces[n].ravel())
         if posed.system.damping is not None:
             before = np.abs(history.displacement[n - 1].ravel())

@@ -1,4 +1,4 @@
-"""Friction of one's own: an effect with any law of slip."""
+"""A user-defined friction effect with any law of slip."""
 
 from __future__ import annotations
 

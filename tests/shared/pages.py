@@ -1,17 +1,17 @@
-"""What every picture must keep to."""
+"""Checks that every picture must pass."""
 
 from __future__ import annotations
 
 from itertools import combinations
 
 SMALLEST = 8.0
-"""Points: what is smaller cannot be read in print."""
+"""Smallest font size in points: smaller letters cannot be read in print."""
 TOUCHING = 1.0
-"""Pixels by which boxes of words may overlap: they have room for letters that reach higher or lower than these do."""
+"""Pixels by which the boxes of two texts may overlap: boxes are higher than most letters."""
 
 
 def assert_drawn_within_the_page(figure):
-    """Nothing is cut off at the edge of the page, too small to read or over other words; no number is 6 x 10^0."""
+    """Check that texts are inside the page, large enough and apart; and that no tick label has the form 6 x 10^0."""
     figure.draw_without_rendering()
     words = texts_of(figure)
     assert words
@@ -27,7 +27,7 @@ def assert_drawn_within_the_page(figure):
 
 
 def assert_words_do_not_collide(figure):
-    """Of a figure that was drawn."""
+    """Check that no two texts of a drawn figure overlap."""
     boxes = [(text, text.get_window_extent()) for text in words_drawn(figure)]
     for (one, a), (two, b) in combinations(boxes, 2):
         apart = max(a.x0, b.x0) + TOUCHING > min(a.x1, b.x1) or max(a.y0, b.y0) + TOUCHING > min(a.y1, b.y1)
@@ -35,7 +35,7 @@ def assert_words_do_not_collide(figure):
 
 
 def words_drawn(figure):
-    """All texts of a figure, without labels of ticks beyond the ends of their axes, which are not drawn."""
+    """Return the visible texts of a figure; labels of ticks beyond the ends of an axis are not drawn."""
     axes = [ax for panel in figure.axes for ax in (panel, *panel.child_axes)]
     beyond, hidden = set(), set()
     for ax in axes:

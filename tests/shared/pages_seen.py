@@ -1,4 +1,4 @@
-"""Pages of the web as a browser shows them: a headless Chromium, its window, and words that are too faint to read."""
+"""Web pages in a headless Chromium: its window, and a search for text with too little contrast."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ for (let node; (node = walker.nextNode());) {
 }
 return Object.entries(faint).slice(0, 20);
 """
-"""What is shown with a contrast below that of WCAG 2.1, level AA (1.4.3): 4.5, or 3 for large letters."""
+"""Script that returns texts with a contrast below WCAG 2.1, level AA (1.4.3): 4.5, or 3 for large letters."""
 
 
 @contextmanager
 def browser_of(folder):
-    """A headless Chromium that logs its requests; skipped where there is none."""
+    """Start a headless Chromium that logs its requests; skip the test if it is not installed."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="the browser is driven by selenium")
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
@@ -63,7 +63,7 @@ def browser_of(folder):
 
 
 def metrics(browser, width, theme):
-    """Give the window a width in pixels, and the reader's preference, "light" or "dark"."""
+    """Set the width of the window in pixels, and the theme, "light" or "dark"."""
     size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": width < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     prefers = [{"name": "prefers-color-scheme", "value": theme}]

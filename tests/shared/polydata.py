@@ -1,4 +1,4 @@
-"""A file of polyhedra as ParaView and PyVista write them since VTK 9.4."""
+"""A file with polyhedra in the format of ParaView and PyVista since VTK 9.4."""
 
 POLYHEDRA = """<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="2.3" byte_order="LittleEndian" header_type="UInt32">

@@ -1,8 +1,8 @@
-"""The declared random family of scenes on which targets of accuracy are tried: blocks, pulled, pressed and let go.
+"""Random scenes on which accuracy targets are tested: blocks that are pulled, pressed and released.
 
-Young's modulus over six decades, Poisson's ratio up to .4 (linear triangles lock beyond), loads and friction in
-proportion to stiffness, a load that turns back at some instant in six cases of ten; in one of three contact is
-one-sided and friction Coulomb's.
+Young's modulus varies over six decades, Poisson's ratio up to .4 (linear triangles lock beyond). Loads and friction are
+proportional to the stiffness. In six cases of ten the load reverses; in one of three contact is unilateral and friction
+Coulomb's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import vemcvx as vx
 
 
 def random_scene(seed):
-    """A scene, and the instant at which its load turns (1 if it does not)."""
+    """Return a scene and the instant at which its load reverses (1 if it does not)."""
     rng = np.random.default_rng(seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)
     push, lift, bound, press = young * rng.uniform([0.01, -0.01, 0.002, 0.005], [0.06, 0.01, 0.04, 0.03])
@@ -35,21 +35,21 @@ def random_scene(seed):
 
 
 def coarse_mesh(seed, n=6):
-    """Of a family that goes with the seed."""
+    """Return a coarse mesh of a family that depends on the seed."""
     return vx.meshes.FAMILIES[drawn(SEEDED[seed % len(SEEDED)], seed)](n)
 
 
 KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")
-"""Of the declared family: scene number k is of the kind KINDS[k % 8]; forty of them are five of each."""
+"""Kinds of declared scenes: scene number k is of the kind KINDS[k % 8]."""
 
 
 def declared_scene(seed):
-    """A scene of the declared family, and what its history begins from.
+    """Return a declared scene and its initial state.
 
-    Blocks of random stiffness and Poisson's ratio, with one thing each that steps, nodes or quadrature points miss:
-    heat that varies in space and time, a bump of the obstacle, a patch of the bound, a bound that dips for a moment
-    under a load that stays, Coulomb's law under a load that turns, a body that only friction holds, a load that turns
-    between two steps, one that is smooth.
+    Scenes are blocks of random stiffness and Poisson's ratio. Each has one feature that steps, nodes or quadrature
+    points may miss: heat that varies in space and time, a bump of the obstacle, a patch of the bound, a bound that
+    drops for a moment under a constant load, Coulomb's law under a load that reverses, a body that only friction holds,
+    a load that reverses between two steps, or a smooth load.
     """
     rng = np.random.default_rng(1000 + seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)

@@ -1,4 +1,4 @@
-"""A reader of the Conic Benchmark Format, from its specification: min c'x, A x + b in cones, all variables free."""
+"""A reader of the Conic Benchmark Format, by its specification: min c'x, A x + b in cones, all variables free."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 
 def read_cbf(text):
-    """c, A, b and the cones, (kind, size) in the order of the rows."""
+    """Read c, A, b and the cones, (kind, size) in the order of the rows."""
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("#")]
     at = {line: k for k, line in enumerate(lines) if line[0].isalpha()}
     assert lines[at["VER"] + 1] == "1"
@@ -32,7 +32,7 @@ def read_cbf(text):
 
 
 def to_second_order(cost, A, b, cones):
-    """Rotated cones 2 x_0 x_1 >= |x|^2 as second-order ones: (x_0 + x_1, x_0 - x_1, 2^{1/2} x)."""
+    """Convert rotated cones, 2 x_0 x_1 >= |x|^2, to second-order cones of (x_0 + x_1, x_0 - x_1, 2^{1/2} x)."""
     turns = []
     for kind, size in cones:
         turn = sp.eye_array(size)

@@ -1,4 +1,4 @@
-"""Cubes of two sizes in space: where a large one meets four small ones, it has four coplanar faces."""
+"""Cubes of two sizes in space: where a large cube meets four small cubes, it has four coplanar faces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import vemcvx as vx
 
 
 def refined_cubes(n, cut=(0,), scale=1.0):
-    """n x n x n cubes of width 2 * scale, those with the numbers `cut` made of eight of half the width."""
+    """Return a mesh of n x n x n cubes of width 2 * scale; cubes with the numbers `cut` are split into eight."""
     boxes = []
     for number, corner in enumerate(product(range(0, 2 * n, 2), repeat=3)):
         parts = product(range(2), repeat=3) if number in cut else [(0, 0, 0)]
@@ -26,7 +26,7 @@ def refined_cubes(n, cut=(0,), scale=1.0):
 
 
 def squares(low, width, small):
-    """Corner, width and the two axes (normal by the right-hand rule) of the square faces of a cube, outwards."""
+    """Yield corner, width and two axes (outward normal by the right-hand rule) of each square face of a cube."""
     for axis, up in product(range(3), (False, True)):
         one, other = (axis + 1) % 3, (axis + 2) % 3
         at = np.array(low)
@@ -45,7 +45,7 @@ def squares(low, width, small):
 
 
 def outline(square, number):
-    """Nodes around a square, those in the middles of its edges included where there are any."""
+    """Return the nodes around a square, with nodes in the middles of its edges if there are any."""
     corner, width, (one, other) = square
     steps = [(one, 1), (other, 1), (one, -1), (other, -1)]
     at, around = corner.copy(), []

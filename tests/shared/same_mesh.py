@@ -1,4 +1,4 @@
-"""Meshes that are one: arrays, names, data and interfaces to the bit."""
+"""Comparison of meshes to the bit: arrays, names, data and interfaces."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def assert_same(one, other, *, arrays=None, parts=("boundaries", "cell_data")):
-    """Whether two meshes of one kind are the same; by default in all they have."""
+    """Check that two meshes of one kind are equal, by default in all arrays and names."""
     assert type(one) is type(other)
     for name in one.ARRAYS if arrays is None else arrays:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))

@@ -1,4 +1,4 @@
-"""Scenes and meshes that many tests share, and which cases of a test run by default."""
+"""Scenes and meshes for many tests, and marks that decide which cases of a test run by default."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import vemcvx as vx
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
 SEEDED = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex", "hanging")
-"""Families that scenes were first drawn from at random; tests name seeds of theirs."""
+"""Families from which random scenes were first drawn; tests depend on these seeds."""
 OF_TRIANGLES = ("triangles",)
-"""Families of linear triangles, which lock where a body hardly changes its volume and need no stabilisation."""
+"""Families of linear triangles, which lock near incompressibility and need no stabilisation."""
 
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
-    """Parametrize a test: the first case, or those `kept` by place or id, run by default; the others are `long`."""
+    """Return a parametrisation: the first case, or cases `kept` by place or id, run by default; others are `long`."""
     cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
         is_case = isinstance(value, type(pytest.param()))
@@ -44,13 +44,13 @@ MARKS = {"voronoi": (), "hanging": pytest.mark.long}
 few_families = pytest.mark.parametrize(
     "family", [pytest.param(name, marks=MARKS.get(name, pytest.mark.slow)) for name in FAMILIES]
 )
-"""For claims that know cells through the stiffness matrix alone, which is tested on every family, and take a while."""
+"""For longer tests that depend on cells through the stiffness matrix only, which is tested on every family."""
 any_family = mostly_long("family", FAMILIES, "voronoi")
-"""For claims that each family is to satisfy, and take a while."""
+"""For longer tests that every family must pass."""
 
 
 def paper_load(course):
-    """The traction of the paper's Section 4 with course(t) in place of t."""
+    """Return the traction of the paper's Section 4 with course(t) in place of t."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
@@ -59,7 +59,7 @@ def paper_load(course):
 
 
 def paper_scene(course=lambda t: t, bound=4.0, quadrature="nodes"):
-    """The paper's Section 4."""
+    """Return the scene of the paper's Section 4."""
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),
         vx.Clamp(on="right"),
@@ -70,28 +70,28 @@ def paper_scene(course=lambda t: t, bound=4.0, quadrature="nodes"):
 
 
 def monotone(t):
-    """A load that only grows."""
+    """Return the factor of a load that only grows."""
     return t
 
 
 def cyclic(t):
-    """A load that grows, reverses and grows again."""
+    """Return the factor of a load that grows, reverses and grows again."""
     return np.sin(2 * np.pi * t)
 
 
 def drawn(family, seed):
-    """The family drawn of `SEEDED`; with one seed in eight one of those that were added since, if there are any."""
+    """Return the family drawn from `SEEDED`, or for one seed in eight a family added later, if there is one."""
     added = [name for name in FAMILIES if name not in SEEDED]
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 
 
 def rotation(angle):
-    """The matrix that turns the plane anticlockwise."""
+    """Return the matrix that rotates the plane anticlockwise."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def moved(mesh, matrix, shift=0.0):
-    """The mesh with its points multiplied by a matrix, and all names."""
+    """Return the mesh, and all its names, with points multiplied by a matrix and shifted."""
     named = {name: part for name, part in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
     kept = {"boundaries": named, "cell_data": mesh.cell_data, "interfaces": dict(mesh.interfaces)}
     return type(mesh)(mesh.points @ np.asarray(matrix).T + shift, mesh.cells, **kept)
@@ -99,5 +99,5 @@ def moved(mesh, matrix, shift=0.0):
 
 @cache
 def small(family, n=6, **options):
-    """A mesh of the unit square with about n cells a side; it is read-only, and made once."""
+    """Return a read-only mesh of the unit square with about n cells per side, made once."""
     return vx.meshes.FAMILIES[family](n, **options)

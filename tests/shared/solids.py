@@ -15,7 +15,7 @@ SIDES = ("left", "right"), ("front", "back"), ("bottom", "top")
 
 @cache
 def solid(name, n, box):
-    """Such a mesh, about n cells along a side; it is read-only, and made once."""
+    """Return a read-only mesh of a box with about n cells per side, made once."""
     if name == "nonconvex prisms":
         return vx.meshes.nonconvex(n, box[:2]).extruded(np.linspace(*box[2], n + 1))
     if name != "hanging faces":

@@ -1,14 +1,14 @@
-"""Runs that are ended on the way."""
+"""Stop a run after a given step."""
 
 from __future__ import annotations
 
 
 class Stopped(Exception):
-    """What ends a run in the tests."""
+    """Error that stops a run in the tests."""
 
 
 def stop_at(step):
-    """For `progress=`: the run ends after this step."""
+    """Return a function for `progress=` that stops the run after this step."""
 
     def progress(n, steps):
         if n == step:

@@ -21,12 +21,12 @@ HUGE = 1e6
 
 
 def exponents(low, high):
-    """Powers of ten between 10^low and 10^high."""
+    """Draw powers of ten between 10^low and 10^high."""
     return st.floats(low, high).map(lambda x: float(10.0**x))
 
 
 def for_all(**strategies):
-    """Note down what the arguments of a claim are drawn from."""
+    """Record the strategies from which the arguments of a test are drawn."""
 
     def note(claim):
         claim.strategies = strategies
@@ -37,16 +37,16 @@ def for_all(**strategies):
 
 @st.composite
 def meshes(draw):
-    """The unit square in a few cells: mostly Voronoi, sometimes another family."""
+    """Draw meshes of the unit square with a few cells: mostly Voronoi cells, sometimes another family."""
     family = draw(st.sampled_from(("voronoi",) * 4 + FAMILIES))
     return vx.meshes.FAMILIES[family](draw(st.integers(2, 5 if family == "voronoi" else 3)), seed=draw(SEEDS))
 
 
 @st.composite
 def materials(draw, mesh):
-    """Elasticity with moduli of any size and, sometimes, a contrast between the cells."""
+    """Draw elastic materials with moduli of any size and, sometimes, a contrast between the cells."""
     young, poisson = draw(exponents(-3, 6)), draw(st.floats(-0.9, 0.4999))
-    # Linear triangles cannot be nearly incompressible, and say so.
+    # Linear triangles lock near incompressibility, and the package warns of it.
     poisson = min(poisson, 0.45) if (np.diff(mesh.offsets) == 3).any() else poisson
     contrast = draw(st.sampled_from((0.0, 0.0, 1.0, 3.0)))
     spread = 10.0 ** (contrast * np.random.default_rng(draw(SEEDS)).uniform(-1, 1, mesh.n_cells))
@@ -55,8 +55,8 @@ def materials(draw, mesh):
 
 
 def courses(steps):
-    """A course in time, (steps + 1,) from 0: steady, held, reversing, as it comes."""
-    # Energies of 1e-125 and less are no numbers, and refused.
+    """Draw courses in time (steps + 1,) from 0: steady, held, reversing or random."""
+    # Energies of 1e-125 and less are refused.
     free = st.lists(st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-60 else 0.0), min_size=steps, max_size=steps)
     few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)
     return st.one_of(st.just(list(np.linspace(0, 1, steps + 1)[1:])), few, free).map(lambda c: np.array([0.0, *c]))
@@ -64,13 +64,13 @@ def courses(steps):
 
 @st.composite
 def instants(draw, most=4):
-    """Increasing times from 0, of steps as different as 1e-3 and 1."""
+    """Draw increasing times from 0, with steps between 1e-3 and 1."""
     return np.append(0.0, np.cumsum(draw(st.lists(exponents(-3, 0), min_size=1, max_size=most))))
 
 
 @st.composite
 def bounds(draw, scale):
-    """A friction bound g(x, t): constant, varying, zero in places, jumping in space or in time, zero, or huge."""
+    """Draw friction bounds g(x, t): constant, varying, zero in places, jumping in space or in time, zero, or huge."""
     kind = draw(st.sampled_from(("constant", "varies", "zero in places", "jumps", "jumps in time", "zero", "huge")))
     size = scale * draw(exponents(-2, 0.5))
     shapes = {
@@ -87,7 +87,7 @@ def bounds(draw, scale):
 
 
 def affine(matrix, vector, times, course):
-    """f(x, t) = (vector + matrix x) course(t), at the instants given."""
+    """Return f(x, t) = (vector + matrix x) course(t), at the given instants."""
 
     def value(x, t):
         return (vector + x @ matrix.T) * course[np.searchsorted(times, t)]
@@ -97,21 +97,21 @@ def affine(matrix, vector, times, course):
 
 @dataclass(frozen=True)
 class Setting:
-    """A scene in its parts, a mesh and the times of a history."""
+    """The parts of a scene, a mesh and the times of a history."""
 
     mesh: vx.PolygonMesh
     material: vx.Elasticity
     loads: tuple
-    """(matrix, vector, course, side), side None for a body force"""
+    """(matrix, vector, course, side); side is None for a body force"""
     bound: object
     quadrature: str
     times: np.ndarray
     motion: tuple | None = None
-    """(matrix, vector, course) of the right side; clamped without"""
+    """(matrix, vector, course) of the right side, or None if it is clamped"""
 
     @property
     def contact(self):
-        """Where there is contact."""
+        """Name of the side in contact."""
         return "bottom"
 
     @property
@@ -131,7 +131,7 @@ class Setting:
 
 @st.composite
 def settings_of_scenes(draw, moving=False, most_steps=4):
-    """Settings: affine tractions on two sides, sometimes a body force, random courses, bounds of every kind."""
+    """Draw settings: affine tractions on two sides, sometimes a body force, random courses, bounds of every kind."""
     mesh, times = draw(meshes()), draw(instants(most_steps))
     steps, rng = len(times) - 1, np.random.default_rng(draw(SEEDS))
     size = draw(exponents(-3, 3))
@@ -149,9 +149,9 @@ def settings_of_scenes(draw, moving=False, most_steps=4):
 
 @dataclass(frozen=True)
 class Case:
-    """A quasistatic problem in arrays: K, the norm terms, and load and weights instant by instant.
+    """A quasistatic problem as arrays: K, the norm terms, and loads and weights at each instant.
 
-    Loads and weights are of single precision, so that products with a number of few digits are exact.
+    Loads and weights are in single precision, so that products with numbers of few digits are exact.
     """
 
     K: np.ndarray
@@ -168,14 +168,14 @@ class Case:
             object.__setattr__(self, name, getattr(self, name).astype(np.float32).astype(float))
 
     def times_forces(self, c):
-        """The same case with all forces c-fold."""
+        """Return the case with all forces multiplied by c."""
         scaled = replace(self)
         object.__setattr__(scaled, "loads", c * self.loads)
         object.__setattr__(scaled, "weights", c * self.weights)
         return scaled
 
     def march(self, solver, check=True):
-        """Its trajectory from zero, where the load is zero."""
+        """Return the trajectory from zero, where the load is zero."""
 
         def row(t):
             return int(np.searchsorted(self.times, t))
@@ -187,7 +187,7 @@ class Case:
 
 @st.composite
 def abstract_cases(draw, blocks=(1, 2)):
-    """Random K of condition up to 1e6, B of full row rank (random, or reading one unknown a row), loads and weights."""
+    """Draw cases with K of condition up to 1e6 and B of full row rank, random or with one unknown per row."""
     block, rng = draw(st.sampled_from(blocks)), np.random.default_rng(draw(SEEDS))
     m = draw(st.integers(1, 4))
     n = draw(st.integers(m * block, 10))
@@ -209,7 +209,7 @@ def abstract_cases(draw, blocks=(1, 2)):
 
 @st.composite
 def scene_cases(draw):
-    """A random scene as arrays."""
+    """Draw random scenes as arrays."""
     setting = draw(settings_of_scenes())
     system, times = pose_scene(setting.scene, setting.mesh).system, setting.times
     loads, weights = (np.array([f(t) for t in times]) for f in (system.force, system.norms.weights))
@@ -217,5 +217,5 @@ def scene_cases(draw):
 
 
 def cases(blocks=(1, 2)):
-    """Random problems, from scenes and without any."""
+    """Draw random problems, from scenes and from matrices."""
     return st.one_of(abstract_cases(blocks), scene_cases())

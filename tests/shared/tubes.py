@@ -1,4 +1,4 @@
-"""Rings in space, of polygons in place of circles."""
+"""Tubes in space whose circles are polygons."""
 
 import numpy as np
 
@@ -6,6 +6,6 @@ import vemcvx as vx
 
 
 def ring(radii, sectors, levels, angle=0.0):
-    """Hexahedra over the sectors of a ring."""
+    """Return a tube of hexahedra over the sectors of a ring."""
     flat = vx.meshes.ring(radii, sectors, angles=(angle, angle + 2 * np.pi))
     return flat.extruded(np.linspace(0, 1, levels + 1))

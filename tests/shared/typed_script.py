@@ -1,4 +1,4 @@
-"""A script as a user writes it, with types: tests/whole/test_types.py has mypy and pyright check it, strictly."""
+"""A user's script with types, which tests/whole/test_types.py checks by mypy and pyright in strict mode."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def bottom(x: Floats) -> NDArray[np.bool_]:
 
 
 def abstract() -> vx.Trajectory:
-    """Matrices, dense and sparse, loads as lists, numbers as integers."""
+    """Pose problems with dense and sparse matrices, loads as lists, and integers."""
     K = np.array([[2.0, -1.0], [-1.0, 1.0]])
     rows = sp.csr_matrix(np.eye(2))
     vx.System(sp.csc_array(K), lambda t: np.array([t, 0.0]))
@@ -75,7 +75,7 @@ def contact() -> vx.Scene:
 
 @dataclass(frozen=True)
 class Weight(vx.Effect):
-    """An effect of the user's own, of the library's."""
+    """A user-defined effect, made of an effect of the package."""
 
     density: float
 
@@ -87,7 +87,7 @@ class Weight(vx.Effect):
 
 
 class Mine:
-    """A solver of the user's own, which inherits from nothing."""
+    """A user-defined solver without a base class."""
 
     def solve(self, program: vx.StepProgram, target: float) -> tuple[Floats, Floats, Floats]:
         d = program.operators.factor.solve(program.g)
@@ -116,7 +116,7 @@ def meshes(folder: Path) -> list[vx.PolygonMesh]:
 
 
 def measured(history: vx.History, folder: Path) -> float:
-    """What a run says: attributes, probes, stresses, files."""
+    """Read the results of a run: attributes, probes, stresses, files."""
     energy: Floats = history.energy
     stuck: NDArray[np.bool_] = history.contact.sticking[-1]
     stress: Floats = history.stress(-1)

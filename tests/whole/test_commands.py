@@ -114,7 +114,6 @@ HOW = {
         f"vemcvx compare {PAPER} --n 8 --steps 4 --solvers newton,clarabel,mine.py:Mine"
     ),
     "python problems/gallery.py": As(env="all"),
-    "python problems/gallery.py --page": As(env="all"),
     "python problems/hard_cases.py": As(),
     "python problems/paper_figures.py --deviations": As(),
     "python -m pytest -m slow": As(addopts=ONE_SLOW),

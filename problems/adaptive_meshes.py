@@ -1,13 +1,14 @@
-"""What adaptive meshes save, measured against uniform squares at the same true error, in one run.
+"""Adaptive meshes against uniform squares of the same true error, measured in one run.
 
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
-The paper's scene, singular where supports meet loads, and an L-shaped bracket, singular in its re-entrant corner, too.
-True errors are projected energy distances to a reference: the finest adaptive mesh, refined until it is nowhere
-coarser than the finest uniform one, and twice more where the estimator says. An adaptive run starts from a coarse mesh
-and two instants, and its seconds include all passes; its target is lowered until its true error is no larger than that
-of the uniform run beside it. Printed with them is the optimum for cells of equal sides: of an error with
-e_K^2 = c |K|^2 on each cell, sides in proportion to c^-1/4 make (sum e_K)^2 / E^2 cells for the error E.
+There are two scenes: the paper's, singular where supports meet loads, and an L-shaped bracket, also singular in its
+re-entrant corner. True errors are projected energy distances to a reference. The reference is the finest adaptive
+mesh, refined until it is nowhere coarser than the finest uniform mesh, and twice more where the estimator marks cells.
+An adaptive run starts from a coarse mesh and two instants, and its seconds include all passes. Its target is lowered
+until its true error is no larger than that of the compared uniform run. The table also has the optimum for cells of
+equal sides. For an error with e_K^2 = c |K|^2 on each cell, sides proportional to c^-1/4 make (sum e_K)^2 / E^2 cells
+for the error E.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ TRIES = 7
 
 @dataclass(frozen=True)
 class Study:
-    """A scene, the function that meshes it with n squares a unit, its coarsest and its uniform meshes."""
+    """A scene, the function that meshes it with n squares per unit, and the numbers n of its meshes."""
 
     name: str
     scene: vx.Scene
@@ -49,7 +50,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Run:
-    """One simulation: its history, unknowns, seconds with everything, and true relative error."""
+    """One simulation: its history, unknowns, seconds in all, estimated and true relative error."""
 
     history: vx.History
     unknowns: int
@@ -62,41 +63,41 @@ class Run:
         return self.true.relative
 
 
-def uniform(study, n):
+def run_uniform(run_study, n):
     start = time.perf_counter()
-    history = vx.simulate(study.scene, study.mesh(n), np.linspace(0.0, 1.0, STEPS + 1), store="last")
+    history = vx.simulate(run_study.scene, run_study.mesh(n), np.linspace(0.0, 1.0, STEPS + 1), store="last")
     seconds = time.perf_counter() - start
     return Run(history, history.trajectory.state.shape[1], seconds, float(vx.error_budget(history, [STEPS]).space[0]))
 
 
-def adaptive(study, target):
+def run_adaptive(run_study, target):
     start = time.perf_counter()
-    found = vx.adapt(study.scene, study.mesh(study.coarse), [0.0, 1.0], target)
+    found = vx.adapt(run_study.scene, run_study.mesh(run_study.coarse), [0.0, 1.0], target)
     return Run(found.history, found.passes[-1].unknowns, time.perf_counter() - start, found.passes[-1].space), found
 
 
-def reference(study, run, n):
-    """On the adaptive mesh of `run`, nowhere coarser than n squares a unit, refined twice more."""
-    mesh, h = run.history.mesh, study.mesh(n).h
+def reference(run_study, run, n):
+    """Return the run on the mesh of an adaptive run, refined to at most n squares per unit and twice more."""
+    mesh, h = run.history.mesh, run_study.mesh(n).h
     while (coarser := mesh.diameters > 1.01 * h).any():
         mesh = mesh.refine(coarser)
     for _ in range(2):
-        history = vx.simulate(study.scene, mesh, [0.0, 0.5, 1.0], store="last")
+        history = vx.simulate(run_study.scene, mesh, [0.0, 0.5, 1.0], store="last")
         mesh = mesh.refine(cells_to_refine(vx.error_budget(history, [2]).cells ** 2, 0.0, 0.7))
-    return vx.simulate(study.scene, mesh, [0.0, 0.5, 1.0], store="last")
+    return vx.simulate(run_study.scene, mesh, [0.0, 0.5, 1.0], store="last")
 
 
-def measured(run, truth):
+def measure_error(run, truth):
     return Run(run.history, run.unknowns, run.seconds, run.estimate, vx.measures.energy_distance(run.history, truth))
 
 
-def matched(study, beside, truth):
-    """Of a few adaptive runs, the smallest that is no farther from the truth than the uniform run."""
+def match_error(run_study, beside, truth):
+    """Return the smallest of a few adaptive runs whose true error is at most that of the uniform run `beside`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
-        run, found = adaptive(study, target)
-        run = measured(run, truth)
+        run, found = run_adaptive(run_study, target)
+        run = measure_error(run, truth)
         if run.error > beside.error:
             high = target
             continue
@@ -106,27 +107,27 @@ def matched(study, beside, truth):
     return kept
 
 
-def limit(beside, run):
-    """Cells of the best mesh of equal-sided cells, as a part of the uniform ones with the same error.
+def optimal_fraction(beside, run):
+    """Return the number of cells of the best mesh of equal-sided cells over that of uniform ones with the same error.
 
-    The density of the error is taken from the adaptive run, which resolves the singular points.
+    The density of the error is that of the adaptive run, which resolves the singular points.
     """
     return float(run.true.cells.sum() ** 2 / beside.true.absolute**2 / beside.history.mesh.n_cells)
 
 
-def slope(runs):
+def fit_slope(runs):
     return float(np.polyfit(np.log([r.unknowns for r in runs]), np.log([r.error for r in runs]), 1)[0])
 
 
-def study(case):
-    """All runs of a study, measured: uniform, adaptive beside the two finest of them, and adaptive on the way."""
-    equal = [uniform(case, n) for n in case.sizes]
-    finest, _ = adaptive(case, 1.2 * equal[-1].estimate)
+def run_study(case):
+    """Return uniform runs, pairs of the two finest with adaptive runs, further adaptive runs, and the reference."""
+    equal = [run_uniform(case, n) for n in case.sizes]
+    finest, _ = run_adaptive(case, 1.2 * equal[-1].estimate)
     truth = reference(case, finest, case.sizes[-1])
-    equal = [measured(run, truth) for run in equal]
-    pairs = [(run, *matched(case, run, truth)) for run in equal[-2:]]
-    on_the_way = [measured(adaptive(case, 1.4 * f * equal[-1].estimate)[0], truth) for f in (8.0, 4.0, 2.0)]
-    return equal, pairs, [*on_the_way, *(run for _, run, _ in pairs)], truth
+    equal = [measure_error(run, truth) for run in equal]
+    pairs = [(run, *match_error(case, run, truth)) for run in equal[-2:]]
+    coarser = [measure_error(run_adaptive(case, 1.4 * f * equal[-1].estimate)[0], truth) for f in (8.0, 4.0, 2.0)]
+    return equal, pairs, [*coarser, *(run for _, run, _ in pairs)], truth
 
 
 def picture(results):
@@ -135,7 +136,7 @@ def picture(results):
     for column, (case, (equal, pairs, adapted, _)) in enumerate(results):
         ax = grid[0, column]
         for runs, colour, mark, name in ((equal, COMPUTED, "s-", "uniform"), (adapted, SECOND, "o-", "adaptive")):
-            label = f"{name}, $N^{{{slope(runs):.2f}}}$"
+            label = f"{name}, $N^{{{fit_slope(runs):.2f}}}$"
             ax.loglog([r.unknowns for r in runs], [100 * r.error for r in runs], mark, color=colour, label=label)
         ax.set(title=case.name, xlabel="unknowns", ylabel="true energy error [%]")
         plain_logarithms(ax.yaxis)
@@ -160,20 +161,20 @@ def rows(results):
             table.add_row(
                 *(case.name, str(n), str(one.unknowns), f"{one.error:.3%}", f"{one.seconds:.2f}"),
                 *(str(other.unknowns), f"{other.error:.3%}", f"{other.seconds:.2f} = {seconds:.2f} x"),
-                *(f"{share:.2f} x", f"{limit(one, other):.2f} x"),
+                *(f"{share:.2f} x", f"{optimal_fraction(one, other):.2f} x"),
             )
     return table
 
 
-def studies(sizes):
-    """Both scenes, on uniform meshes of these sizes and on adaptive ones beside them."""
+def run_studies(sizes):
+    """Return the studies of both scenes, with uniform meshes of these sizes."""
     cases = (
         Study("the paper's scene", paper.scene(), vx.meshes.squares, 8, sizes),
         Study("L-shaped bracket", bracket.scene(), vx.meshes.l_shape, 4, sizes),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
-        return [(case, study(case)) for case in cases]
+        return [(case, run_study(case)) for case in cases]
 
 
 def main(arguments=None):
@@ -181,13 +182,13 @@ def main(arguments=None):
     parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
     parser.add_argument("--picture", type=Path, help="draw convergence and meshes there")
     given = parser.parse_args(arguments)
-    results = studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))
+    results = run_studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))
     console = Console(width=150)
     console.print(rows(results))
     for case, (equal, _, adapted, truth) in results:
         console.print(
-            f"{case.name}: orders {slope(equal):.2f} uniform, {slope(adapted):.2f} adaptive in the unknowns; reference "
-            f"of {truth.mesh.n_cells} cells, estimated error {vx.error_budget(truth, [2]).space[0]:.2%}"
+            f"{case.name}: orders {fit_slope(equal):.2f} uniform, {fit_slope(adapted):.2f} adaptive in the unknowns; "
+            f"reference of {truth.mesh.n_cells} cells, estimated error {vx.error_budget(truth, [2]).space[0]:.2%}"
         )
         parts = adapted[-1].history.seconds
         console.print(f"    last pass: prepare {parts['prepare']:.2f} s, solve {parts['solve']:.2f} s")

@@ -1,18 +1,17 @@
-r"""A ball in a socket, which is pressed from all sides and then pushed aside: it lifts off behind.
+r"""A ball in a socket, pressed from all sides and then pushed aside: the joint opens behind the ball.
 
-Ball and socket are the lower halves of tetrahedra of cubes that were blown up to balls. Cells of both are as wide, so
-that they approximate the sphere by one polyhedron: surfaces that do not coincide are no interface.
+Ball and socket are meshed by tetrahedra: the lower halves of meshed cubes, inflated to balls. Cells of both bodies have
+the same width at the joint, so that both approximate the sphere by the same polyhedron.
 
-Up to t = 1 all is pressed by p, as in `cone_clutch.py`: both bodies are in the stress -p, and the joint, too, whatever
-its shape. Then the grip, a square in the top of the ball, moves aside. The pressure rises in front and falls behind,
-until the joint lifts off there; where the ball slides along the socket, friction holds it back. At each instant
+Up to t = 1 both bodies are pressed from all sides by p, as in `cone_clutch.py`: the stress is -p in both of them and at
+the joint, whatever its shape. Then the grip, a square in the top of the ball, moves aside. The pressure rises in front
+of the ball and falls behind it, until the joint opens there. Where the ball slides along the socket, friction resists.
+At each instant the forces on the ball balance to rounding:
 
 $$
 \text{sum of pressure and friction on the ball } - p (\text{area of the top}) e_3 + \text{ reaction of the grip } =
-0,
+0.
 $$
-
-to rounding.
 
     vemcvx run problems/ball_in_socket.py --n 2 --steps 5 --accuracy 1e-6 --plot
 """
@@ -20,46 +19,45 @@ to rounding.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots import deformed_body
-from vemcvx.plots.style import COMPUTED, EXACT, SECOND
 
 YOUNG, POISSON, PRESSURE, FRICTION = 1000.0, 0.3, 4.0, 0.3
 RADIUS, REACH = 1.0, 2.0
 ASIDE = 0.02
 JOINT = "ball|socket"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 2, "steps": 5, "accuracy": 1e-6}
 
 
-def pressed(x):
-    """The displacement of a body in the stress -p."""
+def uniform_compression(x):
+    """Return the displacement of a body in the stress -p at points x (m, 3)."""
     return -PRESSURE * (1 - 2 * POISSON) / YOUNG * x
 
 
 def scene(friction=FRICTION, aside=ASIDE):
-    def still(x, t):
-        return min(t, 1.0) * pressed(x)
+    def compress(x, t):
+        return min(t, 1.0) * uniform_compression(x)
 
-    def moved(x, t):
-        return still(x, t) + aside * max(t - 1.0, 0.0) * np.array([1.0, 0.0, 0.0])
+    def move_grip(x, t):
+        return compress(x, t) + aside * max(t - 1.0, 0.0) * np.array([1.0, 0.0, 0.0])
 
-    def around(x, t):
+    def press(x, t):
         return np.full(len(x), PRESSURE * min(t, 1.0))
 
     return vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
-        vx.PrescribedDisplacement(still, on="socket.outer"),
-        vx.PrescribedDisplacement(moved, on="ball.grip"),
-        vx.Pressure(around, on=["ball.top", "socket.top"]),
+        vx.PrescribedDisplacement(compress, on="socket.outer"),
+        vx.PrescribedDisplacement(move_grip, on="ball.grip"),
+        vx.Pressure(press, on=["ball.top", "socket.top"]),
         vx.UnilateralContact(on=JOINT),
         vx.CoulombFriction(friction, on=JOINT),
     )
 
 
-def blown_up(n, size, hollow=False):
-    """Tetrahedra of the lower half of a cube, blown up to a half ball; without the cube of half the size if hollow."""
+def inflate_cube(n, size, hollow=False):
+    """Return tetrahedra of a half ball of the radius `size`: the lower half of a cube, inflated.
+
+    A hollow one lacks the ball of the radius `RADIUS` inside.
+    """
     made = vx.meshes.tetrahedra((2 * n, 2 * n, n), box=((-size, size), (-size, size), (-size, 0.0)))
     far, length = np.abs(made.points).max(axis=1), np.linalg.norm(made.points, axis=1)
     kept = np.flatnonzero(np.abs(made.centroids).max(axis=1) > (RADIUS if hollow else -1.0))
@@ -81,34 +79,35 @@ def blown_up(n, size, hollow=False):
 
 
 def mesh(n, family="tetrahedra"):
-    """A half ball n cells deep, and the socket of n from the hollow out."""
-    ball, socket = blown_up(n, RADIUS), blown_up(2 * n, REACH, hollow=True)
+    """Return a half ball n cells deep in its socket, which is n cells thick."""
+    ball, socket = inflate_cube(n, RADIUS), inflate_cube(2 * n, REACH, hollow=True)
     return vx.meshes.bodies({"ball": ball, "socket": socket})
 
 
 def times(steps):
-    """One step presses, the others push."""
+    """Return one step that presses, and steps that push."""
     return np.append(0.0, np.linspace(1.0, 2.0, steps))
 
 
 def joint_force(history):
-    """What the joint exerts on the ball at the stored instants, (S, 3)."""
+    """Return the force of the joint on the ball at the stored instants, (S, 3)."""
     contact = history.contact
     friction = np.einsum("smd,m->sd", contact.traction, contact.friction_lengths)
     return friction - np.einsum("sm,m,md->sd", contact.pressure, contact.lengths, contact.normals)
 
 
 def picture(history):
-    """The socket's stress as the ball is pushed to the right, and the pressure from behind to the front."""
-    figure = new_figure(8.4, 3.4)
+    """Draw the pushed ball in its socket, and the pressure along the joint before and after."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     body, graph = figure.subplots(1, 2)
-    deformed_body(history, ax=body, view=(-0.3, -1.0, 1.6), units=UNITS)
+    vx.plots.deformed_body(history, ax=body, view=(-0.3, -1.0, 1.6), units=UNITS)
     contact = history.contact
-    for step, colour, mark in ((1, SECOND, "s"), (history.steps, COMPUTED, "o")):
-        marks = {"marker": mark, "color": colour, "markersize": 3.5, "linestyle": "none"}
-        graph.plot(contact.points[:, 0], contact.pressure[step], **marks, label=f"t = {history.times[step]:g} s")
-    graph.axhline(PRESSURE, color=EXACT, linewidth=1.2, label="pressed from all sides")
-    light_grid(graph)
-    graph.legend(frameon=False, fontsize="small", loc="upper left")
+    for step, marks in ((1, "C1s"), (history.steps, "C0o")):
+        graph.plot(contact.points[:, 0], contact.pressure[step], marks, label=f"t = {history.times[step]:g} s")
+    graph.axhline(PRESSURE, color="black", label="pressed from all sides")
     graph.set(xlabel="$x_1$ (mm)", ylabel="pressure (MPa)")
+    graph.grid()
+    graph.legend(loc="upper left")
     return figure

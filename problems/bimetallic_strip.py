@@ -1,21 +1,22 @@
 r"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, 1925).
 
-Half of a strip of length 2 L, x = 0 being its middle, of two layers of heights h1 (below) and h2, Young's moduli E1, E2
-and expansions alpha1, alpha2, is heated by theta. Sections stay plane and bear neither force nor moment:
+Half of a strip of length 2 L is computed; x = 0 is its middle. It has two layers of heights h1 (below) and h2 (above),
+with Young's moduli E1, E2 and expansions alpha1, alpha2, and is heated by theta. Sections stay plane, and neither a
+force nor a moment acts on them. The curvature is
 
 $$
 \kappa = 6 E_1 E_2 h_1 h_2 (h_1 + h_2) (\alpha_1 - \alpha_2) \theta \\
 \quad / (E_1^2 h_1^4 + 4 E_1 E_2 h_1^3 h_2 + 6 E_1 E_2 h_1^2 h_2^2 + 4 E_1 E_2 h_1 h_2^3 + E_2^2 h_2^4),
 $$
 
-and the end deflects by kappa L^2 / 2 against the middle, exactly in plane stress away from the free end; within about
-one height of it the stresses differ, an error of the order (H / L)^2. Nothing is in contact; a soft foundation holds
-the strip in its height, with no force, for the strip is in equilibrium with itself.
+and the end deflects by kappa L^2 / 2 against the middle. This is exact in plane stress away from the free end. Within
+about one height of the end stresses differ, which makes an error O((H / L)^2). Nothing is in contact. A soft foundation
+fixes the height of the strip, without a force, because the strip is in equilibrium with itself.
 
-With grain=ANGLE the upper layer is wood, E2 along a grain at the angle a (in radians) to the strip, E2 / 10 across it
-and G = E2 / 15. Its Young's modulus along the strip, 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2 with
-c = cos a, s = sin a, takes the place of E2 in the formula. (A grain aslant couples shear to the pull, so that
-x = 0 is then no plane of symmetry but a row of rollers: an error of the order of H / L.)
+With grain=ANGLE the upper layer is wood. Its modulus is E2 along a grain at the angle a (in radians) to the strip,
+E2 / 10 across the grain, and G = E2 / 15. Young's modulus along the strip,
+1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2 with c = cos a, s = sin a, replaces E2 in the formula.
+An oblique grain couples shear to tension. So x = 0 is a row of rollers and no plane of symmetry: an error O(H / L).
 
     vemcvx run problems/bimetallic_strip.py --n 8 --steps 4
 """
@@ -23,17 +24,17 @@ x = 0 is then no plane of symmetry but a row of rollers: an error of the order o
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, LOWER, UPPER = 4.0, 0.25, 0.25
 YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-5, 1e-5), 50.0
-ACROSS, SHEAR = 10.0, 15.0  # of the wood: how many times smaller than E2 are its modulus across the grain, and G
-UNITS = MM
+ACROSS, SHEAR = 10.0, 15.0
+"""For wood: E2 over the modulus across the grain, and E2 over G."""
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 24, "steps": 4}
 
 
 def upper_modulus(grain=None):
-    """Young's modulus of the upper layer along the strip."""
+    """Return Young's modulus of the upper layer along the strip."""
     if grain is None:
         return YOUNG[1]
     c, s = np.cos(grain), np.sin(grain)
@@ -41,14 +42,14 @@ def upper_modulus(grain=None):
 
 
 def curvature(grain=None):
-    """Of the strip as a beam."""
+    """Return the curvature of the strip in beam theory."""
     one, two, a, b = YOUNG[0], upper_modulus(grain), LOWER, UPPER
     stiffness = one**2 * a**4 + one * two * (4 * a**3 * b + 6 * a**2 * b**2 + 4 * a * b**3) + two**2 * b**4
     return 6 * one * two * a * b * (a + b) * (EXPANSIONS[0] - EXPANSIONS[1]) * RISE / stiffness
 
 
 def deflection(grain=None):
-    """Of the end against the middle, upwards where the lower layer expands more."""
+    """Return the deflection of the end against the middle, upwards if the lower layer expands more."""
     return 0.5 * curvature(grain) * LENGTH**2
 
 
@@ -81,13 +82,19 @@ def times(steps):
 
 
 def picture(history):
-    """The heated strip, and the bow of its middle line beside Timoshenko's parabola."""
-    figure, graph = body_and_graph(history, stress="xx")
+    """Draw the heated strip, and the deflection of the interface beside Timoshenko's parabola."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1)
+    vx.plots.stressed_body(history, ax=body, stress="xx", units=UNITS)
     points, u = history.mesh.points, history.displacement[-1]
-    middle = np.abs(points[:, 1] - LOWER) < 1e-9
-    order = np.argsort(points[middle, 0])
-    x, bow = points[middle, 0][order], u[middle, 1][order]
-    line = np.linspace(0, LENGTH, 200)
-    beside_closed_form(graph, (x, bow - bow[0]), (line, curvature() * line**2 / 2), exact_label="Timoshenko 1925")
-    graph.set(xlabel="distance from the middle (mm)", ylabel="interface moved up by (mm)")
+    interface = np.flatnonzero(np.abs(points[:, 1] - LOWER) < 1e-9)
+    interface = interface[np.argsort(points[interface, 0])]
+    x, line = points[interface, 0], np.linspace(0, LENGTH, 200)
+    graph.plot(line, curvature() * line**2 / 2, "k-", label="Timoshenko 1925")
+    graph.plot(x[::4], (u[interface, 1] - u[interface[0], 1])[::4], "C0o", label="computed")
+    graph.set(xlabel="distance from the middle (mm)", ylabel="deflection of the interface (mm)")
+    graph.grid()
+    graph.legend()
     return figure

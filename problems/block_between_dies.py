@@ -1,14 +1,14 @@
-r"""A block between inclined dies that close along their normals: one pressure on all of them, and on the floor.
+r"""A block between inclined dies that close along their normals: the same pressure on all dies and on the floor.
 
-A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies, none of them parallel to an
-axis, lie on its other sides and close along their own normals n, each by e t times its distance n . (x - c) from a
-point c of the floor. Then
+A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
+these is parallel to an axis. Each die closes along its own normal n by e t n . (x - c), where c is a point of the
+floor. Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 
-whatever the angles: n . (x - c) is the same all along a straight side, and what has no shear anywhere needs none from
-a smooth die. Each die bears p times its length, and so does the floor, which only pushes. The field is linear: exact
-on every mesh.
+whatever the angles, because n . (x - c) is constant along a straight side, and a stress without shear needs no shear
+from smooth dies. The force on each die is p times its length, and so is the force on the floor, which is in unilateral
+contact. The displacement is linear, hence exact on every mesh.
 
     vemcvx run problems/block_between_dies.py --mesh voronoi --n 8 --steps 4 --plot
 """
@@ -16,20 +16,19 @@ on every mesh.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 YOUNG, POISSON, CLOSING = 100.0, 0.3, 0.02
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.5, 1.1], [0.35, 1.6]])
 FOOT = np.array([1.0, 0.0])
 DIES = {"right": 1, "top": 2, "left": 3}
-"""which side, counted from the floor"""
+"""The number of each side, counted from the floor."""
 MAGNIFIED = 5.0
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 10, "steps": 4}
 
 
 def normal(side):
-    """Outwards, (2,), and the length of the side."""
+    """Return the outward normal (2,) of a side, and its length."""
     along = CORNERS[(side + 1) % 4] - CORNERS[side]
     length = np.linalg.norm(along)
     return np.array([along[1], -along[0]]) / length, length
@@ -50,12 +49,12 @@ def scene(young=YOUNG, poisson=POISSON):
 
 
 def mesh(n, family="voronoi"):
-    """Cells of the unit square, carried over by the bilinear map."""
+    """Return cells of the unit square, mapped to the block by the bilinear map."""
     flat = vx.meshes.FAMILIES[family](n)
     x, y = flat.points.T
-    shares = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], axis=1)
+    weights = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], axis=1)
     names = {name: edges for name, edges in flat.boundaries.items() if name != "boundary"}
-    return vx.PolygonMesh(shares @ CORNERS, flat.cells, boundaries=names)
+    return vx.PolygonMesh(weights @ CORNERS, flat.cells, boundaries=names)
 
 
 def times(steps):
@@ -63,11 +62,13 @@ def times(steps):
 
 
 def picture(history):
-    """The block between its dies, and the pressure on the floor as they close."""
-    figure, graph = body_and_graph(history, stress="mean", magnify=MAGNIFIED, shares=(1.2, 1.0))
-    body = figure.axes[0]
-    # The motion of the dies is magnified with the block's, so that they are drawn on it.
-    corners = CORNERS - MAGNIFIED * CLOSING * (CORNERS - FOOT)
+    """Draw the block between its dies, and the pressure on the floor as the dies close."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    vx.plots.stressed_body(history, ax=body, stress="mean", magnify=MAGNIFIED, units=UNITS)
+    corners = CORNERS - MAGNIFIED * CLOSING * (CORNERS - FOOT)  # the dies move with the magnified block
     for side in DIES.values():
         n, _ = normal(side)
         ends = corners[[side, (side + 1) % 4]] + 0.03 * n
@@ -76,9 +77,12 @@ def picture(history):
         body.annotate("", head, head + 0.3 * n, arrowprops={"arrowstyle": "-|>", "color": "0.3", "linewidth": 2})
         body.update_datalim([head + 0.32 * n])
     body.autoscale_view()
-    x, contact = np.linspace(0, 1, 2), history.contact
+    contact = history.contact
     inner = (contact.points[:, 0] > 0) & (contact.points[:, 0] < CORNERS[1, 0])
-    marks = (np.repeat(history.times, inner.sum()), contact.pressure[:, inner].ravel())
-    beside_closed_form(graph, marks, (x, pressure(x)), label="at every node of the floor")
+    graph.plot([0, 1], [0, pressure(1.0)], "k-", label="closed form")
+    lines = graph.plot(history.times, contact.pressure[:, inner], "C0o")
+    lines[0].set_label("at every node of the floor")
     graph.set(xlabel="t (s)", ylabel="pressure on the floor (MPa)")
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,16 +1,16 @@
-r"""A block pushed askew over a rough floor: the problem of Feng, Han and Huang (Section 4) in space.
+r"""A block pushed obliquely over a rough floor: the problem of Feng, Han and Huang (Section 4) in space.
 
-The unit cube, E = 200, nu = .3, is clamped on its right side, x_1 = 1, and rests on a rigid floor, x_3 = 0, in
+The unit cube with E = 200, nu = .3 is clamped on its right side, x_1 = 1, and rests on a rigid floor, x_3 = 0, in
 bilateral contact with Tresca friction, bound g = 4. On its left side acts the traction
 
 $$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1, $$
 
-the paper's load on each slice, and a push aside. (With `aside` = 0 the problem is the same at x_2 and 1 - x_2.) In
-space |v_tau| is the length of a vector of two components, and friction opposes the slip whatever its direction.
+the paper's load on each slice, and a push along x_2. (With `aside` = 0 the problem is symmetric about x_2 = 1/2.) In
+space |v_tau| is the length of a vector of two components, and friction opposes slip in every direction.
 Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
 
-What happens: the loaded edge of the floor's face slips first, slip spreads to the right, and the friction of its nodes
-turns as it does: it begins against the push, and is turned by what slips around it.
+The loaded edge of the bottom slips first, and slip spreads to the right. The friction at a node first opposes the push;
+its direction then turns under the influence of the slip around it.
 
     vemcvx run problems/block_in_space.py --mesh cubes --n 12 --steps 16 --plot
 """
@@ -18,10 +18,8 @@ turns as it does: it begins against the push, and is turned by what slips around
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, face_and_graph
-from vemcvx.plots import friction_disc
 
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 8}
 
 
@@ -47,7 +45,11 @@ def times(steps):
 
 
 def picture(history):
-    """The face on the floor, what sticks and where to the rest slips, and friction in its disc."""
-    figure, graph = face_and_graph(history)
-    friction_disc(history, ax=graph, units=UNITS)
+    """Draw which nodes of the bottom stick and slip, and the friction of all nodes in the disc of its bound."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    face, graph = figure.subplots(1, 2)
+    vx.plots.contact_face(history, ax=face, units=UNITS)
+    vx.plots.friction_disc(history, ax=graph, units=UNITS)
     return figure

@@ -1,14 +1,14 @@
-r"""A block pushed up an inclined plane: Coulomb friction on one-sided contact, and the oldest formula of friction.
+r"""A block pushed up an inclined plane: Coulomb friction in unilateral contact, and the oldest formula of friction.
 
-The block (0, 2) x (0, 1), turned by the angle a of the plane, tan a = .1, is heavy (weight G) and rests on the plane
-under nothing but its weight, with the coefficient of friction mu = .3. Its lower side end is pushed horizontally, by
-a displacement that grows. When uphill motion impends, the horizontal force F satisfies
+The block (0, 2) x (0, 1), rotated by the angle a of the plane with tan a = .1, has the weight G. It rests on the plane
+under its own weight, with the coefficient of friction mu = .3. The lower part of its left side is pushed horizontally
+by a growing displacement. When uphill motion impends, the horizontal force F satisfies
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371, $$
 
-whatever the shape, the material or the mesh: friction is mu times the pressure at every point, so all forces add up to
-those on a point. Beyond that load there is no equilibrium, which is why the displacement is given and not the force.
-Before sliding, the block creeps up from its pushed end; its lower edge may lift.
+whatever the shape, the material or the mesh: friction is mu times the pressure at every point, so that the sum of all
+forces is that on a rigid point mass. No equilibrium exists beyond that load; therefore the displacement is prescribed
+and not the force. Before the block slides, it creeps up from its pushed end; its lower edge may lift off.
 
     vemcvx run problems/block_on_incline.py --steps 20 --plot
 """
@@ -16,19 +16,17 @@ Before sliding, the block creeps up from its pushed end; its lower edge may lift
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, SLID, STUCK, body_and_graph
-from vemcvx.base.canvas import light_grid
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)
-TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
+ROTATION = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
 PUSH = 0.06
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 20}
 
 
-def impending():
-    """F / G at which uphill motion begins."""
+def critical_ratio():
+    """Return F / G at which uphill motion begins."""
     return (SLOPE + FRICTION) / (1 - FRICTION * SLOPE)
 
 
@@ -47,14 +45,13 @@ def scene(young=200.0, poisson=0.3, friction=FRICTION):
 
 def mesh(n, family="voronoi"):
     flat = vx.meshes.FAMILIES[family](n, box=((0, 2), (0, 1)))
-    names = {name: edges for name, edges in flat.boundaries.items() if name != "boundary"}
-    turned = vx.PolygonMesh(flat.points @ TURN.T, flat.cells, boundaries=names)
+    block = vx.PolygonMesh(flat.points @ ROTATION.T, flat.cells, boundaries=flat.boundaries)
 
-    def low(x):
-        x, y = (x @ TURN).T
+    def select_low(x):
+        x, y = (x @ ROTATION).T
         return (x < 1e-9) & (y > 0.1) & (y < 0.6)
 
-    return turned.with_boundary("pushed", low)
+    return block.with_boundary("pushed", select_low)
 
 
 def times(steps):
@@ -65,14 +62,18 @@ initial = "settled"
 
 
 def picture(history):
-    """The pushed block, and its push over its weight: it levels off at the oldest formula of friction."""
-    figure, graph = body_and_graph(history, stress="mean", shares=(1.2, 1.0))
+    """Draw the pushed block, and its push over its weight, which stays constant once the block slides."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    vx.plots.stressed_body(history, ax=body, stress="mean", units=UNITS)
     push, ratio = PUSH * history.times, history.reaction("pushed")[:, 0] / WEIGHT
     slides = ~history.contact.sticking.any(axis=1)
-    graph.axhline(impending(), color="black", linewidth=1.3, label="impending motion")
-    for chosen, kind, words in ((~slides, STUCK, "some of it sticks"), (slides, SLID, "all of it slides")):
-        graph.plot(push[chosen], ratio[chosen], **kind, markersize=4, label=words)
-    light_grid(graph)
-    graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="pushed by (mm)", ylabel="push / weight")
+    graph.axhline(critical_ratio(), color="black", label="impending motion")
+    graph.plot(push[~slides], ratio[~slides], "C0o", label="some nodes stick")
+    graph.plot(push[slides], ratio[slides], "C1s", fillstyle="none", label="all nodes slip")
+    graph.set(xlabel="displacement of the pushed side (mm)", ylabel="push / weight")
+    graph.grid()
+    graph.legend()
     return figure

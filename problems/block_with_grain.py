@@ -1,21 +1,21 @@
-r"""An orthotropic block, rubbed over a floor: it slides more easily one way than the other.
+r"""An orthotropic block sheared over a floor: it slides more easily one way than the other.
 
 The block (0, 2) x (0, 1/2), plane stress, is wood: E1 along a grain that rises at the angle `grain` from x, E2 across
-it. Its top is pressed down by D and then moved by U(t), back and forth; Coulomb friction, coefficient mu, resists
-below. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of Composite Materials*, 1999, 2.6) couples shear to
-pressure by C26: with e = D / H, in the uniform state u = (a + gamma y, -e y) the floor bears
+the grain. Its top is pressed down by D and then moved by U(t), back and forth. Coulomb friction, coefficient mu, acts
+on its bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of Composite Materials*, 1999, 2.6) couples
+shear to pressure by C26. With e = D / H and in the uniform state u = (a + gamma y, -e y) the tractions on the floor are
 
-$$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma, $$
+$$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma. $$
 
-so that a shear along the grain's rise relieves the floor and one against it loads it. |tau| = mu p at
+So a shear along the rise of the grain lowers the pressure, and a shear against it raises the pressure. |tau| = mu p at
 
 $$
 \gamma^+ = e (\mu C_{22} + C_{26}) / (C_{66} + \mu C_{26}),
 \qquad \gamma^{-} = -e (\mu C_{22} - C_{26}) / (C_{66} - \mu C_{26}),
 $$
 
-and step by step gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The sides bear the
-tractions of this state; it is linear, so virtual elements reproduce it, and the force of friction, on every mesh.
+and step by step gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this state
+act on the sides. It is linear, so virtual elements reproduce it, and its friction, on every mesh.
 
     vemcvx run problems/block_with_grain.py --mesh voronoi --n 4 --steps 48 --plot
 """
@@ -23,16 +23,15 @@ tractions of this state; it is linear, so virtual elements reproduce it, and the
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 YOUNG, POISSON, SHEAR, GRAIN, FRICTION = (10.0, 2.0), 0.3, 1.2, 0.5, 0.5
 LENGTH, HEIGHT, PRESS, AMPLITUDE = 2.0, 0.5, 0.02, 0.05
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 48}
 
 
 def elastic_matrix(grain=GRAIN):
-    """C (3, 3) in x and y, by turning strains into the axes of the grain."""
+    """Return C (3, 3) in x and y: strains are rotated into the axes of the grain."""
     (E1, E2), nu = YOUNG, POISSON
     C = np.zeros((3, 3))
     C[:2, :2] = np.linalg.inv([[1 / E1, -nu / E1], [-nu / E1, 1 / E2]])
@@ -43,12 +42,12 @@ def elastic_matrix(grain=GRAIN):
 
 
 def top(t):
-    """How far the top is moved aside, and pressed down."""
+    """Return how far the top is moved aside, and how far it is pressed down."""
     return AMPLITUDE * np.interp(t, [1, 2, 4, 6], [0, 1, -1, 1]), PRESS * np.interp(t, [0, 1], [0, 1])
 
 
-def closed_form(instants, grain=GRAIN):
-    """Shear gamma (N + 1,), slip a (N + 1,), and stresses (N + 1, 3), at every instant."""
+def exact_solution(instants, grain=GRAIN):
+    """Return the shear gamma (N + 1,), the slip a (N + 1,) and stresses (N + 1, 3) at every instant."""
     C, (U, D) = elastic_matrix(grain), top(instants)
     e = D / HEIGHT
     high = e * (FRICTION * C[1, 1] + C[1, 2]) / (C[2, 2] + FRICTION * C[1, 2])
@@ -62,7 +61,7 @@ def closed_form(instants, grain=GRAIN):
 
 def scene(grain=GRAIN, steps=SMALL["steps"]):
     instants = times(steps)
-    stress = closed_form(instants, grain)[2]
+    stress = exact_solution(instants, grain)[2]
 
     def side(sign):
         def force(x, t):
@@ -71,13 +70,13 @@ def scene(grain=GRAIN, steps=SMALL["steps"]):
 
         return force
 
-    def moved(x, t):
+    def move_top(x, t):
         aside, down = top(t)
         return np.tile([aside, -down], (len(x), 1))
 
     return vx.Scene(
         vx.Orthotropic(young=YOUNG, poisson=POISSON, shear=SHEAR, angle=grain),
-        vx.PrescribedDisplacement(moved, on="top"),
+        vx.PrescribedDisplacement(move_top, on="top"),
         vx.Traction(side(1.0), on="right"),
         vx.Traction(side(-1.0), on="left"),
         vx.UnilateralContact(on="bottom"),
@@ -94,17 +93,19 @@ def times(steps):
 
 
 def picture(history):
-    """The block at the end of its slide, and the loop of friction that leans to one side."""
-    figure, graph = body_and_graph(history, stress="shear", stretch=2.0, shares=(1.2, 1.0))
-    U, friction = top(history.times)[0], -history.contact.traction[:, :, 0].mean(axis=1)
+    """Draw the block at the end of its slide, and the unsymmetric loop of friction."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    vx.plots.stressed_body(history, ax=body, stress="shear", stretch=2.0, units=UNITS)
     dense = times(1200)
-    stress = closed_form(dense)[2]
-    label = f"grain at {np.rad2deg(GRAIN):.0f} degrees"
-    beside_closed_form(graph, (U, friction), (top(dense)[0], stress[:, 2]), label=label)
-    smooth = closed_form(dense, 0.0)[2]
-    graph.plot(top(dense)[0], smooth[:, 2], "--", color="0.55", linewidth=1.2, label="grain along the floor")
-    graph.set(ylim=(-0.07, 0.105))
-    graph.legend(frameon=False, fontsize="small", loc="upper left")
-    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction on the floor (MPa)")
-    graph.set_title("with the slope of the grain, and against it", fontsize="small")
+    U = top(dense)[0]
+    graph.plot(U, exact_solution(dense)[2][:, 2], "k-", label="closed form")
+    graph.plot(U, exact_solution(dense, 0.0)[2][:, 2], "--", color="0.55", label="grain along the floor")
+    friction = -history.contact.traction[:, :, 0].mean(axis=1)
+    graph.plot(top(history.times)[0], friction, "C0o", label=f"grain at {np.rad2deg(GRAIN):.0f} degrees")
+    graph.set(xlabel="displacement $U$ of the top (mm)", ylabel="friction on the floor (MPa)", ylim=(-0.07, 0.105))
+    graph.grid()
+    graph.legend(loc="upper left")
     return figure

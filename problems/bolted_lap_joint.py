@@ -1,18 +1,19 @@
-r"""Two plates lapped and clamped together by two bolts, in space: the joint slips at mu times their tension, and bears.
+r"""Two lapped plates clamped by two bolts, in space: the joint slips at mu times the bolt tension, then the bolts bear.
 
-The bolts go through holes of both plates, which they fit in the lower one and have the clearance c in the upper one;
-half of all, y > 0, is computed. Up to t = 1 they are tightened: by turns of the nuts that would bring heads and plates
-into each other by delta, which is posed as the gap -delta t under the heads. Then the end of the upper plate is moved
-along x. Heads, nuts and walls are greased, so that bolts bear no shear before walls do, and at each instant
+Each bolt goes through a hole in both plates; it fits the hole of the lower plate and has the clearance c in the upper
+one. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened by turns of the nuts that would push
+heads and plates into each other by delta, which is modelled as the gap -delta t under the heads. Then the end of the
+upper plate is moved along x. Heads, nuts and walls of the holes are smooth, so that the bolts take no shear before they
+touch the walls. At each instant, to rounding,
 
 $$
 \text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
 plate}, \qquad \text{friction } \le \mu N, \\
-N, \text{ which presses the plates together } = \text{ tension of the bolts } + \text{ what the ends of the plates
-bear across},
+N, \text{ which presses the plates together } = \text{ tension of the bolts } + \text{ transverse forces at the ends
+of the plates}.
 $$
 
-to rounding. At friction = mu N the plates slip by c at one pull, and the bolts bear what comes on top of it.
+At friction = mu N the plates slip by c at constant pull. Then the bolts bear on the walls and transmit the rest.
 
     vemcvx run problems/bolted_lap_joint.py --n 4 --steps 20 --accuracy 1e-6 --plot
 """
@@ -20,34 +21,29 @@ to rounding. At friction = mu N the plates slip by c at one pull, and the bolts 
 import numpy as np
 
 import vemcvx as vx
-from hertz_contact import grid
-from problem_pictures import MM
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots import deformed_body
-from vemcvx.plots.style import COMPUTED, SECOND
 
 YOUNG, POISSON, FRICTION = 210e3, 0.3, 0.2
 THICK, SHANK, HOLE, HEAD, HALF, END = 6.0, 3.0, 4.0, 7.0, 12.0, 42.0
-"""Of a plate; radii of shank, hole and head; half the distance of the bolts; how far the plates reach."""
-TIGHTENED, CLEARANCE, PULLED = 0.05, 0.1, 0.16
+"""Thickness of a plate; radii of shank, hole and head; half the distance of the bolts; distance to the plate's end."""
+TIGHTENING, CLEARANCE, PULL = 0.05, 0.1, 0.16
 LAP, BOLTS = "lower|upper", ("left", "right")
 NUTS, HEADS = ([f"{plate}|{bolt}" for bolt in BOLTS] for plate in ("lower", "upper"))
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 20, "accuracy": 1e-6}
 
 
 def scene(friction=FRICTION):
     def gap(x, t):
-        return np.where(x[:, 2] > 0.9 * THICK, -TIGHTENED * min(t, 1.0), CLEARANCE)
+        return np.where(x[:, 2] > 0.9 * THICK, -TIGHTENING * min(t, 1.0), CLEARANCE)
 
-    def pulled(x, t):
-        return np.tile([PULLED * max(t - 1.0, 0.0), 0.0, 0.0], (len(x), 1))
+    def pull(x, t):
+        return np.tile([PULL * max(t - 1.0, 0.0), 0.0, 0.0], (len(x), 1))
 
     return vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
         vx.Symmetry(on=[f"{body}.front" for body in ("lower", "upper", *BOLTS)]),
         vx.Clamp(on="lower.left"),
-        vx.PrescribedDisplacement(pulled, on="upper.right"),
+        vx.PrescribedDisplacement(pull, on="upper.right"),
         vx.BilateralContact(on=NUTS),
         vx.UnilateralContact(on=HEADS, gap=gap),
         vx.UnilateralContact(on=LAP),
@@ -55,8 +51,8 @@ def scene(friction=FRICTION):
     )
 
 
-def joined(parts):
-    """Meshes that lie side by side, as one, with one node a place."""
+def join_meshes(parts):
+    """Return meshes that lie side by side as one mesh, with one node per place."""
     points, number = np.unique(np.concatenate([part.points for part in parts]).round(9), axis=0, return_inverse=True)
     numbers = np.split(number, np.cumsum([part.n_nodes for part in parts])[:-1])
     cells = [[new[face] for face in cell] for part, new in zip(parts, numbers, strict=True) for cell in part.cells]
@@ -64,44 +60,51 @@ def joined(parts):
 
 
 def tube(radii, n, heights):
-    """Half of one, 4n sectors around."""
+    """Return half a tube with 4n sectors."""
     return vx.meshes.ring(radii, 4 * n, angles=(0.0, np.pi)).extruded(THICK * np.array(heights))
 
 
+def grid(x, y):
+    """Return the mesh of rectangles between the lines x and y."""
+    lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
+    i, j = lattice.points.round().astype(int).T
+    return vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells)
+
+
 def plate(n, side, heights):
-    """Two holes in squares, and rectangles from there to the end on the side -1 or 1."""
-    made = tube([HOLE, HEAD, HALF], n, heights)
-    outer = np.hypot(*made.points[:, :2].T) > 0.5 * (HEAD + HALF)
-    blown_up = np.where(outer, HALF / np.abs(made.points[:, :2]).max(axis=1), 1.0)[:, None] ** [1, 1, 0]
-    holes = [vx.PolyhedralMesh(np.add(made.points * blown_up, [x, 0, 0]), made.cells) for x in (-HALF, HALF)]
+    """Return two holes in squares, and rectangles from there to the end on the side -1 or 1."""
+    around = tube([HOLE, HEAD, HALF], n, heights)
+    outer = np.hypot(*around.points[:, :2].T) > 0.5 * (HEAD + HALF)
+    widening = np.where(outer, HALF / np.abs(around.points[:, :2]).max(axis=1), 1.0)[:, None] ** [1, 1, 0]
+    holes = [vx.PolyhedralMesh(np.add(around.points * widening, [x, 0, 0]), around.cells) for x in (-HALF, HALF)]
     x, y = np.linspace(2 * HALF, END, n + 1), HALF * np.tan(np.arange(n + 1) * np.pi / (4 * n))
-    return joined([*holes, grid(x if side > 0 else -x[::-1], y).extruded(THICK * np.array(heights))])
+    return join_meshes([*holes, grid(x if side > 0 else -x[::-1], y).extruded(THICK * np.array(heights))])
 
 
 def bolt(n, x):
-    """Shank, head and nut, and a collar in the hole of each plate."""
+    """Return shank, head and nut of a bolt, and a collar in the hole of each plate."""
     head, collar = (1.0, 1.6), (1 / 3, 2 / 3)
     parts = [tube([0.0, SHANK], n, [-1.6, -1.0, -2 / 3, -1 / 3, 0.0, 1 / 3, 2 / 3, 1.0, 1.6])]
     for radii, heights in (([SHANK, HOLE, HEAD], head), ([SHANK, HOLE], collar)):
         parts += tube(radii, n, heights), tube(radii, n, [-z for z in heights[::-1]])
-    made = joined(parts)
+    made = join_meshes(parts)
     return vx.PolyhedralMesh(np.add(made.points, [x, 0.0, 0.0]), made.cells)
 
 
 def mesh(n, family="ring"):
-    """4n sectors around half a bolt, three layers of the plates."""
+    """Return the joint with 4n sectors around half a bolt and three layers in each plate."""
     lower, upper = plate(n, -1, [-1, -2 / 3, -1 / 3, 0]), plate(n, 1, [0, 1 / 3, 2 / 3, 1])
     return vx.meshes.bodies({"lower": lower, "upper": upper} | {BOLTS[k]: bolt(n, (2 * k - 1) * HALF) for k in (0, 1)})
 
 
 def times(steps):
-    """A fifth of the steps, one at least, tighten; the others pull."""
+    """Return steps of which a fifth, at least one, tighten; the others pull."""
     first = max(1, steps // 5)
     return np.append(np.linspace(0.0, 1.0, first + 1), np.linspace(1.0, 2.0, steps - first + 1)[1:])
 
 
-def on_the_upper_plate(history):
-    """Forces of lower plate, heads and collars on half the upper plate, at the stored instants, (3, S, 3)."""
+def forces_on_upper_plate(history):
+    """Return the forces of lower plate, heads and collars on half the upper plate, (3, S, 3)."""
     contact = history.contact
     friction = contact.traction * contact.friction_lengths[:, None]
     force = friction - contact.pressure[:, :, None] * (contact.lengths[:, None] * contact.normals)
@@ -111,20 +114,19 @@ def on_the_upper_plate(history):
 
 
 def picture(history):
-    """Section and half of the joint as the bolts bear, and the pull over the way of the end, beside mu N."""
-    figure = new_figure(8.4, 3.4)
+    """Draw a section of the joint as the bolts bear, and the pull over the displacement of the end."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     body, graph = figure.subplots(1, 2, width_ratios=(1.3, 1.0))
-    deformed_body(history, ax=body, view=(-0.35, -1.0, 0.4), magnify=20, units=UNITS)
-    lap, _, wall = 2e-3 * on_the_upper_plate(history)
-    way = 1000 * PULLED * np.maximum(history.times - 1.0, 0.0)
-    pull, bound = 2e-3 * history.reaction("upper.right")[:, 0], FRICTION * lap[:, 2]
+    vx.plots.deformed_body(history, ax=body, view=(-0.35, -1.0, 0.4), magnify=20, units=UNITS)
     pulled = history.times >= 1.0
-    graph.plot(way[pulled], pull[pulled], "o-", color=COMPUTED, markersize=4, linewidth=1.0, label="pull")
-    graph.plot(
-        way[pulled], -wall[pulled, 0], "s-", color=SECOND, markersize=4, linewidth=1.0, label="of it, bolts on walls"
-    )
-    graph.plot(way[pulled], bound[pulled], "--", color="0.5", linewidth=1.2, label=r"$\mu N$")
-    light_grid(graph)
-    graph.legend(frameon=False, fontsize="small", loc="upper left")
-    graph.set(xlabel="way of the end (\u00b5m)", ylabel="force (kN)")
+    lap, _, wall = 2e-3 * forces_on_upper_plate(history)[:, pulled]
+    end = 1000 * PULL * (history.times[pulled] - 1.0)
+    graph.plot(end, 2e-3 * history.reaction("upper.right")[pulled, 0], "C0o-", linewidth=1.0, label="pull")
+    graph.plot(end, -wall[:, 0], "C1s-", linewidth=1.0, label="part of the bolts")
+    graph.plot(end, FRICTION * lap[:, 2], "--", color="0.5", label=r"$\mu N$")
+    graph.set(xlabel="displacement of the end (µm)", ylabel="force (kN)")
+    graph.grid()
+    graph.legend(loc="upper left")
     return figure

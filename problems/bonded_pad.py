@@ -1,20 +1,20 @@
-r"""A rubber pad, clamped below and squeezed by a smooth plate: what cannot flow out presses back.
+r"""A rubber pad, clamped below and squeezed by a smooth plate: the nearly incompressible rubber stiffens it.
 
-Half of a pad |x| < a, 0 < y < h (x = 0 is a line of symmetry, x = a is free), nearly incompressible, plane strain. It
-is bonded to its base, u = 0, and a smooth plate presses its top down by d. What the plate displaces must flow out
-past the clamp: lubrication's parabola across the thickness, with the volume that compression saves, gives the
-pressure
+Half of a pad |x| < a, 0 < y < h is computed in plane strain: x = 0 is a line of symmetry, x = a is free. The rubber is
+nearly incompressible. The pad is bonded to its base, u = 0, and a smooth plate presses its top down by d. The displaced
+volume must flow out along the clamped base. A parabolic profile across the thickness, as in lubrication theory,
+together with the volume change by compression gives the pressure
 
 $$
 p'' = 3 \mu p / (h^2 \lambda) - 3 \mu d / h^3, \qquad p(a) = 0: \\
-p = \lambda d / h (1 - \cosh(b x) / \cosh(b a)), \qquad b^2 = 3 \mu / (\lambda h^2),
+p = \lambda d / h (1 - \cosh(b x) / \cosh(b a)), \qquad b^2 = 3 \mu / (\lambda h^2)
 $$
 
-(Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959; with compressibility Chalhoub and Kelly, J. Eng. Mech. 117, 1991;
-one side bonded: the pressure of a pad of twice the height between two clamps). A free pad would bear 4 mu d/h: the
-clamp makes it (a/h)^2 / 4 times as stiff, until its volume gives way. The thin layer is a model: under the plate
--sigma_yy is p + 3/2 mu d/h, and the free edge, where the mean of sigma_xx vanishes and not p, adds up to 3 mu d/h
-more.
+(Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959; with compressibility Chalhoub and Kelly, J. Eng. Mech. 117, 1991).
+With one side bonded it is the pressure of a pad of twice the height between two clamps. A free pad would resist with
+4 mu d/h: the clamp makes it stiffer by the factor (a/h)^2 / 4, until compressibility limits it. The thin layer is a
+model: under the plate -sigma_yy is p + 3/2 mu d/h. At the free edge the mean of sigma_xx vanishes and not p, which adds
+up to 3 mu d/h.
 
     vemcvx run problems/bonded_pad.py --n 12 --steps 1 --plot
 """
@@ -22,30 +22,29 @@ more.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
-HALF_WIDTH, HEIGHT, MU, POISSON, PRESSED = 8.0, 1.0, 1.0, 0.499, 0.001
-UNITS = MM
+HALF_WIDTH, HEIGHT, MU, POISSON, SQUEEZE = 8.0, 1.0, 1.0, 0.499, 0.001
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 12, "steps": 1}
 
 
 def pressure(x, poisson=POISSON):
-    """Of the plate on the pad."""
+    """Return the pressure of the plate on the pad."""
     lam = 2 * MU * poisson / (1 - 2 * poisson)
     b = np.sqrt(3 * MU / lam) / HEIGHT
-    return lam * PRESSED / HEIGHT * (1 - np.cosh(b * x) / np.cosh(b * HALF_WIDTH))
+    return lam * SQUEEZE / HEIGHT * (1 - np.cosh(b * x) / np.cosh(b * HALF_WIDTH))
 
 
 def force(poisson=POISSON):
-    """Of the plate on half of the pad."""
+    """Return the force of the plate on half of the pad."""
     lam = 2 * MU * poisson / (1 - 2 * poisson)
     b = np.sqrt(3 * MU / lam) / HEIGHT
-    return lam * PRESSED / HEIGHT * (HALF_WIDTH - np.tanh(b * HALF_WIDTH) / b)
+    return lam * SQUEEZE / HEIGHT * (HALF_WIDTH - np.tanh(b * HALF_WIDTH) / b)
 
 
 def scene(poisson=POISSON):
     def down(x, t):
-        return np.full(len(x), -PRESSED * t)
+        return np.full(len(x), -SQUEEZE * t)
 
     return vx.Scene(
         vx.Elasticity(young=2 * MU * (1 + poisson), poisson=poisson),
@@ -64,15 +63,19 @@ def times(steps):
 
 
 def picture(history):
-    """The pad bulging out of its gap, and the pressure under the plate."""
-    figure, graph = body_and_graph(history, stress="yy", stretch=1.4)
+    """Draw the pad, which bulges out at its free edge, and the pressure under the plate."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1)
+    vx.plots.stressed_body(history, ax=body, stress="yy", stretch=1.4, units=UNITS)
     centres, sigma = history.mesh.centroids, history.stress(-1)
-    under = centres[:, 1] > centres[:, 1].max() - 1e-9
+    under = np.flatnonzero(centres[:, 1] > centres[:, 1].max() - 1e-9)[::2]
     x = np.linspace(0, HALF_WIDTH, 200)
-    marks = (centres[under, 0], -sigma[under, 1])
-    beside_closed_form(graph, marks, (x, pressure(x)), label="in the cells under the plate", exact_label="thin layer")
-    free = 4 * MU * PRESSED / HEIGHT
-    graph.axhline(free, color="0.5", linestyle="--", linewidth=1.2, label="without the clamp")
-    graph.legend(frameon=False, fontsize="small")
+    graph.plot(x, pressure(x), "k-", label="thin layer")
+    graph.plot(centres[under, 0], -sigma[under, 1], "C0o", label="in the cells under the plate")
+    graph.axhline(4 * MU * SQUEEZE / HEIGHT, color="0.5", linestyle="--", label="without the clamp")
     graph.set(xlabel="distance from the middle (mm)", ylabel="pressure (MPa)", ylim=(0, None))
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,7 +1,7 @@
-r"""A round fibre in a softer matrix: two materials, and a stress that is the same everywhere inside the fibre.
+r"""A round fibre in a softer matrix: two materials, and a uniform stress inside the fibre.
 
-A large plate (plane strain, E1, nu1) with a bonded round inclusion of radius R (E2, nu2) is pulled by S along x. With
-kappa = 3 - 4 nu and m = mu2 / mu1, outside it is the field of :mod:`plate_with_hole` with
+A large plate (plane strain, E1, nu1) with a bonded round inclusion of radius R (E2, nu2) is under the tension S along
+x. With kappa = 3 - 4 nu and m = mu2 / mu1, the field outside is that of `plate_with_hole.py` with
 
 $$
 a = S R^2 / 2 (1 - m) / (1 + m \kappa_1), \qquad b = R^2 (2 d - S / 2), \qquad c = a R^2, \\
@@ -9,8 +9,8 @@ d = m S (\kappa_1 + 1) / (4 (\kappa_2 - 1 + 2 m)),
 $$
 
 and inside sigma_xx + sigma_yy = 4 d, sigma_yy - sigma_xx = -S m (1 + kappa1) / (1 + m kappa1), sigma_xy = 0, at every
-point (Goodier, Trans. ASME 55, 1933; Eshelby 1957 for all ellipses; m = 0 is Kirsch's hole). The mesh ends at r = 4
-R, where the displacement of that solution is given. The middle of the fibre is one polygon of many sides.
+point (Goodier, Trans. ASME 55, 1933; Eshelby 1957 for all ellipses; m = 0 is Kirsch's hole). The mesh ends at r = 4 R,
+where the displacement of that solution is prescribed. The middle of the fibre is one polygon of many sides.
 
     vemcvx run problems/circular_inclusion.py --n 6 --steps 1 --plot
 """
@@ -18,18 +18,15 @@ R, where the displacement of that solution is given. The middle of the fibre is 
 import numpy as np
 
 import vemcvx as vx
-from plate_with_hole import complex_potentials, displacement_of, polar, stress_of
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, REACH, PULL = 1.0, 4.0, 1.0
 MATRIX, FIBRE = (1000.0, 0.3), (10000.0, 0.2)
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 12, "steps": 1}
 
 
 def constants(fibre=FIBRE):
-    """a, b, c, and the uniform stress (3,) inside."""
+    """Return a, b, c, and the uniform stress (3,) inside."""
     mu1, mu2 = (E / (2 * (1 + nu)) for E, nu in (MATRIX, fibre))
     kappa1, kappa2 = 3 - 4 * MATRIX[1], 3 - 4 * fibre[1]
     m = mu2 / mu1
@@ -40,10 +37,13 @@ def constants(fibre=FIBRE):
 
 
 def outside(x, fibre=FIBRE):
-    """Displacements (m, 2) and stresses (m, 3) in the matrix at the points x (m, 2)."""
-    z, (E, nu) = x[:, 0] + 1j * x[:, 1], MATRIX
-    potentials = complex_potentials(z, *constants(fibre)[:3], pull=PULL)
-    return displacement_of(z, potentials, 3 - 4 * nu, E / (2 * (1 + nu))), stress_of(z, potentials)
+    """Return displacements (m, 2) and stresses (m, 3) in the matrix at the points x (m, 2)."""
+    (a, b, c, _), z, (E, nu) = constants(fibre), x[:, 0] + 1j * x[:, 1], MATRIX
+    phi, first, second = PULL / 4 * z + a / z, PULL / 4 - a / z**2, 2 * a / z**3
+    psi, slope = -PULL / 2 * z + b / z + c / z**3, -PULL / 2 - b / z**2 - 3 * c / z**4
+    w = ((3 - 4 * nu) * phi - z * np.conj(first) - np.conj(psi)) * (1 + nu) / E
+    mean, rest = 2 * first.real, np.conj(z) * second + slope
+    return np.column_stack([w.real, w.imag]), np.column_stack([mean - rest.real, mean + rest.real, rest.imag])
 
 
 def scene(fibre_young=FIBRE[0], fibre_poisson=FIBRE[1]):
@@ -55,14 +55,16 @@ def scene(fibre_young=FIBRE[0], fibre_poisson=FIBRE[1]):
     )
 
 
-def mesh(n, family="polar"):
-    """4 n rays; circles at distances like theirs, one of them the interface."""
+def mesh(n, family="ring"):
+    """Return 4n sectors between circles, one of which is the interface, and a polygon in the middle."""
     ratio = np.exp(np.pi / (2 * n))
     inside = np.linspace(0.25, 1.0, max(2, round(0.75 * n * 2 / np.pi)) + 1) * RADIUS
     beyond = np.geomspace(RADIUS, REACH, max(2, round(np.log(REACH / RADIUS) / np.log(ratio))) + 1)
-    made = polar(np.concatenate([inside, beyond[1:]]), np.linspace(0, 2 * np.pi, 4 * n + 1), centre=True)
-    fibre = np.linalg.norm(made.centroids, axis=1) < RADIUS * np.cos(np.pi / (4 * n))
-    return made.with_cell_data("fibre", fibre).with_cell_data("matrix", ~fibre)
+    ring = vx.meshes.ring(np.concatenate([inside, beyond[1:]]), 4 * n)
+    cells, outer = [np.arange(4 * n), *ring.cells], ring.boundaries["outer"]
+    disc = vx.PolygonMesh(ring.points, cells, boundaries={"outer": outer})
+    fibre = np.linalg.norm(disc.centroids, axis=1) < RADIUS * np.cos(np.pi / (4 * n))
+    return disc.with_cell_data("fibre", fibre).with_cell_data("matrix", ~fibre)
 
 
 def times(steps):
@@ -70,25 +72,24 @@ def times(steps):
 
 
 def picture(history):
-    """The fibre in its matrix, and the stress along the line through both."""
-    window = ((-2.5, 2.5), (-2.5, 2.5))
-    figure, graph = body_and_graph(history, stress="xx", window=window)
+    """Draw the fibre in its matrix, and the stresses along a line through both."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
+    vx.plots.stressed_body(history, ax=body, stress="xx", window=((-2.5, 2.5), (-2.5, 2.5)), units=UNITS)
     x, sigma = history.mesh.centroids, history.stress(-1)
-    place = np.angle(x[:, 0] + 1j * x[:, 1]) * 180 / np.pi
-    fibre = history.mesh.cell_data["fibre"] != 0
-    near = (np.abs(place) < 10) & (x[:, 0] > 0)
-    row = near & (np.abs(place - place[near & ~fibre].min(where=place[near & ~fibre] > 0, initial=90)) < 1e-6)
-    ray = np.deg2rad(place[row][0])
-    r = np.linspace(RADIUS, REACH, 200)
+    angle, far = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x, axis=1)
+    ray = angle[(angle > 1e-6) & (far > RADIUS)].min()  # that of the first row of cells
+    row = np.abs(angle - ray) < 1e-6
+    r, inside = np.linspace(RADIUS, REACH, 200), constants()[3]
     exact = outside(np.column_stack([r * np.cos(ray), r * np.sin(ray)]))[1]
-    inside = constants()[3]
-    far = np.linalg.norm(x[row], axis=1)
-    for part, colour, name in ((0, COMPUTED, "11"), (1, SECOND, "22")):
-        line = np.append([inside[part]] * 2, exact[:, part])
-        label = rf"$\sigma_{{{name}}}$ in the cells"
-        marks, known = (far, sigma[row, part]), (np.append([0.0, RADIUS], r), line)
-        words = "Goodier 1933" if part == 0 else None
-        beside_closed_form(graph, marks, known, colour=colour, label=label, exact_label=words)
+    for part, marks, name in ((0, "C0o", "11"), (1, "C1s", "22")):
+        line = [inside[part], inside[part], *exact[:, part]]
+        graph.plot([0.0, RADIUS, *r], line, "k-", label=None if part else "Goodier 1933")
+        graph.plot(far[row], sigma[row, part], marks, label=rf"$\sigma_{{{name}}}$ in the cells")
     graph.set(xlabel="distance from the middle of the fibre (mm)", ylabel="stress / pull", xlim=(0, REACH))
     graph.set_title("along a ray in the direction of the pull", fontsize="small")
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,17 +1,18 @@
-r"""A cohesive interface that softens, an effect of one's own: two glued blocks are pulled apart, and closed again.
+r"""A user-defined effect: a cohesive interface that softens; two glued blocks are pulled apart, and closed again.
 
-The blocks have heights H_1, H_2 and the moduli M_1, M_2 of uniaxial strain, and meshes that do not match; their sides
-do not bulge. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between them is rigid up to
-its strength c and flows from there on, across the interface and along it; each place loses strength with the way A that
-it has flowed: c(A) = max(c_0 (1 - A / A_c), 0). The stress sigma and the opening a >= 0, which contact keeps so, are
+The blocks have heights H_1, H_2, moduli M_1, M_2 of uniaxial strain, and meshes that do not match; their sides stay
+plane. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks is rigid up to
+its strength c and flows from there on, across the interface and along it. Each place loses strength with its
+accumulated flow A: c(A) = max(c_0 (1 - A / A_c), 0). Contact keeps the opening a >= 0. The stress sigma and the opening
+obey
 
 $$
 \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2; \qquad da = (|\sigma| - c(A)) / (1 / C - c_0 / A_c)
 \qquad \text{where it flows}.
 $$
 
-A step has one solution, and the blocks do not snap apart, if c_0 / A_c < 1 / C: the glue softens slowly enough. Once it
-has lost all strength they carry nothing, until they touch.
+A step has one solution, and the blocks do not snap apart, if c_0 / A_c < 1 / C: the glue softens slowly enough. Once
+all strength is lost, the stress vanishes until the blocks touch again.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """
@@ -21,20 +22,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.effects import Contribution, Friction, Law
 
 
 @dataclass(frozen=True)
 class Glue(vx.Effect):
-    """Glue between two bodies that flows at its strength, along the interface and across it, and softens.
+    """Glue between two bodies: it flows at its strength, along the interface and across it, and softens.
 
     Parameters
     ----------
     strength : float
-        c_0 > 0, force per length, of glue that has not flowed.
+        c_0 > 0, the force per length of glue that has not flowed.
     way : float
-        A_c, over which a place loses all of it.
+        A_c, the accumulated flow at which a place has lost all strength.
     on : str or sequence of str
         Names of interfaces.
     """
@@ -65,17 +65,17 @@ COMPLIANCE = sum(height / modulus for height, modulus in zip(HEIGHTS, MODULI, st
 WAY = 2.0 * STRENGTH * COMPLIANCE
 AMPLITUDE = 1.5 * STRENGTH * COMPLIANCE
 JOINT = "lower|upper"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 60}
 
 
 def top(t):
-    """U(t)."""
+    """Return U(t)."""
     return AMPLITUDE * np.interp(t, [0, 1, 2, 3], [0.0, 1.0, -0.25, 1.5])
 
 
-def closed_form(instants):
-    """The stress sigma across the interface, its opening a, at every instant."""
+def exact_solution(instants):
+    """Return the stress sigma across the interface and its opening a, at every instant."""
     sigma, a, way = np.zeros(len(instants)), np.zeros(len(instants)), 0.0
     for n, U in enumerate(top(instants[1:]), start=1):
         trial, fall = (U - a[n - 1]) / COMPLIANCE, STRENGTH / WAY
@@ -90,21 +90,21 @@ def closed_form(instants):
 
 
 def scene(way=WAY):
-    def moved(x, t):
+    def move_top(x, t):
         return np.full(len(x), top(t))
 
     return vx.Scene(
         vx.Elasticity(YOUNG[0], POISSON, on="lower"),
         vx.Elasticity(YOUNG[1], POISSON, on="upper"),
         vx.Symmetry(on=["lower.bottom", "lower.left", "lower.right", "upper.left", "upper.right"]),
-        vx.PrescribedDisplacement(moved, on="upper.top", direction=(0.0, 1.0)),
+        vx.PrescribedDisplacement(move_top, on="upper.top", direction=(0.0, 1.0)),
         vx.UnilateralContact(on=JOINT),
         Glue(STRENGTH, way, on=JOINT),
     )
 
 
 def mesh(n, family="hexagons"):
-    """The lower block in cells of `family`; the upper one in squares, n + 3 across its height."""
+    """Return the lower block in cells of `family` and the upper one in squares, n + 3 across its height."""
     lower = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHTS[0])))
     upper = vx.meshes.squares(n + 3, box=((0, LENGTH), (HEIGHTS[0], sum(HEIGHTS))))
     return vx.meshes.bodies({"lower": lower, "upper": upper})
@@ -115,10 +115,18 @@ def times(steps):
 
 
 def picture(history):
-    """Both blocks once the glue has flowed, and the stress over the motion of the top."""
-    figure, graph = body_and_graph(history, step=history.steps // 3, stress="yy", shares=(1.0, 1.2))
-    pressure, dense = history.contact.pressure.mean(axis=1), times(1500)
-    beside_closed_form(graph, (top(history.times), -pressure), (top(dense), closed_form(dense)[0]))
+    """Draw both blocks once the glue has flowed, and the stress over the displacement of the top."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.0, 1.2))
+    vx.plots.stressed_body(history, ax=body, step=history.steps // 3, stress="yy", units=UNITS)
+    dense = times(1500)
+    graph.plot(top(dense), exact_solution(dense)[0], "k-", label="closed form")
+    graph.plot(top(history.times), -history.contact.pressure.mean(axis=1), "C0o", label="computed")
     graph.axhline(0.0, color="0.5", linewidth=0.8)
-    graph.set(xlabel="top moved up by $U$ (mm)", ylabel="stress across the glue (MPa, tension positive)")
+    graph.set(xlabel="displacement $U$ of the top (mm)", ylabel="stress across the glue (MPa, tension positive)")
+    graph.locator_params(nbins=6)
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,17 +1,19 @@
-r"""The dovetail root of a blade in its slot: pulled more on one end of the slot than on the other, and let go.
+r"""The dovetail root of a blade in its slot: pulled more at one end of the slot than at the other, and released.
 
-The root is a trapezoid in a slot along z, whose flanks lean by b from the pull; half of it, x > 0, is computed. Of the
-whole blade the top bears P(t) (1 + c z / l), -l < z < l: one end of the slot is pressed harder. Forces balance exactly,
-with N the normal force of a flank and T that of friction, towards the slot's floor as it slides out:
+The root is a trapezoid in a slot along z, whose flanks lean by b from the pull; half of it, x > 0, is computed. On the
+top of the whole blade acts P(t) (1 + c z / l), -l < z < l, so that one end of the slot is pressed harder. Let N be the
+normal force of a flank, and T its friction, towards the floor of the slot as the root slides out. Forces balance
+exactly:
 
 $$ N \sin b + T \cos b = P / 2, \qquad \text{moment of the flank's forces about } x = -c l P / 6. $$
 
 Friction is at most mu N, so that N stays between the lines of full slip,
 
-$$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)), $$
+$$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
-on the first while the root slides out and on the second while it slides in, as far as places slip straight along the
-flank. Between them it sticks, and N hardly falls with the pull (which wears the roots of turbine blades).
+N is on the first line while the root slides out and on the second while it slides in, as far as places slip straight
+along the flank. Between the lines the root sticks, and N hardly falls with the pull. (This wears the roots of turbine
+blades.)
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot
 """
@@ -19,26 +21,21 @@ flank. Between them it sticks, and N hardly falls with the pull (which wears the
 import numpy as np
 
 import vemcvx as vx
-from hertz_contact import grid
-from problem_pictures import MM
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots import deformed_body
-from vemcvx.plots.style import COMPUTED
 
 YOUNG, POISSON, FRICTION = 1000.0, 0.3, 0.15
 LEAN = np.radians(30.0)
 NECK, ROOT, BLADE, OUTER, HALF = 0.6, 1.0, 0.6, 2.4, 1.0
 """Half the width of the neck; heights of root and blade; half the width of the disc; half the length of the slot."""
 PULL, SLANT = 4.0, 0.5
-"""P at its largest, and c."""
+"""The largest P, and c."""
 OUT, IN = (0.5 / (np.sin(LEAN) + sign * FRICTION * np.cos(LEAN)) for sign in (1.0, -1.0))
 JOINT = "blade|disc"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 3, "steps": 16, "accuracy": 1e-6}
 
 
 def load(t):
-    """P(t): up, down to a quarter, and up again."""
+    """Return P(t): up, down to a quarter, and up again."""
     return PULL * np.interp(t, [0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.25, 1.0])
 
 
@@ -58,22 +55,23 @@ def scene(friction=FRICTION, slant=SLANT):
 
 
 def flank(y):
-    """Half the width of root and neck at a height."""
+    """Return half the width of root and neck at a height."""
     return NECK + np.tan(LEAN) * np.maximum(-y, 0.0)
 
 
-def solid(x, y, layers, inside):
-    """Hexahedra over rectangles between lines x and y, whose left or right side is moved to the flank."""
-    made = grid(x, y).extruded(np.linspace(-HALF, HALF, layers + 1))
-    named = {name: faces for name, faces in made.boundaries.items() if name != "boundary"}
-    points, side = made.points.copy(), flank(made.points[:, 1])
-    part = (points[:, 0] - x[0]) / (x[-1] - x[0])
-    points[:, 0] = part * side if inside else side + part * (OUTER - side)
-    return vx.PolyhedralMesh(points, made.cells, boundaries=named)
+def solid(x, y, layers, is_inside):
+    """Return hexahedra over rectangles between lines x and y, whose right or left side is moved to the flank."""
+    lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
+    i, j = lattice.points.round().astype(int).T
+    side = flank(y[j])
+    plane = np.column_stack([x[i] * side if is_inside else side + x[i] * (OUTER - side), y[j]])
+    return vx.PolygonMesh(plane, lattice.cells, boundaries=lattice.boundaries).extruded(
+        np.linspace(-HALF, HALF, layers + 1)
+    )
 
 
 def mesh(n, family="hexahedra"):
-    """The blade n cells across its neck, and 4n/3 along the slot; the disc in others."""
+    """Return the blade, n cells across half its neck, and the disc in other cells."""
     across, root = np.linspace(0.0, 1.0, n + 1), np.linspace(-ROOT, 0.0, 2 * n + 1)
     blade = solid(across, np.append(root, np.linspace(0.0, BLADE, n + 1)[1:]), 2 * n, True)
     disc = solid(np.linspace(0.0, 1.0, 2 * n + 1), np.linspace(-ROOT, 0.0, 2 * n + 2), 2 * n + 1, False)
@@ -85,29 +83,30 @@ def times(steps):
 
 
 def nodal_forces(history):
-    """What the joint exerts on the blade at its nodes, at the stored instants, (S, m, 3)."""
+    """Return the forces of the joint on the nodes of the blade at the stored instants, (S, m, 3)."""
     contact = history.contact
     friction = contact.traction * contact.friction_lengths[:, None]
     return friction - contact.pressure[:, :, None] * (contact.lengths[:, None] * contact.normals)
 
 
 def normal_force(history):
-    """N at the stored instants, (S,)."""
+    """Return N at the stored instants, (S,)."""
     return history.contact.pressure @ history.contact.lengths
 
 
 def picture(history):
-    """The pulled root and its slot, and the normal force of the flank over the pull, between the lines of full slip."""
-    figure = new_figure(8.4, 3.4)
+    """Draw the pulled root in its slot, and the normal force of the flank between the lines of full slip."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     body, graph = figure.subplots(1, 2)
-    deformed_body(history, ax=body, view=(-0.8, 0.9, 1.6), units=UNITS)
-    pull = np.array([0.0, PULL])
-    for slope, words, side in ((OUT, " slides out", "left"), (IN, "slides in ", "right")):
-        graph.plot(pull, slope * pull, color="0.5", linestyle="--", linewidth=1.2)
-        at, above = 0.4 * PULL, "top" if slope == OUT else "bottom"
-        graph.text(at, slope * at, words, fontsize="small", color="0.3", va=above, ha=side)
-    graph.plot(load(history.times), normal_force(history), "o-", color=COMPUTED, markersize=4, label="computed")
-    light_grid(graph)
-    graph.legend(frameon=False, fontsize="small", loc="lower right")
+    vx.plots.deformed_body(history, ax=body, view=(-0.8, 0.9, 1.6), units=UNITS)
+    pull, at = np.array([0.0, PULL]), 0.4 * PULL
+    graph.plot(pull, np.outer(pull, (OUT, IN)), "--", color="0.5")
+    graph.text(at, OUT * at, " slides out", fontsize="small", color="0.3", va="top", ha="left")
+    graph.text(at, IN * at, "slides in ", fontsize="small", color="0.3", va="bottom", ha="right")
+    graph.plot(load(history.times), normal_force(history), "C0o-", label="computed")
     graph.set(xlabel="pull $P$ (N)", ylabel="normal force $N$ (N)", xlim=(0, None), ylim=(0, 1.6 * OUT * PULL))
+    graph.grid()
+    graph.legend(loc="lower right")
     return figure

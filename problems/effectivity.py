@@ -1,10 +1,11 @@
-"""How far estimated errors are from true ones, on every family of meshes: manufactured cases, and the paper's scene.
+"""Estimated errors over true errors on all mesh families: manufactured solutions, and the paper's scene.
 
     python problems/effectivity.py [--small] [--picture FILE]
 
-The estimate is the sum of the three parts of `vx.error_budget`, with its one constant. True errors: full slip in closed
-form for two Poisson's ratios (steps lose nothing there); the paper's scene with h = k, against squares of 1/256; and a
-load that turns back, on one mesh, against sixteen times as many steps, where time is all there is to lose.
+The estimate is the sum of the three parts of `vx.error_budget`, with its one constant. True errors are measured against
+three references: full slip in closed form for two Poisson's ratios, where steps make no error; the paper's scene with
+h = k, against squares of 1/256; and a load that turns back, on one mesh, against sixteen times as many steps, where
+only steps make an error.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ NEARLY = 0.4999995
 
 @dataclass(frozen=True)
 class Found:
-    """One run: true relative error, and the largest of its budget."""
+    """One run: its true relative error, and its largest error budget."""
 
     case: str
     family: str
@@ -47,7 +48,7 @@ class Found:
         return self.parts["total"] / self.true
 
 
-def slipping(family, n, poisson):
+def run_full_slip(family, n, poisson):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
     history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, n + 1), store="last")
@@ -55,34 +56,34 @@ def slipping(family, n, poisson):
     return Found(f"full slip, nu = {poisson}", family, n, true.relative, vx.error_budget(history).largest)
 
 
-def block(family, n, truth):
+def run_block(family, n, truth):
     history = vx.simulate(paper.scene(), vx.meshes.FAMILIES[family](n), np.linspace(0, 1, n + 1), store="last")
     true = vx.measures.energy_distance(history, truth)
     return Found("the paper's scene", family, n, true.relative, vx.error_budget(history).largest)
 
 
-def reversed_(steps):
-    """Only time is lost here, and the estimate's other parts are left out."""
+def run_reversal(steps):
+    """Return the run whose error is only in time, without the other parts of the estimate."""
     mesh = vx.meshes.squares(16)
     coarse, fine = (
         vx.simulate(missed_reversal.scene(), mesh, missed_reversal.times(count)) for count in (steps, 16 * steps)
     )
-    true = missed_reversal.farthest(coarse, fine)
+    true = missed_reversal.largest_distance(coarse, fine)
     time = float(vx.error_budget(coarse).time.max())
     return Found(
         "reversal, time alone", "squares", steps, true, {"algebra": 0.0, "space": 0.0, "time": time, "total": time}
     )
 
 
-def all_found(sizes, reference):
+def run_all(sizes, reference):
     truth = vx.simulate(paper.scene(), vx.meshes.squares(reference), [0.0, 0.5, 1.0], store="last")
     found = []
     for family in FAMILIES:
         for n in sizes:
-            found += [slipping(family, n, 0.3), block(family, n, truth)]
-            # Linear triangles lock there, whatever one estimates.
-            found += [slipping(family, n, NEARLY)] if family != "triangles" else []
-    return found + [reversed_(2 * n + 1) for n in sizes]
+            found += [run_full_slip(family, n, 0.3), run_block(family, n, truth)]
+            # Linear triangles lock there, which no estimate changes.
+            found += [run_full_slip(family, n, NEARLY)] if family != "triangles" else []
+    return found + [run_reversal(2 * n + 1) for n in sizes]
 
 
 def table(found):
@@ -120,7 +121,7 @@ def main(arguments=None):
     parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
     parser.add_argument("--picture", type=Path, help="draw the ratios there")
     given = parser.parse_args(arguments)
-    found = all_found(*(((4, 8), 64) if given.small else ((8, 16, 32), 256)))
+    found = run_all(*(((4, 8), 64) if given.small else ((8, 16, 32), 256)))
     Console(width=120).print(table(found))
     if given.picture is not None:
         picture(found).savefig(given.picture, dpi=110)

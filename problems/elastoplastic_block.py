@@ -1,6 +1,6 @@
 r"""A block that yields after von Mises: the same abstract problem with second-order cones.
 
-The truss of :mod:`elastoplastic_truss` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7). The plastic
+The model of `elastoplastic_truss.py` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7). The plastic
 strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
 
 $$
@@ -15,7 +15,7 @@ $$
 \qquad |s - H P| \le R = \sqrt{2/3} \sigma_y, \qquad \text{loss} \qquad R |P'|.
 $$
 
-On virtual elements P is constant on cells and meets the strain of Pi u, eps = dev eps + volume: y = (u, p),
+On virtual elements P is constant on cells and couples to the strain of Pi u, eps = dev eps + volume: y = (u, p),
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -23,16 +23,16 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-one cone of three components a cell. Nothing of this is in the library: K is put together below from its matrices.
+one cone of three components per cell. The library has none of this: K is assembled below from its matrices.
 
-**Exact on every mesh.** Tractions on the whole boundary that belong to a uniform stress S(t) keep the block uniform.
-If S_yy = -S_xx, then S_zz and p_2 are zero, the load alone sets s = sqrt 2 (S_xx, 0, S_xy), and each step is the
-*return mapping*
+**Exact on every mesh.** Under tractions on the whole boundary that belong to a uniform stress S(t), the block stays
+uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy). Each
+step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
-Under shear alone, S_xy = tau, it is the play of :mod:`spring_slider_chain`: p_3 = play_R(sqrt 2 tau) / H, and
-gamma = tau / mu + sqrt 2 p_3 has no error in time; where the direction turns, it is backward Euler's.
+Under shear alone, S_xy = tau, it is the play of `spring_slider_chain.py`: p_3 = play_R(sqrt 2 tau) / H, and
+gamma = tau / mu + sqrt 2 p_3 has no error in time. Where the direction turns, the error is that of backward Euler.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """
@@ -45,61 +45,61 @@ import numpy as np
 import scipy.sparse as sp
 
 import vemcvx as vx
-from spring_slider_chain import sampled
+from spring_slider_chain import sample
 from vemcvx.vem import Space, stiffness, strains, stress_load
 
 YOUNG, POISSON, HARDENING, YIELD = 200.0, 0.3, 30.0, 1.0
 MU = YOUNG / (2 * (1 + POISSON))
 LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
 RADIUS = np.sqrt(2 / 3) * YIELD
-# Components xx, yy, xy of N_1, N_2, N_3, a row each.
 BASIS = np.array([[1, -1, 0], [1 / np.sqrt(3), 1 / np.sqrt(3), 0], [0, 0, 1]]) / np.sqrt(2)
+"""Components xx, yy, xy of N_1, N_2, N_3, one row each."""
 SPIRAL = np.linspace(0, 4 * np.pi, 49)
 
 
 class Block(NamedTuple):
-    """A system over (u, p), and the displacements that are free."""
+    """A system over (u, p), and the free displacements."""
 
     system: vx.System
     free: np.ndarray
 
 
 def block(mesh, stress):
-    """Under the tractions of the uniform stresses (N + 1, 3), (xx, yy, xy), at t = 0, 1, ..., N."""
+    """Return the block under tractions of the uniform stresses (N + 1, 3), (xx, yy, xy), at t = 0, 1, ..., N."""
     space, n = Space(mesh), mesh.n_cells
     work = stress_load(space)
     elastic = stiffness(space, np.full(n, LAM), np.full(n, MU))
     coupling = work @ sp.kron(sp.identity(n), 2 * MU * BASIS.T)
     volumes = np.repeat(mesh.areas, 3)
-    free = np.setdiff1d(np.arange(space.n_unknowns), _held(mesh))
+    free = np.setdiff1d(np.arange(space.n_unknowns), _support_unknowns(mesh))
     K_up = coupling[free]
     K = sp.bmat([[elastic[free][:, free], -K_up], [-K_up.T, sp.diags((2 * MU + HARDENING) * volumes)]], format="csr")
     # Uniform stresses do the same work as their tractions: sum_K |K| S : eps(v) = int Sn . v.
     tractions = (work @ sp.kron(np.ones((n, 1)), sp.identity(3))).tocsr()[free]
 
     def load(t):
-        return np.concatenate([tractions @ sampled(stress)(t), np.zeros(3 * n)])
+        return np.concatenate([tractions @ sample(stress)(t), np.zeros(3 * n)])
 
     B = sp.hstack([sp.csr_matrix((3 * n, len(free))), sp.identity(3 * n)])
     return Block(vx.System(K, load, vx.Norms(B, RADIUS * mesh.areas, block=3)), free)
 
 
-def _held(mesh):
-    """No displacement at the lower left corner, and none across at the lower right: no force arises there."""
+def _support_unknowns(mesh):
+    """Return the lower left corner's displacements and the lower right corner's height: no force arises there."""
     corner = np.argmin(mesh.points.sum(axis=1))
     other = np.argmax(mesh.points[:, 0] - mesh.points[:, 1])
     return [2 * corner, 2 * corner + 1, 2 * other + 1]
 
 
 def spiral():
-    """Stresses (N + 1, 3) with S_yy = -S_xx whose deviator turns twice while it grows."""
+    """Return stresses (N + 1, 3) with S_yy = -S_xx whose deviator turns twice while it grows."""
     size = 2.5 * RADIUS * SPIRAL / SPIRAL[-1]
     x, xy = size * np.cos(SPIRAL) / np.sqrt(2), size * np.sin(SPIRAL) / np.sqrt(2)
     return np.column_stack([x, -x, xy])
 
 
-def in_closed_form(stress):
-    """Plastic strains (N + 1, 3) in the basis, strains (N + 1, 3) (xx, yy, 2 xy), and s - H P in the basis."""
+def exact_solution(stress):
+    """Return plastic strains (N + 1, 3) in the basis, strains (N + 1, 3) (xx, yy, 2 xy), and s - H P in the basis."""
     s = np.sqrt(2) * np.column_stack([stress[:, 0], 0 * stress[:, 0], stress[:, 2]])
     p = np.zeros_like(s)
     for n in range(1, len(s)):
@@ -110,8 +110,8 @@ def in_closed_form(stress):
     return p, total * [1, 1, 2], s - HARDENING * p
 
 
-def uniform(mesh, posed, trajectory):
-    """Plastic strains (N + 1, cells, 3) and strains (N + 1, cells, 3)."""
+def cell_strains(mesh, posed, trajectory):
+    """Return plastic strains (N + 1, cells, 3) and strains (N + 1, cells, 3)."""
     u = np.zeros((len(trajectory.state), 2 * mesh.n_nodes))
     u[:, posed.free] = trajectory.state[:, : len(posed.free)]
     plastic = trajectory.state[:, len(posed.free) :].reshape(len(u), -1, 3)
@@ -119,7 +119,7 @@ def uniform(mesh, posed, trajectory):
 
 
 def picture(path, stress, p):
-    """The course of the stress and of the centre H P that follows it, in the plane of deviators."""
+    """Draw the path of the stress, and of the centre H P that follows it, in the plane of deviators."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
@@ -143,7 +143,7 @@ def picture(path, stress, p):
 
 def main(path=None):
     mesh, stress = vx.meshes.voronoi(4), spiral()
-    p, _, back = in_closed_form(stress)
+    p, _, back = exact_solution(stress)
     posed = block(mesh, stress)
     print(f"von Mises block of {mesh.n_cells} polygons, a cone of three components each")
     print("solver      error of P   certified   error of lam   dissipated     seconds")
@@ -151,7 +151,7 @@ def main(path=None):
         start = time.perf_counter()
         trajectory = vx.march(posed.system, np.arange(float(len(stress))), solver=solver)
         seconds = time.perf_counter() - start
-        plastic, _ = uniform(mesh, posed, trajectory)
+        plastic, _ = cell_strains(mesh, posed, trajectory)
         density = trajectory.multipliers / mesh.areas[:, None]
         print(
             f"{solver.name:9s}{np.abs(plastic - p[:, None]).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"

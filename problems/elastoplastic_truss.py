@@ -1,12 +1,12 @@
 r"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1.
 
-Bars with strain e = G u (elongation over length), plastic strain p, and a stored energy per volume
+Bars have the strain e = G u (elongation over length), the plastic strain p, and a stored energy per volume
 
-$$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p), $$
+$$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p). $$
 
-flow while |sigma - H p| = sigma_y and then in its direction; each unit of |p'| dissipates sigma_y. With V = A L,
-y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and Reddy, Plasticity (2nd ed., 2013),
-chapter 7, the paper's reference [8]:
+They flow while |sigma - H p| = sigma_y, in the direction of sigma - H p; each unit of |p'| dissipates sigma_y. With
+V = A L, y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and Reddy, Plasticity (2nd ed.,
+2013), chapter 7, the paper's reference [8]:
 
 $$
 K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b V_b \sigma_{y,b} |q_b|,
@@ -14,16 +14,16 @@ K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b
 $$
 
 The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite: it is the assumption of ellipticity.
-(Isotropic hardening adds accumulated plastic strain k with |p'| <= k': then j is a seminorm on a cone and infinite
+(Isotropic hardening adds the accumulated plastic strain k with |p'| <= k'. Then j is a seminorm on a cone and infinite
 elsewhere, which no sum of norms w_i |B_i v| is.)
 
-**One bar.** p = E/(E+H) play_r(e) with r = sigma_y / E (see :mod:`spring_slider_chain`), that is sigma = E_t e +
+**One bar.** p = E/(E+H) play_r(e) with r = sigma_y / E (see `spring_slider_chain.py`), that is sigma = E_t e +
 (E - E_t) stop_r(e) with the tangent E_t = E H/(E+H). After loading to sigma_1 > sigma_y it yields backwards at
 sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
 
-**Three bars** hold one node, pulled by F(t): one of length L along the force, two of length L / c at the angle theta to
-it, c = cos theta. Their strains are v / L and c^2 v / L, so F(v) is a sum of two such elements and v(F)
-its inverse, again a sum of plays (L = A = 1):
+**Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
+theta to it, c = cos theta. Their strains are v / L and c^2 v / L. So F(v) is a sum of two such elements, and its
+inverse v(F) is again a sum of plays (L = A = 1):
 
 $$
 k_0 = E (1 + 2 c^3), \qquad k_1 = E_t + 2 c^3 E, \qquad k_2 = E_t (1 + 2 c^3), \\
@@ -31,8 +31,8 @@ F_1 = k_0 r, \qquad F_2 = F_1 + k_1 (r / c^2 - r), \\
 v = F / k_0 + (1 / k_1 - 1 / k_0) \operatorname{play}_{F_1}(F) + (1 / k_2 - 1 / k_1) \operatorname{play}_{F_2}(F).
 $$
 
-Between F_1 and F_2 only the bar in the middle flows; unloaded, it is left compressed between its neighbours.
-Backward Euler makes no error as long as F is monotone between instants.
+Between F_1 and F_2 only the bar in the middle flows; after unloading its neighbours keep it compressed. Backward Euler
+makes no error as long as F is monotone between instants.
 
     python problems/elastoplastic_truss.py --picture elastoplastic_truss.png
 """
@@ -44,7 +44,7 @@ from typing import NamedTuple
 import numpy as np
 
 import vemcvx as vx
-from spring_slider_chain import course, march, play, sampled
+from spring_slider_chain import course, march, play, sample
 
 YOUNG, HARDENING, YIELD = 200.0, 20.0, 1.0
 COSINE = 0.6
@@ -58,7 +58,7 @@ class Truss(NamedTuple):
     points: np.ndarray
     bars: np.ndarray
     held: np.ndarray
-    """numbers 2 i + a of the displacements that are zero"""
+    """Numbers 2 i + a of the displacements that are zero."""
     young: float | np.ndarray = YOUNG
     hardening: float | np.ndarray = HARDENING
     yield_stress: float | np.ndarray = YIELD
@@ -74,7 +74,7 @@ class Truss(NamedTuple):
 
 
 def strain_matrix(truss):
-    """G (m, free displacements): strains of the bars."""
+    """Return G (m, free displacements): the strains of the bars."""
     start, end = truss.bars.T
     direction = (truss.points[end] - truss.points[start]) / truss.lengths[:, None] ** 2
     G, bar = np.zeros((len(truss.bars), 2 * len(truss.points))), np.arange(len(truss.bars))
@@ -83,37 +83,37 @@ def strain_matrix(truss):
     return G[:, truss.free]
 
 
-def elastoplastic(truss, force):
-    """The system over (u, p); `force` (N + 1, 2 nodes) are forces on all nodes at t = 0, 1, ..., N."""
+def pose_truss(truss, force):
+    """Return the system over (u, p); `force` (N + 1, 2 nodes) are forces on all nodes at t = 0, 1, ..., N."""
     G, V = strain_matrix(truss), truss.area * truss.lengths
     D, H = np.diag(V * truss.young), np.diag(V * truss.hardening)
     K = np.block([[G.T @ D @ G, -G.T @ D], [-D @ G, D + H]])
     m = len(truss.bars)
     B = np.hstack([np.zeros((m, G.shape[1])), np.eye(m)])
     load = np.hstack([force[:, truss.free], np.zeros((len(force), m))])
-    return vx.System(K, sampled(load), vx.Norms(B, V * truss.yield_stress))
+    return vx.System(K, sample(load), vx.Norms(B, V * truss.yield_stress))
 
 
 def stresses(truss, state):
-    """E (e - p), (N + 1, m)."""
+    """Return the stresses E (e - p), (N + 1, m)."""
     m = len(truss.bars)
     return truss.young * (state[:, :-m] @ strain_matrix(truss).T - state[:, -m:])
 
 
 def three_bars():
-    """The node at the origin, hung from three supports at height 1; bar 0 is the one in the middle."""
+    """Return the node at the origin, attached to three supports at height 1; bar 0 is the middle one."""
     reach = np.sqrt(1 - COSINE**2) / COSINE
     points = np.array([[0.0, 0.0], [0.0, 1.0], [-reach, 1.0], [reach, 1.0]])
     return Truss(points, np.array([[0, 1], [0, 2], [0, 3]]), held=np.arange(2, 8))
 
 
-def downwards(F):
-    """The forces on the nodes of three bars."""
+def load_down(F):
+    """Return the forces on the nodes of three bars."""
     return F[:, None] * -np.eye(8)[1]
 
 
-def three_bars_in_closed_form(F):
-    """State (N + 1, 5), stresses (N + 1, 3) and multipliers (N + 1, 3)."""
+def three_bars_exactly(F):
+    """Return state (N + 1, 5), stresses (N + 1, 3) and multipliers (N + 1, 3)."""
     c, r, tangent = COSINE, YIELD / YOUNG, YOUNG * HARDENING / (YOUNG + HARDENING)
     k = np.array([YOUNG * (1 + 2 * c**3), tangent + 2 * c**3 * YOUNG, tangent * (1 + 2 * c**3)])
     first = k[0] * r
@@ -127,14 +127,14 @@ def three_bars_in_closed_form(F):
 
 
 def yield_forces():
-    """F_1 and F_2."""
+    """Return F_1 and F_2."""
     tangent, c2, c3 = YOUNG * HARDENING / (YOUNG + HARDENING), COSINE**2, COSINE**3
     first = YIELD * (1 + 2 * c3)
     return first, first + (tangent + 2 * c3 * YOUNG) * YIELD / YOUNG * (1 / c2 - 1)
 
 
 def girder(bays=10):
-    """A girder of square bays, each with two thin diagonals, held at its left end."""
+    """Return a girder of square bays, each with two thin diagonals, held at its left end."""
     x = np.repeat(np.arange(bays + 1.0), 2)
     points = np.column_stack([x, np.tile([0.0, 1.0], bays + 1)])
     one = np.array([[0, 2], [1, 3], [0, 3], [1, 2], [2, 3]])
@@ -142,8 +142,8 @@ def girder(bays=10):
     return Truss(points, bars, held=np.arange(4), area=np.tile([2.0, 2.0, 0.2, 0.2, 1.0], bays))
 
 
-def at_its_end(truss, F):
-    """The force F down at the end of a girder, and a third of it halfway."""
+def load_end(truss, F):
+    """Return the force F down at the end of a girder, and a third of it halfway."""
     force = np.zeros((len(F), 2 * len(truss.points)))
     force[:, -1] = -F
     force[:, 2 * (len(truss.points) // 2) + 1] = -F / 3
@@ -151,13 +151,13 @@ def at_its_end(truss, F):
 
 
 def picture(path, truss, F, trajectory):
-    """Force and displacement, and the stresses of the bars against their strains."""
+    """Draw force over displacement, and the stresses of the bars over their strains."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
-    exact, sigma, _ = three_bars_in_closed_form(F)
+    exact, sigma, _ = three_bars_exactly(F)
     left.plot(-exact[:, 1], F, color=SERIES[0], linewidth=1, label="closed form")
     left.plot(-trajectory.state[:, 1], F, ".", color=SERIES[0], markersize=4, label="march")
     for level in yield_forces():
@@ -176,13 +176,13 @@ def picture(path, truss, F, trajectory):
 
 def main(path=None):
     F, truss = course(TURNS, 0.25), three_bars()
-    exact, sigma, multipliers = three_bars_in_closed_form(F)
+    exact, sigma, multipliers = three_bars_exactly(F)
     lost = YIELD * np.abs(np.diff(exact[:, 2:], axis=0)).sum(axis=0) @ truss.lengths
     print("three bars: yield at F = {:.4f} and {:.4f}".format(*yield_forces()))
     print("solver      error of y   certified   error of lam   dissipated     seconds")
     for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
         start = time.perf_counter()
-        trajectory = march(elastoplastic(truss, downwards(F)), F, solver)
+        trajectory = march(pose_truss(truss, load_down(F)), F, solver)
         seconds = time.perf_counter() - start
         print(
             f"{solver.name:9s}{np.abs(trajectory.state - exact).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"
@@ -195,7 +195,7 @@ def main(path=None):
     F, truss = course((0, 0.25, -0.25, 0.25), 0.05), girder()
     print(f"girder of 10 bays, {len(truss.bars)} bars")
     for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
-        trajectory = march(elastoplastic(truss, at_its_end(truss, F)), F, solver)
+        trajectory = march(pose_truss(truss, load_end(truss, F)), F, solver)
         yielded = int((~trajectory.sticking).any(axis=0).sum())
         print(
             f"{solver.name:9s} certified {trajectory.certificate_total[-1]:.1e}, dissipated "

@@ -1,18 +1,19 @@
-"""The gallery: every problem in its small setting, timed, and its picture.
+"""The gallery: run every problem in its small setting, time it, and draw its picture.
 
     python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
 
-With --page nothing is run: a page of all pictures that are in the folder is written there, README.md.
+With --page nothing is run: the page README.md of all pictures in the folder is written there.
 
-There are two kinds of problem in this folder, and each says itself how it is drawn:
+This folder has two kinds of problem:
 
-- a *problem file*, for `vemcvx run`: besides scene, mesh and times (and `initial`) it defines
-  SMALL = {"n": .., "steps": ..}, the setting that runs in seconds (with "accuracy", if 1e-8 is out of reach), and
-  picture(history), which returns a matplotlib figure of a history so computed. Without them it gets 8 cells, 8 steps
-  and the deformed mesh;
-- a *lesson*, a program of its own: it takes --picture FILE.
+- A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery it also defines
+  SMALL = {"n": .., "steps": ..}, the setting that runs in seconds (with "accuracy" if 1e-8 cannot be reached), and
+  picture(history), which returns a matplotlib figure of the history in this setting. The defaults are 8 cells,
+  8 steps and the deformed mesh.
+- A *program* has a function main(path) that draws its own picture: those of `PROGRAMS`.
 
-Pictures are PROBLEM.png, drawn through vemcvx.base.canvas with the colours of vemcvx.plots.style.
+A picture is PROBLEM.png, drawn by plain matplotlib in the style `STYLE`: in it C0, C1, ... are the colours of
+vemcvx.plots, which stay apart for colour-blind readers.
 """
 
 import argparse
@@ -28,56 +29,69 @@ from pathlib import Path
 import vemcvx as vx
 from vemcvx.base.errors import SceneWarning
 from vemcvx.cli.supplied import Supplied
-from vemcvx.plots import deformed_mesh
+from vemcvx.plots.style import SERIES
 
 HERE = Path(__file__).parent
 DPI = 100
-LESSONS = (
+PROGRAMS = (
     "elastoplastic_block",
     "elastoplastic_truss",
     "membrane_with_friction",
     "spring_slider_chain",
 )
-"""Those that are quick; hard_cases and stabilisation_spectrum take minutes and are drawn by themselves."""
+"""The quick programs. The other programs take minutes, and are run by themselves."""
+STYLE = {
+    "axes.axisbelow": True,
+    "figure.constrained_layout.w_pad": 0.1,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": "small",
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4,
+}
 
 
 @cache
 def problem_files():
-    """Names of all problem files of this folder: what defines a mesh, and scene and times or stages, outermost."""
+    """Return the names of all problem files of this folder: they define mesh, and scene and times or stages."""
     return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]
 
 
 @contextlib.contextmanager
 def quiet():
-    """Without what scenes say each time of bodies that only contact holds, and lessons of what they compute."""
+    """Suppress printed lines, and warnings about bodies that only contact supports."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(None):
         warnings.simplefilter("ignore", SceneWarning)
         yield
 
 
 def small_run(problem):
-    """The history of a problem file in its small setting."""
+    """Return the history of a problem file in its small setting."""
     small = {"n": 8, "steps": 8, "accuracy": 1e-8, **getattr(problem, "SMALL", {})}
-    mesh, found = problem.mesh(small["n"]), [getattr(problem, "initial", None)]
+    mesh, runs = problem.mesh(small["n"]), [getattr(problem, "initial", None)]
     has_stages = hasattr(problem, "stages")
     with quiet():
         for scene, times in problem.stages() if has_stages else [(problem.scene(), problem.times(small["steps"]))]:
-            found.append(vx.simulate(scene, mesh, times, initial=found[-1], solver=vx.Newton(small["accuracy"])))
-    return vx.joined(found[1:]) if has_stages else found[-1]
+            runs.append(vx.simulate(scene, mesh, times, initial=runs[-1], solver=vx.Newton(small["accuracy"])))
+    return vx.joined(runs[1:]) if has_stages else runs[-1]
 
 
 def picture(problem, history):
-    """The figure of a problem file's history."""
-    with quiet():
+    """Return the figure of a problem file's history."""
+    import matplotlib
+    from cycler import cycler
+
+    with quiet(), matplotlib.rc_context({**STYLE, "axes.prop_cycle": cycler(color=SERIES)}):
         if hasattr(problem, "picture"):
             return problem.picture(history)
-        return deformed_mesh(history, units=getattr(problem, "UNITS", None))
+        return vx.plots.deformed_mesh(history, units=getattr(problem, "UNITS", None))
 
 
-def drawn(name, folder):
-    """Run a problem, write its picture; what it is and the seconds of the run in a line."""
+def draw(name, folder):
+    """Run a problem, write its picture, and return a line with its seconds and size."""
     path, start = folder / f"{name}.png", time.perf_counter()
-    if name in LESSONS:
+    if name in PROGRAMS:
         with quiet():
             importlib.import_module(name).main(path)
         return f"{name:40s} {time.perf_counter() - start:6.2f} s with its picture"
@@ -92,16 +106,16 @@ def drawn(name, folder):
 
 
 def title(name):
-    """The first line of what a problem says of itself."""
+    """Return the first line of a problem's docstring."""
     return ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text(encoding="utf-8"))).splitlines()[0]
 
 
-def page(folder):
-    """Write the page of all pictures in the folder that a problem or lesson of their name has drawn."""
+def write_page(folder):
+    """Write the page of all pictures in the folder that a file of this folder has drawn."""
     lines = [
         "# Gallery",
         "",
-        "Made by `python problems/gallery.py --page`; each picture is drawn by the file named below it.",
+        "Made by `python problems/gallery.py --page`. The file below each picture has drawn it.",
         "",
     ]
     for path in sorted(folder.glob("*.png")):
@@ -112,21 +126,22 @@ def page(folder):
 
 
 def main(names, folder):
+    """Draw the problems of these names, all by default, and print a line for each."""
     folder.mkdir(parents=True, exist_ok=True)
-    known = [*problem_files(), *LESSONS]
+    known = [*problem_files(), *PROGRAMS]
     for name in names or known:
         if name not in known:
             sys.exit(f"gallery: there is no problem {name!r}; there are {', '.join(known)}.")
-        print(drawn(name, folder))
+        print(draw(name, folder))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
-    parser.add_argument("--page", action="store_true", help="write a page of the pictures there are")
-    asked = parser.parse_args()
-    if asked.page:
-        page(asked.out)
+    parser.add_argument("--page", action="store_true", help="write the page of all pictures")
+    arguments = parser.parse_args()
+    if arguments.page:
+        write_page(arguments.out)
     else:
-        main(asked.names, asked.out)
+        main(arguments.names, arguments.out)

@@ -1,11 +1,11 @@
-"""Hard cases: what a correct program must do with each, and what ours does, by every solver.
+"""Hard cases: the required behaviour of a correct program, and the behaviour of this package with every solver.
 
     python problems/hard_cases.py [--picture FILE]
 
-For every case the table says what is required (an answer, an answer with a warning, or a refusal in one clear sentence)
-and what Newton, Clarabel and OSQP did: the certified relative energy error of the worst step, its round-off floor, the
-true error where the answer is known in closed form, iterations and seconds. A solver that misses its accuracy says that
-it cannot. What would be wrong is listed at the end; the command then fails.
+For every case the table states what is required: an answer, an answer with a warning, or a refusal in one clear
+sentence. It also states what Newton, Clarabel and OSQP did: the certified relative energy error of the worst step, its
+rounding floor, the true error if a closed form exists, iterations and seconds. A solver that misses its accuracy
+reports that it cannot solve the case. Wrong behaviour is listed at the end; the command then fails.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ ASKED = {"Newton": 1e-8, "Clarabel": 1e-6, "OSQP": 1e-6}
 Row = tuple[str, Case, list[Finding]]
 
 
-def line(case: Case, finding: Finding) -> str:
-    """One solver's finding in a line."""
+def format_finding(case: Case, finding: Finding) -> str:
+    """Return one solver's finding in a line."""
     if np.isnan(finding.certified):
         return f"    {finding.solver:<18} {finding.did}: {finding.words}"
     true = "" if np.isnan(finding.error) else f"  true {finding.error:.0e}"
@@ -52,8 +52,8 @@ def line(case: Case, finding: Finding) -> str:
     )
 
 
-def printed(rows: Sequence[Row]) -> str:
-    """The table."""
+def format_rows(rows: Sequence[Row]) -> str:
+    """Return the table as text."""
     lines, before = [], ""
     for subject, case, findings in rows:
         if subject != before:
@@ -63,7 +63,7 @@ def printed(rows: Sequence[Row]) -> str:
         if case.must == REFUSAL and len({f.words for f in findings}) == 1:
             lines.append(f"    all solvers         {findings[0].did}: {findings[0].words}")
         else:
-            lines += [line(case, finding) for finding in findings]
+            lines += [format_finding(case, finding) for finding in findings]
         able = [f.solver for f in findings if f.did == case.must]
         if len(able) == 1 and len(findings) > 1:
             lines.append(f"    only {able[0]} can do this")
@@ -71,8 +71,8 @@ def printed(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def counted(rows: Sequence[Row]) -> str:
-    """How many cases, and who could do them."""
+def count_rows(rows: Sequence[Row]) -> str:
+    """Return a line with the number of cases and of those that each solver can solve."""
     findings = [finding for _, _, found in rows for finding in found]
     able = {
         name: sum(f.solver == name and f.did != "says it cannot" for f in findings)
@@ -85,7 +85,7 @@ def counted(rows: Sequence[Row]) -> str:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Certified errors of all cases that are answered, solver by solver, with the accuracies asked."""
+    """Draw certified errors of all answered cases, solver by solver, with the requested accuracies."""
     answered = [row for row in rows if any(np.isfinite(f.certified) for f in row[2])]
     half = (len(answered) + 1) // 2
     figure = new_figure(11.0, 0.21 * half + 1.3)
@@ -100,7 +100,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 
 def draw_cases(axes: Axes, answered: Sequence[Row], lines: int) -> None:
-    """Cases one below the other, with room for so many lines."""
+    """Draw cases one below the other, with room for so many lines."""
     place = lines - 1 - np.arange(len(answered))
     for name, colour, marker in zip(ASKED, SERIES, MARKERS, strict=False):
         found = [next((f for f in row[2] if f.solver == name), None) for row in answered]
@@ -122,9 +122,9 @@ def main() -> int:
     parser.add_argument("--picture", type=Path, help="where to draw the certified errors (PNG)")
     chosen = parser.parse_args()
     rows = table(CASES)
-    print(printed(rows))
+    print(format_rows(rows))
     print()
-    print(counted(rows))
+    print(count_rows(rows))
     if chosen.picture:
         draw(rows, chosen.picture)
     return any(f.complaint for _, _, found in rows for f in found)

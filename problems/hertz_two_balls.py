@@ -1,8 +1,8 @@
 r"""Two elastic balls pressed together: Hertz' point contact with both bodies meshed in space.
 
-Radii R_1, R_2 and materials E_i, nu_i. In small strains the surfaces near the contact are one flat interface with the
-gap (x_1^2 + x_2^2) / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-spaces; this is Hertz' own model, and it is
-posed here as such. Under the force P,
+The balls have radii R_1, R_2 and materials E_i, nu_i. In small strains the surfaces near the contact are one flat
+interface with the gap (x_1^2 + x_2^2) / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-spaces. This is Hertz' own
+model, and it is the scene here. Under the force P,
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^3 = 3 P R / (4 E^*),
@@ -10,12 +10,13 @@ $$
 p_0 = 3 P / (2 \pi a^2)
 $$
 
-(Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that reaches 10 a, of which a quarter is computed; cells
-are even up to 1.25 a and grow outwards from there. The top is pressed down and P is measured; there is no friction. The
-radius is that of the second moment of the forces, <r^2> = 2/5 a^2, the peak that of the half-ellipsoid which is nearest
-to all pressures in the mean square. With n = 8 both are Hertz' within 2 %, and the largest nodal pressure is, too.
-Where meshes do not match (`upper=6`: cells that are 4/3 times as wide) pressures of nodes of two bodies alternate, by
-order h, and the largest is 8 % above; radius and peak are Hertz' within 3.1 %, with n = 12 and `upper=9` within 2 %.
+(Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that extends to 10 a, of which a quarter is computed.
+Cells are even up to 1.25 a and grow outwards from there. The top is pressed down, and P is measured; there is no
+friction. The radius is computed from the second moment of the forces, <r^2> = 2/5 a^2. The peak is that of the
+half-ellipsoid nearest to all pressures in the mean square. With n = 8 both agree with Hertz within 2 %, and so does the
+largest nodal pressure. Where meshes do not match (`upper=6`: cells that are 4/3 times as wide) nodal pressures of the
+two bodies alternate by O(h), and the largest is 8 % too high. Radius and peak agree with Hertz within 3.1 %, with
+n = 12 and `upper=9` within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """
@@ -23,24 +24,21 @@ order h, and the largest is 8 % above; radius and peak are Hertz' within 3.1 %, 
 import numpy as np
 
 import vemcvx as vx
-from hertz_contact import grid
-from problem_pictures import MM, beside_closed_form, face_and_graph
-from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4)
 RADIUS = 1 / sum(1 / radius for radius in RADII)
 EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, POISSON, strict=True))
 CONTACT = 0.05
-"""About the radius of the contact."""
+"""Approximate radius of the contact."""
 REACH, EVEN, GROWTH = 10 * CONTACT, 1.25, 1.5
 DEPTH = 2.2e-3
 JOINT = "lower|upper"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 2, "accuracy": 1e-6}
 
 
 def hertz(force):
-    """Radius of the contact and peak pressure under the force P."""
+    """Return radius of the contact and peak pressure under the force P."""
     a = np.cbrt(3 * force * RADIUS / (4 * EFFECTIVE))
     return a, 3 * force / (2 * np.pi * a**2)
 
@@ -57,7 +55,7 @@ def scene(depth=DEPTH):
 
 
 def lines(n):
-    """Lines from 0 to the reach: steps of a/n up to `EVEN` a, then growing."""
+    """Return lines from 0 to `REACH`: steps of a/n up to `EVEN` a, then growing steps."""
     line = list(CONTACT / n * np.arange(round(EVEN * n) + 1))
     step = CONTACT / n
     while line[-1] < REACH:
@@ -66,11 +64,17 @@ def lines(n):
     return np.array([*line[:-1], REACH])
 
 
+def grid(line):
+    """Return the mesh of rectangles between the lines x and y at the same coordinates."""
+    lattice = vx.meshes.squares(len(line) - 1, box=((0, len(line) - 1), (0, len(line) - 1)))
+    return vx.PolygonMesh(line[lattice.points.round().astype(int)], lattice.cells)
+
+
 def mesh(n, family="graded", upper=None):
-    """Blocks of boxes, n across the radius, in the upper body n or `upper`."""
+    """Return blocks of boxes: n across the radius, in the upper body n or `upper`."""
     below, above = lines(n), lines(upper or n)
-    lower = grid(below, below).extruded(-below[::-1])
-    return vx.meshes.bodies({"lower": lower, "upper": grid(above, above).extruded(above)})
+    lower = grid(below).extruded(-below[::-1])
+    return vx.meshes.bodies({"lower": lower, "upper": grid(above).extruded(above)})
 
 
 def times(steps):
@@ -78,13 +82,13 @@ def times(steps):
 
 
 def force(history):
-    """P of the whole contact at every step."""
+    """Return P of the whole contact at every step."""
     contact = history.contact
     return 4 * contact.pressure @ contact.lengths
 
 
-def measured(history, step=-1):
-    """Radius of the contact by the second moment of its forces, and the peak of the nearest half-ellipsoid."""
+def measure(history, step=-1):
+    """Return the radius by the second moment of the forces, and the peak of the nearest half-ellipsoid."""
     contact = history.contact
     p, areas, r = contact.pressure[step], contact.lengths, np.hypot(*contact.points[:, :2].T)
     radius = np.sqrt(2.5 * (p * areas) @ r**2 / (p @ areas))
@@ -93,18 +97,22 @@ def measured(history, step=-1):
 
 
 def picture(history):
-    """The quarter of the contact, and the pressure over the radius beside Hertz' half-ellipse."""
+    """Draw the quarter of the contact, and the pressure over the radius beside Hertz' half-ellipse."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    face, graph = figure.subplots(1, 2)
     reach = 1.6 * CONTACT
-    figure, graph = face_and_graph(history, show="pressure", window=((0.0, reach), (0.0, reach)))
+    vx.plots.contact_face(history, ax=face, show="pressure", window=((0.0, reach), (0.0, reach)), units=UNITS)
     r, p = np.hypot(*history.contact.points[:, :2].T), history.contact.pressure
     near = r < reach
-    for step, colour, mark in ((history.steps, COMPUTED, "o"), (history.steps // 2, SECOND, "s")):
+    for step, color, marker in ((history.steps, "C0", "o"), (history.steps // 2, "C1", "s")):
         P = force(history)[step]
         a, peak = hertz(P)
         line = np.linspace(0.0, a, 401)
-        exact = line, peak * np.sqrt(1 - (line / a) ** 2)
-        words = "Hertz" if step == history.steps else None
-        marks = r[near], p[step, near]
-        beside_closed_form(graph, marks, exact, colour=colour, marker=mark, label=f"P = {P:.2g} N", exact_label=words)
+        graph.plot(line, peak * np.sqrt(1 - (line / a) ** 2), color=color, label=f"Hertz, P = {P:.2g} N")
+        graph.plot(r[near], p[step, near], color + marker, label="computed")
     graph.set(xlabel="distance $r$ from the axis (mm)", ylabel="pressure (MPa)", ylim=(0, None))
+    graph.grid()
+    graph.legend()
     return figure

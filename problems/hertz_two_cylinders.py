@@ -1,8 +1,8 @@
-r"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed, and what both of them give.
+r"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed.
 
-Radii R_1, R_2 and materials E_i, nu_i, plane strain. In small strains the two arcs near the contact are one flat
-interface with the gap x^2 / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-planes; this is Hertz' own model, and it
-is posed here as such. Under the force P per length,
+The cylinders have radii R_1, R_2 and materials E_i, nu_i, plane strain. In small strains the two arcs near the contact
+are one flat interface with the gap x^2 / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-planes. This is Hertz' own
+model, and it is the scene here. Under the force P per length,
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^2 = 4 P R / (\pi E^*),
@@ -11,9 +11,9 @@ p_0 = 2 P / (\pi a)
 $$
 
 (Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block 40 half-widths wide and 20 high, of which one half is
-computed; meshes are graded from a/n at the contact outwards, and those of the two bodies do not match: the upper one
-has 3/4 of the cells. The top is pressed down and P is measured; there is no friction. With n = 16 half-width and peak
-are Hertz' within .5 %.
+computed. Meshes are graded from a/n at the contact outwards. They do not match: the upper body has 3/4 of the cells.
+The top is pressed down, and P is measured; there is no friction. With n = 16 half-width and peak agree with Hertz
+within .5 %.
 
     vemcvx run problems/hertz_two_cylinders.py --n 12 --steps 4 --plot
 """
@@ -21,9 +21,6 @@ are Hertz' within .5 %.
 import numpy as np
 
 import vemcvx as vx
-from hertz_contact import graded, grid
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON, HALF_WIDTH = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4), 0.02
 RADIUS = 1 / sum(1 / radius for radius in RADII)
@@ -31,12 +28,12 @@ EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, PO
 REACH = 20 * HALF_WIDTH
 DEPTH = 8e-4
 JOINT = "lower|upper"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 10, "steps": 4}
 
 
 def hertz(force):
-    """Half-width and peak pressure under the force P per length of the whole contact."""
+    """Return half-width and peak pressure under the force P per length of the whole contact."""
     a = np.sqrt(4 * force * RADIUS / (np.pi * EFFECTIVE))
     return a, 2 * force / (np.pi * a)
 
@@ -52,8 +49,25 @@ def scene(depth=DEPTH):
     )
 
 
+def coordinates(n):
+    """Return coordinates from 0 to `REACH`: steps of a/n up to 1.6 a, then growing steps."""
+    line, step = list(np.arange(0.0, 1.6 * HALF_WIDTH, HALF_WIDTH / n)), HALF_WIDTH / n
+    while line[-1] < REACH:
+        step *= 1.15
+        line.append(line[-1] + step)
+    return np.array([*line[:-1], REACH])
+
+
+def grid(x, y):
+    """Return the mesh of rectangles between as many lines x and y."""
+    lattice = vx.meshes.squares(len(x) - 1, box=((0, len(x) - 1), (0, len(y) - 1)))
+    i, j = lattice.points.round().astype(int).T
+    return vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells)
+
+
 def mesh(n, family="graded"):
-    below, above = (graded(HALF_WIDTH, cells, REACH) for cells in (n, max(2, 3 * n // 4)))
+    """Return both bodies, the upper one in 3/4 of the cells."""
+    below, above = coordinates(n), coordinates(max(2, 3 * n // 4))
     return vx.meshes.bodies({"lower": grid(below, -below[::-1]), "upper": grid(above, above)})
 
 
@@ -62,27 +76,29 @@ def times(steps):
 
 
 def force(history):
-    """P of the whole contact at every step."""
+    """Return P of the whole contact at every step."""
     contact = history.contact
     return 2 * contact.pressure @ contact.lengths
 
 
 def picture(history):
-    """Both bodies around the contact, with their mirror images, and the pressure beside Hertz' half-ellipse."""
+    """Draw both bodies near the contact with their mirror images, and the pressure beside Hertz' half-ellipse."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
     reach = 2.2 * HALF_WIDTH
     window = ((-reach, reach), (-reach, reach))
-    figure, graph = body_and_graph(history, stress="shear", window=window, mirrors=[(-1, 1)])
-    x, p = history.contact.points[:, 0], history.contact.pressure_recovered
-    for step, colour, mark in ((history.steps, COMPUTED, "o"), (history.steps // 2, SECOND, "s")):
+    vx.plots.stressed_body(history, ax=body, stress="shear", window=window, mirrors=[(-1, 1)], units=UNITS)
+    near = history.contact.points[:, 0] < 1.6 * HALF_WIDTH
+    x, p = history.contact.points[near, 0], history.contact.pressure_recovered[:, near]
+    for step, color, marker in ((history.steps, "C0", "o"), (history.steps // 2, "C1", "s")):
         P = force(history)[step]
         a, peak = hertz(P)
         line = np.linspace(-a, a, 401)
-        near = x < 1.6 * HALF_WIDTH
-        marks = np.concatenate([-x[near][::-1], x[near]]), np.concatenate([p[step, near][::-1], p[step, near]])
-        words = "Hertz" if step == history.steps else None
-        exact = line, peak * np.sqrt(1 - (line / a) ** 2)
-        beside_closed_form(
-            graph, marks, exact, colour=colour, marker=mark, label=f"P = {P:.2g} N/mm", exact_label=words
-        )
-    graph.set(xlabel="$x_1$ (mm)", ylabel="pressure (MPa)", ylim=(0, None))
+        graph.plot(line, peak * np.sqrt(1 - (line / a) ** 2), color=color, label=f"Hertz, P = {P:.2g} N/mm")
+        graph.plot([*-x, *x], [*p[step], *p[step]], color + marker, label="computed")
+    graph.set(xlabel="$x_1$ (mm)", ylabel="pressure (MPa)", ylim=(0, 1.3 * p.max()))
+    graph.grid()
+    graph.legend(ncols=2, loc="upper center", columnspacing=1.0)
     return figure

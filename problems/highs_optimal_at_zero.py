@@ -1,7 +1,7 @@
-"""HiGHS 1.15.1 says "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
+"""HiGHS 1.15.1 reports "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
 
-The program, in the file beside, is a step of friction with two unknowns. With the implied t >= 0 in it HiGHS is right;
-1.16.0 is right without.
+The program in the .mps file of the same name is a step of friction with two unknowns. With the implied t >= 0 in it
+HiGHS is right; 1.16.0 is right without.
 """
 
 from pathlib import Path

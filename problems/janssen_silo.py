@@ -1,15 +1,16 @@
-r"""A silo carries its filling by friction on the walls: the floor feels no more than the lowest part of it.
+r"""A silo: friction on the walls carries the filling, and the pressure on the floor stays bounded.
 
-Half of a plane silo of half-width B and height H: x = 0 is the middle, x = B a rigid rough wall, coefficient mu, y =
-0 a smooth floor. The filling is elastic, plane strain, and its weight w per area grows from zero. Held between walls,
-it presses on them with K times its vertical stress s, K = nu / (1 - nu); it settles everywhere, so friction hangs up
-mu K s on all the wall, and the slice of height dz at the depth z below the top bears (Janssen, Z. VDI 39, 1895)
+Half of a plane silo of half-width B and height H is computed: x = 0 is the middle, x = B a rigid rough wall with the
+coefficient mu, y = 0 a smooth floor. The filling is elastic, plane strain, and its weight w per area grows from zero.
+Between the walls its horizontal stress is K times its vertical stress s, K = nu / (1 - nu). The filling settles
+everywhere, so that friction is mu K s along the whole wall. The equilibrium of a slice of height dz at the depth z
+below the top is (Janssen, Z. VDI 39, 1895)
 
 $$ B ds / dz = w B - \mu K s, \qquad s = w l (1 - \exp(-z / l)), \qquad l = B / (\mu K), $$
 
-instead of w z, and presses on the wall with K s. The walls bear w B H - B s(H). A slice that stays plane is a model:
-friction shears it, an error O((B / l)^2) in the stresses, and the floor, which lets nothing slip past, holds the wall
-up within about B of it.
+in place of s = w z without friction. The pressure on the wall is K s, and the walls carry w B H - B s(H). That a slice
+stays plane is a model: friction shears the slice, which makes an error O((B / l)^2) in the stresses. The floor prevents
+slip, and so supports the wall, within about B of it.
 
     vemcvx run problems/janssen_silo.py --n 4 --steps 4 --plot
 """
@@ -17,23 +18,21 @@ up within about B of it.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.plots.style import SECOND
 
 WIDTH, HEIGHT, YOUNG, POISSON, FRICTION, WEIGHT = 1.0, 16.0, 1000.0, 0.3, 0.4, 1.0
 RATIO = POISSON / (1 - POISSON)
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 6, "steps": 4}
 
 
-def depth_of_decay(friction=FRICTION):
-    """l; without friction there is none."""
+def decay_length(friction=FRICTION):
+    """Return l, the depth over which the stress saturates; without friction there is none."""
     return WIDTH / (friction * RATIO)
 
 
 def vertical_stress(z, friction=FRICTION):
-    """Mean compression of the slice at the depth z."""
-    length = depth_of_decay(friction)
+    """Return the mean compression of the slice at the depth z."""
+    length = decay_length(friction)
     return WEIGHT * length * (1 - np.exp(-z / length))
 
 
@@ -57,19 +56,24 @@ def times(steps):
 
 
 def picture(history):
-    """The filling between its middle and the wall, and its vertical stress over the depth."""
-    figure, graph = body_and_graph(history, stress="yy", stretch=0.35, mirrors=[(-1, 1)], shares=(0.9, 1.0))
-    mesh, contact = history.mesh, history.contact
-    depth, sigma = HEIGHT - mesh.centroids[:, 1], -history.stress(-1)[:, 1]
-    levels = np.unique(depth.round(9))
-    mean = np.array([sigma[np.abs(depth - level) < 1e-6].mean() for level in levels])
+    """Draw the filling between its walls, and its vertical stress and the pressure on the wall over the depth."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(0.9, 1.0))
+    vx.plots.stressed_body(history, ax=body, stress="yy", stretch=0.35, mirrors=[(-1, 1)], units=UNITS)
+    depth, sigma = HEIGHT - history.mesh.centroids[:, 1], -history.stress(-1)[:, 1]
+    levels = np.unique(depth.round(9))[::2]
+    mean = [sigma[np.abs(depth - level) < 1e-6].mean() for level in levels]
+    contact = history.contact
+    wall = np.flatnonzero(contact.points[:, 1] < HEIGHT)[::2]
     z = np.linspace(0, HEIGHT, 200)
-    exact, wall = vertical_stress(z), contact.points[:, 1] < HEIGHT
-    words = "vertical stress, mean of a slice"
-    beside_closed_form(graph, (mean, levels), (exact, z), label=words, exact_label="Janssen 1895")
-    marks = (contact.pressure[-1][wall], HEIGHT - contact.points[wall, 1])
-    beside_closed_form(graph, marks, (RATIO * exact, z), colour=SECOND, label="pressure on the wall", exact_label=None)
-    graph.plot(WEIGHT * z[z < 8], z[z < 8], "--", color="0.5", linewidth=1.2, label="a liquid")
+    graph.plot(vertical_stress(z), z, "k-", label="Janssen 1895")
+    graph.plot(mean, levels, "C0o", label="vertical stress, mean of a slice")
+    graph.plot(RATIO * vertical_stress(z), z, "k-")
+    graph.plot(contact.pressure[-1][wall], HEIGHT - contact.points[wall, 1], "C1s", label="pressure on the wall")
+    graph.plot([0, 8 * WEIGHT], [0, 8], "--", color="0.5", label="a liquid")
     graph.set(xlabel="stress (MPa)", ylabel="depth (mm)", ylim=(HEIGHT, 0), xlim=(0, 11.5))
-    graph.legend(frameon=False, fontsize="small", loc="lower right")
+    graph.grid()
+    graph.legend(loc="lower right")
     return figure

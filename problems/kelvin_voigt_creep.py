@@ -1,12 +1,13 @@
-r"""A viscous strip under a steady pull: creep towards the elastic answer, and friction that holds part of it back.
+r"""A viscous strip under a steady pull: creep towards the elastic displacement; friction holds part of it back.
 
-The strip (0, 4) x (0, 1), E = 10, nu = 1/4, has dashpots of relaxation time tau beside its springs, b = tau a. A pull
-p acts at its right end from t = 0 on, steadily. Without friction every displacement is the elastic one times
+The strip (0, 4) x (0, 1), E = 10, nu = 1/4, is a Kelvin-Voigt body with the relaxation time tau: b = tau a. A steady
+pull p acts at its right end from t = 0 on. Without friction every displacement is the elastic displacement times
 
 $$ 1 - \exp(-t / \tau), \qquad \text{step by step} \qquad s_n = (1 + \tau / k s_{n-1}) / (1 + \tau / k) $$
 
-(backward Euler; exact on every mesh, because the field is linear). With friction below, bound g, the far end stays
-where the near one slips: the end creeps less far, and what friction and dashpots lose is in the ledger.
+(backward Euler; exact on every mesh, because the displacement is linear in space). Friction with the bound g acts on
+the bottom. It holds the end that is far from the pull while the other end slips, so that the pulled end creeps less
+far. The energy ledger has the dissipation of friction and viscosity.
 
     vemcvx run problems/kelvin_voigt_creep.py --n 8 --steps 40 --plot
 """
@@ -14,18 +15,16 @@ where the near one slips: the end creeps less far, and what friction and dashpot
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.plots.style import SECOND
 
 YOUNG, POISSON, TAU, PULL = 10.0, 0.25, 0.7, 0.3
 MU = YOUNG / (2 * (1 + POISSON))
 LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 5, "steps": 40}
 
 
-def share(instants):
-    """How much of the elastic answer is there, step by step."""
+def creep_fraction(instants):
+    """Return the fraction of the elastic displacement at every instant, step by step."""
     s = np.zeros(len(instants))
     for n, k in enumerate(np.diff(instants), start=1):
         s[n] = (1 + TAU / k * s[n - 1]) / (1 + TAU / k)
@@ -33,7 +32,7 @@ def share(instants):
 
 
 def course(t):
-    """The pull in time, as part of the largest: it is there from the start."""
+    """Return the pull in time, as a fraction of the largest: it acts from the start."""
     return np.ones_like(t)
 
 
@@ -60,17 +59,20 @@ def times(steps):
 
 
 def picture(history):
-    """The strip in the end, and the creep of its end with friction, and without beside its closed form."""
-    figure, graph = body_and_graph(history, stress="xx", forces="friction", stretch=2.0)
-    end = history.mesh.points[:, 0] == 4.0
-    elastic = PULL * (1 - POISSON**2) / YOUNG * 4.0
-    free = vx.simulate(scene(bound=0.0), history.mesh, history.times).displacement[:, end, 0].mean(axis=1)
-    marks, line = (history.times, free / elastic), (history.times, share(history.times))
-    beside_closed_form(graph, marks, line, label="without friction", exact_label="closed form, step by step")
+    """Draw the strip at the end, and the creep of its end with friction, and without beside its closed form."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
+    vx.plots.stressed_body(history, ax=body, stress="xx", forces="friction", stretch=2.0, units=UNITS)
+    end, elastic = history.mesh.points[:, 0] == 4.0, PULL * (1 - POISSON**2) / YOUNG * 4.0
+    free = vx.simulate(scene(bound=0.0), history.mesh, history.times)
     t = np.linspace(0, history.times[-1], 300)
-    graph.plot(t, 1 - np.exp(-t / TAU), "--", color="0.5", linewidth=1.2, label="as steps vanish")
-    held = history.displacement[:, end, 0].mean(axis=1) / elastic
-    graph.plot(history.times, held, "s-", color=SECOND, markersize=4, linewidth=1, label="friction below")
-    graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="t (s)", ylabel="end moved / elastic answer")
+    graph.plot(history.times, creep_fraction(history.times), "k-", label="closed form, step by step")
+    graph.plot(t, 1 - np.exp(-t / TAU), "--", color="0.5", label="in continuous time")
+    for run, style, words in ((free, "C0o", "without friction"), (history, "C1s-", "friction below")):
+        graph.plot(run.times, run.displacement[:, end, 0].mean(axis=1) / elastic, style, linewidth=1.0, label=words)
+    graph.set(xlabel="t (s)", ylabel="displacement of the end / elastic one")
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,10 +1,10 @@
-"""An L-shaped bracket, hung up on top and pulled along a rough floor: a re-entrant corner where stress is infinite.
+"""An L-shaped bracket, clamped at its top and pulled along a rough floor: stress is infinite in its re-entrant corner.
 
 In the corner of 270 degrees strains grow like r^-0.455 (Williams, *Stress singularities resulting from various
 boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952: the root of sin(1.5 pi a) =
--a sin(1.5 pi) between 0 and 1 is a = 0.5445), so that on equal squares the energy error falls with h^0.5445 only,
-N^-0.27. The floor holds the foot back by friction, which slips from the right; adaptive meshes (`adaptive_meshes.py`)
-win back N^-0.5.
+-a sin(1.5 pi) between 0 and 1 is a = 0.5445). On equal squares the energy error is therefore only O(h^0.5445), or
+N^-0.27. Friction on the floor holds the foot back; slip spreads from the right. Adaptive meshes (`adaptive_meshes.py`)
+recover N^-0.5.
 
     vemcvx run problems/l_shaped_bracket.py --n 32 --steps 16 --plot
 """
@@ -12,17 +12,15 @@ win back N^-0.5.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.base.canvas import plain_logarithms
 
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 16, "steps": 8}
 EXPONENT = 0.5444837 - 1.0
-"""Of the stress, from Williams' equation."""
+"""Exponent of the stress, from Williams' equation."""
 
 
 def course(t):
-    """The pull in time, as part of that at t = 1."""
+    """Return the pull at the instant t over the pull at t = 1."""
     return t
 
 
@@ -47,8 +45,8 @@ def times(steps):
     return np.linspace(0.0, 1.0, steps + 1)
 
 
-def towards_corner(history):
-    """Distances to the corner, and von Mises' stress, of the cells on the bisector, up to a fifth from it."""
+def stress_near_corner(history):
+    """Return distance to the corner and von Mises' stress of cells on the bisector, up to a fifth from the corner."""
     arm = history.mesh.centroids - np.array([0.5, 0.5])
     # Along the bisector of the body's angle the singular field is the same on every mesh.
     near = (np.abs(arm[:, 0] - arm[:, 1]) < 1e-9) & (arm[:, 0] > -0.15)
@@ -58,13 +56,20 @@ def towards_corner(history):
 
 
 def picture(history):
-    """Stress in the bracket, and how it grows towards the corner beside the power of the closed form."""
-    figure, graph = body_and_graph(history, stress="shear", forces="friction", shares=(1.0, 1.1))
+    """Draw the stress in the bracket, and its growth towards the corner beside the power of the closed form."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
+    vx.plots.stressed_body(history, ax=body, stress="shear", forces="friction", units=UNITS)
     fine = vx.adapt(scene(), vx.meshes.l_shape(4), [0.0, 1.0], 0.04)
-    r, stress = towards_corner(fine.history)
+    r, stress = stress_near_corner(fine.history)
     inside = np.array([r[0], 0.05])
-    law = stress[2] * (inside / r[2]) ** EXPONENT
-    beside_closed_form(graph, (r, stress), (inside, law), label="adaptive, 4 %", exact_label=r"$r^{-0.455}$")
-    graph.set(xscale="log", yscale="log", xlabel="distance to the corner", ylabel="von Mises' stress")
-    plain_logarithms(graph.yaxis)
+    graph.plot(inside, stress[2] * (inside / r[2]) ** EXPONENT, "k-", label=r"$r^{-0.455}$")
+    graph.plot(r, stress, "C0o", label="adaptive mesh, error 4 %")
+    graph.set(xscale="log", yscale="log", xlabel="distance to the corner (mm)", ylabel="von Mises' stress (MPa)")
+    graph.set_yticks([1, 2, 5], ["1", "2", "5"])
+    graph.minorticks_off()
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,17 +1,18 @@
-r"""A lap joint: two strips glued by a soft layer, pulled apart; the glue bears its load at the ends (Volkersen).
+r"""A lap joint: two strips glued by a soft layer are pulled apart; the stress of the glue is largest at its ends.
 
 Strips of height t, length l and moduli E, nu = 0, are joined by a layer of thickness t_g and shear modulus G_g. All
-three are bodies of their own, with meshes that do not match, bonded by bilateral contact and friction that never
-slips. The lower strip is held at its left end, the upper one pulled at its right end by the force F; their outer faces
-are on rollers, because the theory knows no bending. With the shear stress q of the glue, shearing strips as in a
-parabola (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 left them rigid in shear),
+three are separate bodies, with meshes that do not match, bonded by bilateral contact and friction that never slips. The
+lower strip is held at its left end, and the force F pulls the upper strip at its right end. Their outer faces are on
+rollers, because the theory neglects bending. Let q be the shear stress of the glue. With a parabolic shear profile in
+the strips (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 left them rigid in shear),
 
 $$
 q'' = k^2 q, \qquad k^2 = (1 / E_1 t + 1 / E_2 t) / C, \qquad C = t_g / G_g + t / 3 G_1 + t / 3 G_2, \\
 q(x) = F / (C k \sinh k l) (\cosh(k x) / E_2 t + \cosh(k (l - x)) / E_1 t), \qquad \text{integral of } q = F.
 $$
 
-The glue gives a hundred times more than the strips, and so is a shear spring but for about t from its free ends.
+The glue is a hundred times more flexible than the strips, and so acts as a shear spring, except within about t of its
+free ends.
 
     vemcvx run problems/lap_joint.py --n 4 --steps 1 --plot
 """
@@ -19,20 +20,19 @@ The glue gives a hundred times more than the strips, and so is a shear spring bu
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, GLUE, THICKNESS, FORCE = 40.0, 1.0, (20000.0, 10000.0), 10.0, 0.1, 1.0
 JOINTS = ["lower|glue", "glue|upper"]
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 1}
 
 
 def shear(x):
-    """q(x), the friction traction between strips and glue."""
-    give = [1 / (young * HEIGHT) for young in YOUNG]
+    """Return q(x), the friction traction between strips and glue."""
+    flexibilities = [1 / (young * HEIGHT) for young in YOUNG]
     compliance = THICKNESS / GLUE + sum(2 * HEIGHT / (3 * young) for young in YOUNG)
-    k = np.sqrt(sum(give) / compliance)
-    ends = np.cosh(k * x) * give[1] + np.cosh(k * (LENGTH - x)) * give[0]
+    k = np.sqrt(sum(flexibilities) / compliance)
+    ends = np.cosh(k * x) * flexibilities[1] + np.cosh(k * (LENGTH - x)) * flexibilities[0]
     return FORCE * ends / (compliance * k * np.sinh(k * LENGTH))
 
 
@@ -50,7 +50,7 @@ def scene():
 
 
 def mesh(n, family="squares"):
-    """Strips in squares, n and n + 1 across their height, the glue one cell thick with 3n/2 a unit of length."""
+    """Return strips in squares, n and n + 1 across their height, and glue one cell thick, 3n/2 cells per length."""
     make, top = vx.meshes.FAMILIES[family], HEIGHT + THICKNESS
     lower = make(n, box=((0, LENGTH), (0, HEIGHT)))
     glue = vx.meshes.squares((round(1.5 * n * LENGTH), 1), box=((0, LENGTH), (HEIGHT, top)))
@@ -63,7 +63,7 @@ def times(steps):
 
 
 def bond(history):
-    """Places and tractions of the last step along the lower face of the glue, in order."""
+    """Return places and tractions of the last step along the lower face of the glue, in order."""
     contact = history.contact
     below = np.abs(contact.points[:, 1] - HEIGHT) < 1e-9
     x, traction = contact.points[below, 0], contact.traction[-1][below, 0]
@@ -72,10 +72,17 @@ def bond(history):
 
 
 def picture(history):
-    """The joint near its pulled end, and the shear stress of the glue along it."""
+    """Draw the joint near its pulled end, and the shear stress of the glue along it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
     window = ((LENGTH - 8, LENGTH + 0.5), (-0.3, 2.4))
-    figure, graph = body_and_graph(history, stress="xx", forces="none", window=window)
-    x = np.linspace(0, LENGTH, 200)
-    beside_closed_form(graph, bond(history), (x, shear(x)), exact_label="Volkersen 1938")
+    vx.plots.stressed_body(history, ax=body, stress="xx", forces="none", window=window, units=UNITS)
+    line, (x, traction) = np.linspace(0, LENGTH, 200), bond(history)
+    graph.plot(line, shear(line), "k-", label="Volkersen 1938")
+    graph.plot(x[::8], traction[::8], "C0o", label="computed")
     graph.set(xlabel="$x_1$ (mm)", ylabel="shear stress of the glue (MPa)", ylim=(0, None))
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,9 +1,9 @@
-"""A live page: pull a block over its obstacle, and see at once what sticks, what slips, and how certain the answer is.
+"""A live page: load a block on its obstacle, and see at once which nodes stick and slip, and the certified error.
 
     vemcvx app [FILE]
 
-It is a marimo app: `marimo edit live_page.py` opens it as a notebook. It takes any problem file; every parameter of the
-scene that is a positive number has a slider, and a scene that takes the `course` of its load in time has load paths.
+It is a marimo app: `marimo edit live_page.py` opens it as a notebook. It takes any problem file. Every parameter of the
+scene that is a positive number has a slider. A scene with the parameter `course`, its load in time, has load paths.
 """
 
 import marimo
@@ -63,7 +63,7 @@ with app.setup:
 
 @app.function
 def settings_of(problem):
-    """The parameters of a scene that are positive numbers, and the values that sliders offer for them."""
+    """Return the parameters of a scene that are positive numbers, and the values that sliders offer for them."""
     usual = {name: one.default for name, one in inspect.signature(problem.module.scene).parameters.items()}
     positive = {name: value for name, value in usual.items() if type(value) in (int, float) and value > 0}
     tenths = range(1, 26)
@@ -75,16 +75,16 @@ def settings_of(problem):
 
 @app.function
 def paths_of(problem):
-    """The load paths of a problem: all where its scene takes a `course`, else that of its file alone."""
+    """Return the load paths of a problem: all if its scene takes a `course`, else that of its file alone."""
     takes = "course" in inspect.signature(problem.module.scene).parameters and hasattr(problem.module, "course")
     return list(PATHS) if takes else list(PATHS)[:1]
 
 
 @app.function
 def course_of(path, problem):
-    """The load in time, as part of the largest: straight lines between the turns of a path, or the problem's own.
+    """Return the load in time over the largest load: piecewise linear along a path, or that of the problem file.
 
-    None where the problem file has no `course`.
+    It is None if the problem file has no `course`.
     """
     turns = PATHS[path]
     if turns is None:
@@ -94,8 +94,8 @@ def course_of(path, problem):
 
 
 @app.function
-def solved(problem, mesh, settings, path, solver):
-    """The history; where a step misses the accuracy asked for, its certificate says so."""
+def solve(problem, mesh, settings, path, solver):
+    """Return the history; if a step misses the requested accuracy, its certificate states the reached one."""
     course = {} if PATHS[path] is None else {"course": course_of(path, problem)}
     scene = run_user_code(problem.path, "its scene", lambda: problem.module.scene(**settings, **course))
     times = problem.times(STEPS)
@@ -104,7 +104,7 @@ def solved(problem, mesh, settings, path, solver):
 
 @app.function
 def pictures(history, step, course, units=None):
-    """Pictures at a step that the history has something to show for: (name, figure, what it shows)."""
+    """Return the pictures of a step for which the history has data: (name, figure, caption)."""
     rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
         drawn = [
@@ -134,14 +134,14 @@ def pictures(history, step, course, units=None):
 
 @app.function
 def height_of(history):
-    """The height in inches of a picture of a body: less where it is flat."""
+    """Return the height in inches of the picture of a body: less for flat bodies."""
     across, up = np.ptp(history.mesh.points, axis=0)
     return float(np.clip(1.3 + 0.7 * WIDTH * up / across, 2.0, 3.4))
 
 
 @app.function
 def drawing(name, draw, height=3.4):
-    """A picture of its own: letters of one size, a legend of two columns below, its title beside it in words."""
+    """Return one picture: letters of one size, a legend of two columns below, and its title as a caption."""
     figure = new_figure(WIDTH, height)
     ax = figure.add_subplot()
     draw(ax)
@@ -156,15 +156,15 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # The room for labels beside a body of fixed shape goes with its size: one round leaves some of them cut off.
+        # The space for labels beside a body of fixed shape depends on its size: one pass would cut some of them off.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words
 
 
 @app.function
-def told(numbers):
-    """Numbers as a list in HTML: name, value, what it means."""
+def format_numbers(numbers):
+    """Return numbers as a list in HTML: name, value, explanation."""
     grey = 'style="color:#595959"'
     terms = (
         f"<div><dt {grey}>{k}</dt><dd style='margin:0'><b>{v}</b> <small {grey}>{escape(c)}</small></dd></div>"
@@ -174,8 +174,8 @@ def told(numbers):
 
 
 @app.function
-def shown(drawn):
-    """Pictures as HTML, one or two in a row, so that letters have 12 px and more."""
+def format_pictures(drawn):
+    """Return pictures as HTML, one or two in a row, so that letters have at least 12 px."""
     figures = []
     for name, figure, words in drawn:
         source = f"data:image/png;base64,{b64encode(as_png(figure, dpi=192)).decode()}"
@@ -187,7 +187,7 @@ def shown(drawn):
 
 @app.function
 def draw_front(ax, history, step, units):
-    """Stick and slip in time, and a line at the instant that is shown."""
+    """Draw stick and slip over time, and a line at the shown instant."""
     stick_slip_map(history, ax=ax, units=units)
     ax.axhline(history.times[history.row(step)], color="black", linewidth=1.5, linestyle="--", label="this instant")
     ax.set_title("where the contact boundary sticks and slips, and when")
@@ -195,14 +195,14 @@ def draw_front(ax, history, step, units):
 
 @app.function
 def draw_energies(ax, history, units):
-    """Energies in time, all steps."""
+    """Draw the energies of all steps over time."""
     energy_ledger(history, ax=ax, units=units)
     ax.set_title("where the work of the forces goes")
 
 
 @app.function
 def draw_loop(ax, history, step, course, units):
-    """The load over the slip of the node that slips farthest, up to a step, and faintly what follows."""
+    """Draw the load over the slip of the node that slips farthest, up to a step, and the rest in grey."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
     load, now = np.array([course(t) for t in history.times]), history.row(step)
@@ -220,7 +220,7 @@ def draw_loop(ax, history, step, course, units):
 
 @app.function
 def numbers_of(history, step):
-    """The numbers of a step: (name, value, what it means)."""
+    """Return the numbers of a step: (name, value, explanation)."""
     now, run = history.row(step), history.trajectory
     stuck, worst, asked = history.contact.sticking[now], run.certified.max(), run.accuracy
     kept = run.above_asked or f"asked: {asked:.0e}"
@@ -235,7 +235,7 @@ def numbers_of(history, step):
 
 @app.function
 def attempt(action, *given):
-    """Return the value of an action and the seconds that it took; its error stands where the pictures would."""
+    """Return the value of an action and the seconds that it took; show its error in place of the pictures."""
     start = time.perf_counter()
     try:
         return action(*given), time.perf_counter() - start
@@ -302,14 +302,14 @@ def _(family, n, problem):
 
 @app.cell
 def _(mesh, path, problem, settings, solver):
-    history, solving = attempt(solved, problem, mesh, settings.value, path.value, solver.value)
+    history, solving = attempt(solve, problem, mesh, settings.value, path.value, solver.value)
     return history, solving
 
 
 @app.cell
 def _(history, path, problem, step):
     _start = time.perf_counter()
-    drawn = shown(pictures(history, step.value, course_of(path.value, problem), problem.units))
+    drawn = format_pictures(pictures(history, step.value, course_of(path.value, problem), problem.units))
     drawing_time = time.perf_counter() - _start
     return drawing_time, drawn
 
@@ -329,7 +329,7 @@ def _(drawing_time, history, meshing, solving, step):
 def _(drawn, numbers, problem):
     # Buttons of marimo float over what has no room above it.
     _title = f'<h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
-    mo.Html(_title + told(numbers) + drawn)
+    mo.Html(_title + format_numbers(numbers) + drawn)
     return
 
 

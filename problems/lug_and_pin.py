@@ -1,14 +1,14 @@
-r"""A pin with clearance in a lug, in space: a load that turns once round, and what friction does meanwhile.
+r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates.
 
-The lug is a ring a < r < b, held at its rim; the pin is loose in it by the clearance delta a. One half of the thickness
-is computed. A shear stress q on the end of the pin rises along x_1, for t < 1, and then turns once about the axis. The
-contact turns with it, and the joint bears the load at each instant, to rounding,
+The lug is a ring a < r < b, clamped at its rim. The pin is loose in it with the clearance delta a. One half of the
+thickness is computed. A shear stress q on the end of the pin rises along x_1 for t < 1, and then turns once about the
+axis. The contact turns with it. At each instant, to rounding,
 
 $$ \text{sum of pressure and friction on the pin } = -q A (\cos \phi, \sin \phi), $$
 
-with A the area of the polygon in the place of the circle. The answer to a load that begins turned by sectors is the
-answer turned by sectors. Nothing but friction holds the pin against turning about its axis; the pin creeps a little in
-the lug, and each turn dissipates.
+with A the area of the polygon that replaces the circle. If the load begins rotated by whole sectors, the solution is
+rotated by them. Only friction prevents the pin from rotating about its axis: the pin creeps a little in the lug, and
+each turn dissipates.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """
@@ -16,47 +16,43 @@ the lug, and each turn dissipates.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots import deformed_body
-from vemcvx.plots.style import COMPUTED, SECOND
 
 YOUNG, POISSON, FRICTION = (200.0, 70.0), (0.3, 0.33), 0.2
 HOLE, RIM, THICK, CLEARANCE = 1.0, 2.0, 0.6, 0.002
 SHEAR = 0.12
 JOINT = "pin|lug"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 24, "accuracy": 1e-6}
 
 
 def direction(t):
-    """Where the load points to, in radians from x_1."""
+    """Return the direction of the load, in radians from x_1."""
     return 2 * np.pi * np.clip(np.asarray(t) - 1.0, 0.0, 1.0)
 
 
 def load(t):
-    """The shear stress (..., 3) on the end of the pin."""
+    """Return the shear stress (..., 3) on the end of the pin."""
     size, angle = SHEAR * np.minimum(np.asarray(t), 1.0), direction(t)
     return size[..., None] * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
 
 
 def scene(friction=FRICTION, turn=0.0):
-    """The load begins at the angle `turn`."""
+    """Return the scene of a load that begins at the angle `turn`."""
     c, s = np.cos(turn), np.sin(turn)
-    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return vx.Scene(
         vx.Elasticity(YOUNG[0], POISSON[0], on="pin"),
         vx.Elasticity(YOUNG[1], POISSON[1], on="lug"),
         vx.Symmetry(on=["pin.bottom", "lug.bottom"]),
         vx.Clamp(on="lug.outer"),
-        vx.Traction(lambda x, t: turned @ load(t), on="pin.top"),
+        vx.Traction(lambda x, t: rotation @ load(t), on="pin.top"),
         vx.UnilateralContact(on=JOINT, gap=CLEARANCE * HOLE),
         vx.CoulombFriction(friction, on=JOINT),
     )
 
 
 def mesh(n, family="ring", layers=None):
-    """Rings of 8n sectors, n/2 layers of the pin and 3n/4 of the lug."""
+    """Return rings of 8n sectors, in n/2 layers of the pin and 3n/4 of the lug."""
     low = layers or max(1, n // 2)
     pin = vx.meshes.ring(np.linspace(0.0, HOLE, 1 + n), 8 * n).extruded(np.linspace(0.0, THICK, low + 1))
     rings = vx.meshes.ring(np.geomspace(HOLE, RIM, 1 + n), 8 * n)
@@ -65,38 +61,34 @@ def mesh(n, family="ring", layers=None):
 
 
 def times(steps):
-    """A quarter of the steps, one at least, raise the load; the others turn it."""
+    """Return steps of which a quarter, at least one, raise the load; the others turn it."""
     rise = max(1, steps // 4)
     return np.append(np.linspace(0.0, 1.0, rise + 1), np.linspace(1.0, 2.0, steps - rise + 1)[1:])
 
 
 def joint_force(history):
-    """What the joint exerts on the pin at the stored instants, (S, 3)."""
+    """Return the force of the joint on the pin at the stored instants, (S, 3)."""
     contact = history.contact
     friction = np.einsum("smd,m->sd", contact.traction, contact.friction_lengths)
     return friction - np.einsum("sm,m,md->sd", contact.pressure, contact.lengths, contact.normals)
 
 
 def picture(history):
-    """Pin and lug from above at the end, and the pressure around the pin in the plane of symmetry as the load turns."""
-    figure = new_figure(8.0, 3.1)
+    """Draw pin and lug at the end, and the pressure around the pin in the plane of symmetry as the load turns."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 3.1), layout="constrained")
     body, graph = figure.subplots(1, 2)
-    deformed_body(history, ax=body, view=(-0.4, -1.0, 1.6), units=UNITS)
+    vx.plots.deformed_body(history, ax=body, view=(-0.4, -1.0, 1.6), units=UNITS)
     contact, rise = history.contact, int(np.searchsorted(history.times, 1.0))
     middle = np.flatnonzero(np.abs(contact.points[:, 2]) < 1e-9 * THICK)
     angle = np.degrees(np.arctan2(contact.points[middle, 1], contact.points[middle, 0])) % 360.0
     order = np.argsort(angle)
-    quarter = rise + (history.steps - rise) // 4
-    for step, colour, mark in ((rise, COMPUTED, "o"), (quarter, SECOND, "s")):
+    for step, style in ((rise, "C0o-"), (rise + (history.steps - rise) // 4, "C1s-")):
         words = f"load at {np.degrees(direction(history.times[step])):.0f} degrees"
-        pressure = contact.pressure[step, middle[order]]
-        graph.plot(angle[order], pressure, f"{mark}-", color=colour, markersize=3.5, linewidth=1.0, label=words)
-    light_grid(graph)
-    graph.legend(frameon=False, fontsize="small", loc="upper center")
-    graph.set(
-        xlabel="angle around the pin from $x_1$ (degrees)",
-        ylabel="pressure (MPa)",
-        ylim=(0, 1.4 * contact.pressure.max()),
-    )
-    graph.set_xticks(range(0, 361, 90))
+        graph.plot(angle[order], contact.pressure[step, middle[order]], style, linewidth=1.0, label=words)
+    graph.set(xlabel="angle around the pin from $x_1$ (degrees)", ylabel="pressure (MPa)")
+    graph.set(ylim=(0, 1.4 * contact.pressure.max()), xticks=range(0, 361, 90))
+    graph.grid()
+    graph.legend(loc="upper center")
     return figure

@@ -1,76 +1,102 @@
-r"""A block that is found slipping, and stops in the middle of a step: u_0 != 0, and an error of the steps beside h.
+r"""A block that slips from the start and stops in the middle of a step: u_0 != 0, and errors of mesh and time step.
 
-The displacement is that of :mod:`manufactured_full_slip` in another course of time,
+The displacement is that of `manufactured_full_slip.py` with another function of time,
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
-in units of 1e-3 of a length. At t = 0 the block is strained and slips, at the bound of friction: u_0 = w / 2 is no
-state of rest, and obeys (2.1), for loads and friction at the bound balance its stresses. At t = 1/2 it stops. Then the
-bound rises with b (t - 1/2) above what friction bears, and everything sticks.
+in units of 1e-3 of a length. At t = 0 the block is strained and slips, with friction at its bound. u_0 = w / 2 is no
+state of rest. It satisfies (2.1), because loads and friction at the bound balance its stresses. At t = 1/2 the block
+stops. From then on the bound exceeds the friction by b (t - 1/2), and all nodes stick.
 
-Runs begin from P^h u_0, (2.11). With N steps, N odd, the stop is in the middle of one. At its end the bound is b / (2
-N) too large, and backward Euler slips less than the block did until it stopped: u is off by O(k) from then on. With N
-even it makes no error in time, and what is left is h.
+Runs begin from P^h u_0, (2.11). With an odd number N of steps the block stops in the middle of a step. At the end of
+that step the bound is b / (2 N) too large, and backward Euler slips less than the block did until it stopped: the error
+of u is O(k) from then on. With N even there is no error in time, and only the error of the mesh is left.
 
     vemcvx run problems/manufactured_start_and_stop.py --mesh voronoi --n 16 --steps 17
 """
 
 import numpy as np
 
-import manufactured_full_slip as full_slip
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
 
 SIZE, STOP, RISE = 1e-3, 0.5, 3.0
-UNITS = full_slip.UNITS
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 12, "steps": 13}
 
 
 def course(t):
-    """The displacement, as part of w."""
+    """Return the factor of w at the instant t."""
     return SIZE * (0.5 + min(t, STOP))
 
 
+def lame(poisson):
+    """Return lambda for mu = 1."""
+    return 2 * poisson / (1 - 2 * poisson)
+
+
+def body_force(x, t, poisson=0.3):
+    """Return -div sigma(u), (m, 2)."""
+    lam, (x, y) = lame(poisson), x.T
+    q = lam * y**2 / 2 - x**2 * (lam / 2 + 1)
+    first = 2 * (lam + 1) * y * (x * y + 2) - lam * y - x * q
+    second = x * (lam + 2) - y * q
+    return (-course(t) * np.exp(x * y) / (3 * (1 + lam)) * np.stack([first, second])).T
+
+
 def scene(poisson=0.3, rise=RISE, stabilisation="shear"):
-    lam = full_slip.lame(poisson)
-    whole = full_slip.scene(poisson, course, stabilisation=stabilisation).without(vx.TrescaFriction)
+    lam = lame(poisson)
 
     def bound(x, t):
-        borne = course(t) * full_slip.MU * x[:, 0] ** 2 * (lam + 2) / (6 * (lam + 1))
-        return borne + SIZE * rise * max(t - STOP, 0.0)
+        friction = course(t) * x[:, 0] ** 2 * (lam + 2) / (6 * (lam + 1))
+        return friction + SIZE * rise * max(t - STOP, 0.0)
 
-    return whole.with_(vx.TrescaFriction(bound, on="bottom"))
+    return vx.Scene(
+        vx.Elasticity(young=2 * (1 + poisson), poisson=poisson, stabilisation=stabilisation),
+        vx.BodyForce(lambda x, t: body_force(x, t, poisson)),
+        vx.PrescribedDisplacement(lambda x, t: displacement(x, t, poisson), on=["left", "right", "top"]),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom"),
+    )
 
 
 def displacement(x, t, poisson=0.3):
-    """u at points (m, 2)."""
-    return full_slip.displacement(x[:, 0], x[:, 1], course(t), full_slip.lame(poisson))
+    """Return u at points x (m, 2)."""
+    c, e = 1 / (1 + lame(poisson)), course(t) * np.exp(x[:, 0] * x[:, 1]) / 6
+    return np.column_stack([e * x[:, 0] * (1 + c), e * x[:, 1] * (c - 1)])
 
 
 def strain(x, t, poisson=0.3):
-    """e_xx, e_yy, 2 e_xy at points (m, 2)."""
-    return full_slip.strain(x[:, 0], x[:, 1], course(t), full_slip.lame(poisson))
+    """Return e_xx, e_yy, 2 e_xy of u at points x (m, 2)."""
+    c, e = 1 / (1 + lame(poisson)), course(t) * np.exp(x[:, 0] * x[:, 1]) / 6
+    growth = 1 + x[:, 0] * x[:, 1]
+    shear = x[:, 0] ** 2 * (1 + c) + x[:, 1] ** 2 * (c - 1)
+    return np.column_stack([e * growth * (1 + c), e * growth * (c - 1), e * shear])
 
 
 initial = vx.projected(displacement)
 
 
 def mesh(n, family="voronoi"):
-    return full_slip.mesh(n, family)
+    return vx.meshes.FAMILIES[family](n)
 
 
 def times(steps):
-    return full_slip.times(steps)
+    return np.linspace(0.0, 1.0, steps + 1)
 
 
 def picture(history):
-    """The block at the end, and the place of a node of its contact: found slipping, it stops inside a step."""
-    figure, graph = body_and_graph(history, step=-1, stress="mean", forces="friction", magnify=100)
+    """Draw the block at the end, and the displacement of a contact node, which stops inside a step."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
+    how = {"stress": "mean", "forces": "friction", "magnify": 100, "units": UNITS}
+    vx.plots.stressed_body(history, step=-1, ax=body, **how)
     outer = int(np.argmax(history.contact.points[:, 0] * (history.contact.points[:, 0] < 1)))
-    place = history.contact.points[outer]
-    line = np.linspace(0, 1, 201)
-    exact = [displacement(place[None], s)[0, 0] for s in line]
-    found = history.times, history.contact.slip[:, outer, 0]
-    beside_closed_form(graph, found, (line, exact), label="computed")
+    place, line = history.contact.points[outer], np.linspace(0, 1, 201)
+    graph.plot(line, [displacement(place[None], t)[0, 0] for t in line], "k-", label="closed form")
+    graph.plot(history.times, history.contact.slip[:, outer, 0], "C0o", label="computed")
     graph.set(xlabel="time (s)", ylabel=f"$u_1$ at $x_1$ = {place[0]:.2f} (mm)")
+    graph.grid()
+    graph.legend()
     return figure

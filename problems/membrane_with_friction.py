@@ -1,13 +1,13 @@
-r"""A membrane that rubs: Problem 2.1 with the Laplacian, on scalar virtual elements assembled here.
+r"""A membrane with friction: Problem 2.1 with the Laplacian, on scalar virtual elements assembled here.
 
 $$
 -\Delta u + \lambda = f, \qquad |\lambda| \le g,
 \qquad \lambda = g \operatorname{sign}(u') \text{ wherever } u' \ne 0,
 $$
 
-with u = 0 on one part of the boundary and grad u . n = q(t) on another; friction lambda acts per area (a membrane on a
-rough table) or per length of a part of the boundary (there grad u . n + lambda = q). Tension is one. In the weak form
-a(u, v) = int grad u . grad v and j(v) = int g |v|, a scalar problem: nothing here has a direction.
+with u = 0 on one part of the boundary and grad u . n = q(t) on another. The friction lambda acts per area (a membrane
+on a rough table) or per length of a part of the boundary (there grad u . n + lambda = q). The tension is one. In the
+weak form a(u, v) = int grad u . grad v and j(v) = int g |v|: a scalar problem without directions.
 
 **Virtual elements** (Ahmad et al., Comput. Math. Appl. 66, 2013; Beirao da Veiga et al., M3AS 23, 2013). With the mean
 gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`,
@@ -16,23 +16,23 @@ $$ K_{ij} = |K| G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dof
 
 a force per area gives each vertex of K an equal part of int_K f, and so does the bound g.
 
-**Exact on every mesh: a strip pulled at its rough edge.** (0, L) x (0, H), u = 0 above, below both pulled by q(t)
-and held by friction, sides free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
+**Exact on every mesh: a strip pulled at its rough edge.** (0, L) x (0, H), u = 0 above; below the edge is pulled by
+q(t) and held by friction; the sides are free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
-It sticks, slips and reverses; u is linear, so virtual elements reproduce it. A closed loop between q = +-Q loses
-4 g L H (Q - g).
+The strip sticks, slips and reverses; u is linear, so virtual elements reproduce it. A closed loop between q = +-Q
+dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** (0, L) x (0, H), u = 0 at x = L, pulled by q(t) at x = 0, other sides
-free, friction g per area. The tension T = -du/dx passes from x on what friction leaves: it is the chain of
-:mod:`spring_slider_chain` with blocks of no length,
+free, friction g per area. Friction reduces the tension T = -du/dx along x: the membrane is the chain of
+`spring_slider_chain.py` with infinitely many blocks,
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
-On first loading the zone x < q/g slips, u = (q - g x)_+^2 / 2g. A reversal by dq turns the zone x < dq/2g around,
+On first loading the zone x < q/g slips, u = (q - g x)_+^2 / 2g. A reversal by dq reverses slip in the zone x < dq/2g,
 and u changes by (dq - 2 g x)_+^2 / 4g; further out the friction of the first loading stays locked in. A closed loop of
-swing dq loses dq^3 / 12 g per unit width. u has a kink in its second derivative only, so the energy error is O(h).
+swing dq dissipates dq^3 / 12 g per unit width. Only the second derivative of u jumps, so that the energy error is O(h).
 
     python problems/membrane_with_friction.py --picture membrane_with_friction.png
 """
@@ -45,32 +45,32 @@ import numpy as np
 import scipy.sparse as sp
 
 import vemcvx as vx
-from spring_slider_chain import course, sampled, turning_instants
+from spring_slider_chain import course, sample, turning_instants
 from vemcvx.vem import Space
 from vemcvx.vem.stabilisation import products_of_remainder
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)
-"""Turning points of the pull on the membrane; below g L, so that the far end never moves."""
+"""Turning points of the pull on the membrane: below g L, so that the far end never moves."""
 PEAK = 5.0
 EDGE_PULL = course((0, PEAK, -PEAK, PEAK), first=2.5)
-"""The pull at the rough edge, beyond g."""
+"""The pull at the rough edge, which exceeds g."""
 
 
 class Membrane(NamedTuple):
-    """A system, and where on the mesh its unknowns and its norm terms are."""
+    """A system, with the nodes of its unknowns and of its norm terms."""
 
     system: vx.System
     free: np.ndarray
-    """nodes of the unknowns"""
+    """Nodes of the unknowns."""
     rough: np.ndarray
-    """nodes of the norm terms"""
-    shares: np.ndarray
-    """the area or length of each norm term"""
+    """Nodes of the norm terms."""
+    measures: np.ndarray
+    """The area or length of each norm term."""
 
 
 def scalar_stiffness(mesh):
-    """The matrix of int grad u . grad v, one unknown a node."""
+    """Return the matrix of int grad u . grad v, one unknown per node."""
     rows, columns, values = [], [], []
     for group in Space(mesh).groups:
         areas, g = group.gradients()
@@ -84,14 +84,14 @@ def scalar_stiffness(mesh):
     return sp.coo_matrix(entries, shape=(mesh.n_nodes, mesh.n_nodes)).tocsr()
 
 
-def cell_shares(mesh):
-    """The area of each node: every vertex of a cell takes an equal part of it."""
+def node_areas(mesh):
+    """Return the area of each node: every vertex of a cell gets an equal part of the cell."""
     corners = np.diff(mesh.offsets)
     return np.bincount(mesh.vertices, weights=np.repeat(mesh.areas / corners, corners), minlength=mesh.n_nodes)
 
 
-def edge_shares(mesh, on):
-    """The length of each node on a part of the boundary, zero elsewhere."""
+def node_lengths(mesh, on):
+    """Return the length of each node on a part of the boundary, zero elsewhere."""
     part = Space(mesh).part(on, "membrane")
     lengths = np.zeros(mesh.n_nodes)
     lengths[part.nodes] = part.node_lengths
@@ -99,40 +99,43 @@ def edge_shares(mesh, on):
 
 
 def membrane(mesh, pull, held, pulled, rough, bound=BOUND):
-    """Held on one part, pulled by the samples `pull` on another, with friction where `rough` (n_nodes,) is positive."""
+    """Return a membrane held on one part and pulled by the samples `pull` on another.
+
+    Friction acts where `rough` (n_nodes,), the areas or lengths of nodes, is positive.
+    """
     free = np.setdiff1d(np.arange(mesh.n_nodes), Space(mesh).part(held, "membrane").nodes)
     K = scalar_stiffness(mesh)[free][:, free]
-    load = edge_shares(mesh, pulled)[free]
+    load = node_lengths(mesh, pulled)[free]
     places = np.flatnonzero(rough[free] > 0)
     B = sp.identity(len(free), format="csr")[places]
     norms = vx.Norms(B, bound * rough[free[places]])
-    system = vx.System(K, lambda t: load * sampled(pull)(t), norms)
+    system = vx.System(K, lambda t: load * sample(pull)(t), norms)
     return Membrane(system, free, free[places], rough[free[places]])
 
 
-def strip(mesh, pull):
-    """Held above; pulled below, where it rubs."""
-    return membrane(mesh, pull, "top", "bottom", edge_shares(mesh, "bottom"))
+def pose_strip(mesh, pull):
+    """Return the strip: held above, pulled below against friction."""
+    return membrane(mesh, pull, "top", "bottom", node_lengths(mesh, "bottom"))
 
 
-def strip_in_closed_form(pull, bound=BOUND, height=HEIGHT):
-    """a (N + 1,) and the friction lambda (N + 1,) per length."""
+def strip_exactly(pull, bound=BOUND, height=HEIGHT):
+    """Return a (N + 1,) and the friction lambda (N + 1,) per length."""
     a = np.zeros(len(pull))
     for n in range(1, len(pull)):
         a[n] = np.clip(a[n - 1], height * (pull[n] - bound), height * (pull[n] + bound))
     return a, pull - a / height
 
 
-def on_table(mesh, pull):
-    """Held at the right, pulled at the left, rough everywhere."""
-    return membrane(mesh, pull, "right", "left", cell_shares(mesh))
+def pose_on_table(mesh, pull):
+    """Return the membrane on the table: held at the right, pulled at the left, rough everywhere."""
+    return membrane(mesh, pull, "right", "left", node_areas(mesh))
 
 
-def on_table_in_closed_form(x, turns=TURNS, bound=BOUND):
-    """u and lambda at the turning points, (len(turns), len(x)); swings must not grow but for the first."""
+def table_exactly(x, turns=TURNS, bound=BOUND):
+    """Return u and lambda at the turning points, (len(turns), len(x)); only the first swing may be the largest."""
     u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
     for n, swing in enumerate(np.diff(turns), start=1):
-        # From rest friction rises from 0 to g, after a reversal from -g to g.
+        # Friction rises from 0 to g in the first loading, and from -g to g after a reversal.
         rise = 1 if n == 1 else 2
         rest = np.maximum(abs(swing) - rise * bound * x, 0.0)
         u[n] = u[n - 1] + np.sign(swing) * rest**2 / (2 * rise * bound)
@@ -140,42 +143,42 @@ def on_table_in_closed_form(x, turns=TURNS, bound=BOUND):
     return u, friction
 
 
-def lost_on_table(turns=TURNS, bound=BOUND, height=HEIGHT):
-    """The loss (len(turns),) up to each turning point: the integral of g |du| over the table."""
+def table_dissipation(turns=TURNS, bound=BOUND, height=HEIGHT):
+    """Return the dissipation (len(turns),) up to each turning point: the integral of g |du| over the table."""
     swings = np.abs(np.diff(turns))
     rise = np.where(np.arange(len(swings)) == 0, 1, 2)
     return np.append(0.0, np.cumsum(height * swings**3 / (6 * rise**2 * bound)))
 
 
 def solve_on_table(mesh, increment=0.5, solver=None):
-    """The membrane, its trajectory, and the steps of the turning points."""
+    """Return the membrane, its trajectory, and the steps of the turning points."""
     pull = course(TURNS, increment)
-    posed = on_table(mesh, pull)
-    # Friction touches nearly every unknown: eliminating the rest would leave a dense matrix of almost full size.
+    posed = pose_on_table(mesh, pull)
+    # Friction acts on nearly every unknown: elimination of the others would leave a dense matrix of almost full size.
     trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver, condense=False)
     return posed, trajectory, turning_instants(pull, TURNS)
 
 
 def energy_error(posed, trajectory, at, points):
-    """|u_h - u|_a at the turning points, relative to the largest |u|_a; u by its values at the nodes."""
-    exact, _ = on_table_in_closed_form(points[posed.free, 0])
+    """Return |u_h - u|_a at the turning points, relative to the largest |u|_a; u by its values at the nodes."""
+    exact, _ = table_exactly(points[posed.free, 0])
     off, K = trajectory.state[at] - exact, posed.system.K
     size = np.einsum("ni,ni->n", exact, (K @ exact.T).T)
     return np.sqrt(np.einsum("ni,ni->n", off, (K @ off.T).T) / size.max())
 
 
 def picture(path, mesh, posed, trajectory, at):
-    """Displacement and friction on the table at the turning points, against the closed form."""
+    """Draw displacement and friction on the table at the turning points, beside the closed form."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import MARKERS, SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     x = np.linspace(0, LENGTH, 801)
-    u, friction = on_table_in_closed_form(x)
-    density = trajectory.multipliers[:, :, 0] / posed.shares
+    u, friction = table_exactly(x)
+    density = trajectory.multipliers[:, :, 0] / posed.measures
     free, rough = mesh.points[posed.free, 0], mesh.points[posed.rough, 0]
-    # Forty of the nodes, evenly apart: all of them would hide the lines.
+    # We draw forty evenly spaced nodes, because all nodes would hide the lines.
     some, few = (np.argsort(places)[:: max(1, len(places) // 40)] for places in (free, rough))
     for k in range(1, len(TURNS)):
         left.plot(x, u[k], "k-", linewidth=1, label=None if k > 1 else "closed form")
@@ -196,9 +199,9 @@ def picture(path, mesh, posed, trajectory, at):
 def main(path=None):
     box = ((0.0, LENGTH), (0.0, HEIGHT))
     pull = EDGE_PULL
-    a, friction = strip_in_closed_form(pull)
+    a, friction = strip_exactly(pull)
     mesh = vx.meshes.voronoi(8, box)
-    posed = strip(mesh, pull)
+    posed = pose_strip(mesh, pull)
     print("strip with a rough edge, exact on every mesh (Voronoi)")
     print("solver      error of u   certified   error of lam   lost in a loop   seconds")
     for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
@@ -206,7 +209,7 @@ def main(path=None):
         trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver)
         seconds = time.perf_counter() - start
         exact = a[:, None] * (1 - mesh.points[posed.free, 1] / HEIGHT)
-        density = trajectory.multipliers[:, :, 0] / posed.shares
+        density = trajectory.multipliers[:, :, 0] / posed.measures
         lost = trajectory.dissipated[-1] - trajectory.dissipated[np.argmax(pull)]
         print(
             f"{solver.name:9s}{np.abs(trajectory.state - exact).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"
@@ -220,7 +223,7 @@ def main(path=None):
         errors = energy_error(posed, trajectory, at, mesh.points)
         words = "".join(f"{e:11.2e}" for e in errors[1:])
         print(f"h = {mesh.h:.3f}{words}   {trajectory.dissipated[-1]:.5f} {trajectory.seconds['solve']:.2f} s")
-    print(f"in closed form: lost {lost_on_table()[-1]:.5f}")
+    print(f"in closed form: lost {table_dissipation()[-1]:.5f}")
     if path:
         picture(path, mesh, posed, trajectory, at)
 

@@ -1,41 +1,41 @@
-r"""Why backward Euler: the midpoint rule beside it, on slips that are known in closed form.
+r"""Why backward Euler: comparison with the midpoint rule, on slips that are known in closed form.
 
-Quasistatic friction is a play operator in the energy norm: with C = {z : a(z, v) <= j(v) for all v}, the displacements
-whose forces friction can hold, u_l(t) the answer of the body without friction, and z = u_l - u,
+Quasistatic friction is a play operator in the energy norm. Let C = {z : a(z, v) <= j(v) for all v}, the displacements
+whose forces friction can balance, u_l(t) the displacement of the body without friction, and z = u_l - u. Then
 
 $$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}), $$
 
-P_C the projection on C in |.|_a, a convex program a step. The midpoint rule asks for the inequality at the mean m =
-(u_{n-1} + u_n) / 2 of a step, with the load of its middle. With e = m - u_{n-1} = d / 2 and j(d) = 2 j(e),
+with the projection P_C on C in |.|_a, one convex program per step. The midpoint rule requires the inequality at the
+mean m = (u_{n-1} + u_n) / 2 of a step, with the load at its middle. With e = m - u_{n-1} = d / 2 and j(d) = 2 j(e),
 
 $$
 \min_d \; a(d, d) / 4 + a(u_{n-1}, d) - l(d) + j(d) \\
-\qquad = 2 \min_e \; a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e):
+\qquad = 2 \min_e \; a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e).
 $$
 
-it is a convex program a step, too, the same one as backward Euler's to the middle, and then a reflection,
+So it is one convex program per step, too: that of backward Euler to the middle, and then a reflection,
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-In z its map is 2 P_C - 1, which is nonexpansive as P_C is: errors of the algebra do not grow either. But
+Its map in z is 2 P_C - 1, which is nonexpansive like P_C: algebraic errors do not grow either. But
 
-1. it ends outside. z_n is in C at the middles of steps alone; at the ends friction exceeds its bound, and (2.1) fails:
-   what one step hands to the next is no state that friction can hold.
-2. nothing dies out. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2; a reflection
-   only keeps distances. Where a place begins to slip inside a step, z ends that step eta beyond its bound, at most k
-   |u_l'| / 2, the next one eta below, and so on for ever: from then on the order is one.
-3. of order two it is where slips are smooth: where they turn without beginning or ending.
+1. The step ends outside of C. z_n is in C only at the middles of steps. At the ends friction exceeds its bound and
+   (2.1) fails: friction cannot balance the state that one step passes to the next.
+2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2; a
+   reflection only keeps distances. If a place begins to slip inside a step, z ends that step eta beyond its bound, at
+   most k |u_l'| / 2, the next step eta below it, and so on forever: from then on the order is one.
+3. Its order is two only where slips are smooth: where they turn without beginning or ending.
 
-Backward Euler is of order one where slips turn. In the plane they do not turn; there, and in space where they keep
-their direction, it is *exact* at the instants, as long as they include those at which loads turn back
-(:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. What is summed over steps, work
-and dissipation, is of second order in either case (`dissipated_second_order`).
+The order of backward Euler is one where slips turn. In the plane they do not turn. There, and in space where they keep
+their direction, backward Euler is *exact* at the instants, as long as these include the instants at which loads turn
+back (:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. Sums over steps, work and
+dissipation, are of second order in either case (`dissipated_second_order`).
 
     python problems/midpoint_rule.py [--picture FILE]
 
-The slider is the block of :mod:`circular_hysteresis`: u is the place of its sole, u_l that of its top, C the disc about
-zero whose radius is the unit of length. The experiments: a straight pull there and back; a slip that turns, from the
-exact state; and a pull from rest that turns afterwards. Slips begin inside of steps.
+The slider is the block of `circular_hysteresis.py`: u is the place of its sole, u_l that of its top, and C the disc
+about zero whose radius is the unit of length. There are three experiments, in which slips begin inside of steps: a
+straight pull there and back; a slip that turns, from the exact state; and a pull from rest that turns afterwards.
 """
 
 from __future__ import annotations
@@ -55,81 +55,81 @@ R = 2.0
 STEPS = (16, 32, 64, 128, 256)
 FINE = 4096
 BEHIND = (-1 / 3, 0.0)
-"""Where the sole rests at first, so that it begins to slip at t = 1/3, which is no instant, as in the straight pull."""
+"""Start of the sole: it begins to slip at t = 1/3, which is no instant, as in the straight pull."""
 
 
-def held(z):
-    """P_C z, C the unit disc."""
+def project(z):
+    """Return P_C z, C the unit disc."""
     return z / max(1.0, np.linalg.norm(z))
 
 
 def backward_euler(top, times, start):
-    """The sole (N + 1, 2) at the instants."""
+    """Return the sole (N + 1, 2) at the instants."""
     sole = [np.asarray(start, dtype=float)]
     for t in times[1:]:
-        sole.append(top(t) - held(top(t) - sole[-1]))
+        sole.append(top(t) - project(top(t) - sole[-1]))
     return np.array(sole)
 
 
 def midpoint(top, times, start):
-    """The sole (N + 1, 2) at the instants, and (N, 2) in the middles of steps."""
+    """Return the sole (N + 1, 2) at the instants, and (N, 2) in the middles of steps."""
     sole, middles = [np.asarray(start, dtype=float)], []
     for s, t in pairwise(times):
         U = top(0.5 * (s + t))
-        middles.append(U - held(U - sole[-1]))
+        middles.append(U - project(U - sole[-1]))
         sole.append(2.0 * middles[-1] - sole[-1])
     return np.array(sole), np.array(middles)
 
 
 def there_and_back(t):
-    """A straight pull to 3 and back to -3, turning at t = 1."""
+    """Return a straight pull to 3 and back to -3, which turns at t = 1."""
     return np.array([3.0 * t if t <= 1 else 9.0 - 6.0 * t, 0.0])
 
 
 def straight(t):
-    """The sole under that: from rest, a play of half width one."""
+    """Return the sole under `there_and_back`: from rest, a play of half width one."""
     x = there_and_back(t)[0]
     return np.array([max(x - 1.0, 0.0) if t <= 1 else min(2.0, x + 1.0), 0.0])
 
 
 def around(t):
-    """The top on a circle of radius R, one turn in the unit of time."""
+    """Return the top on a circle of radius R, one turn per unit of time."""
     return R * np.array([np.cos(2 * np.pi * t), np.sin(2 * np.pi * t)])
 
 
 def turning(t):
-    """The sole that follows it on a circle of radius rho, a right angle behind: z = U - a is tangent to its way."""
+    """Return the sole under `around`, on a circle of radius rho: z = U - a is tangent to the path of the sole."""
     rho = np.sqrt(R**2 - 1.0)
     angle = 2 * np.pi * t - np.arccos(rho / R)
     return rho * np.array([np.cos(angle), np.sin(angle)])
 
 
 def from_rest(t):
-    """Straight to the circle while t < 1, then round it."""
+    """Return the top: straight to the circle for t < 1, then around it."""
     return np.array([R * t, 0.0]) if t < 1 else around(t - 1)
 
 
-def far(found, exact):
-    """The largest distance over all instants."""
+def largest_distance(found, exact):
+    """Return the largest distance over all instants."""
     return float(np.linalg.norm(found - exact, axis=1).max())
 
 
 @cache
-def extrapolated():
-    """The sole from rest at FINE + 1 instants, by two runs of backward Euler that are twice and four times as fine."""
+def extrapolate():
+    """Return the sole from rest at FINE + 1 instants, extrapolated from two runs of backward Euler."""
     one, two = (backward_euler(from_rest, np.linspace(0, 2, m * FINE + 1), BEHIND)[::m] for m in (2, 4))
     return 2 * two - one
 
 
 def errors(steps):
-    """Largest errors of both rules, by experiment; of the midpoint rule also in the middles of the straight pull."""
-    # The turn at t = 1 is an instant. The last experiment has no closed form: backward Euler, extrapolated.
+    """Return the largest errors of both rules by experiment; of the midpoint rule also in the middles of the pull."""
+    # The turn at t = 1 is an instant. The last experiment has no closed form: we extrapolate backward Euler.
     pull, turn, rest = np.linspace(0, 2, steps + 1), np.linspace(0, 1, steps + 1), np.linspace(0, 2, 2 * steps + 1)
     middles = 0.5 * (pull[1:] + pull[:-1])
     exact = [
         np.array([straight(t) for t in pull]),
         np.array([turning(t) for t in turn]),
-        extrapolated()[:: FINE // (2 * steps)],
+        extrapolate()[:: FINE // (2 * steps)],
     ]
     found = {}
     for name, top, times, truth in zip(
@@ -140,14 +140,14 @@ def errors(steps):
         strict=True,
     ):
         ends, inside = midpoint(top, times, truth[0])
-        found[name] = far(backward_euler(top, times, truth[0]), truth), far(ends, truth)
+        found[name] = largest_distance(backward_euler(top, times, truth[0]), truth), largest_distance(ends, truth)
         if name == "straight":
-            found["its middles"] = np.nan, far(inside, np.array([straight(t) for t in middles]))
+            found["its middles"] = np.nan, largest_distance(inside, np.array([straight(t) for t in middles]))
     return found
 
 
 def table(steps=STEPS):
-    """By experiment the errors of both rules, (2, len(steps)), and what there is to see of them."""
+    """Return the errors of both rules, (2, len(steps)), by experiment."""
     every = [errors(n) for n in steps]
     return {name: np.array([one[name] for one in every]).T for name in every[0]}
 
@@ -160,7 +160,7 @@ TITLES = {
 
 
 def picture(found, steps=STEPS):
-    """Errors over steps, with lines of the orders one and two."""
+    """Draw errors over steps, with lines of the orders one and two."""
     figure = new_figure(10.5, 3.8)
     axes = figure.subplots(1, len(TITLES), sharey=True)
     k = 1 / np.array(steps)

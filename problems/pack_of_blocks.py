@@ -1,15 +1,16 @@
 r"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
 
-Bearings of two blocks each, one on the other, stand in a row between the ground and a plate that moves by U(t) =
-U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. The halves of a bearing rub on each other with the bound g_i, in proportion to the
-load that it bears; their sides are free along x only, so that both shear uniformly, as in `two_blocks_in_series.py`:
-step by step, with C = H_1 / mu_1 + H_2 / mu_2,
+Bearings stand in a row between the ground and a plate that moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. Each
+bearing consists of two blocks, one on the other, with friction of the bound g_i between them. Their sides are free
+along x only, so that both are sheared uniformly, as in `two_blocks_in_series.py`: step by step, with the slip a_i and
+C = H_1 / mu_1 + H_2 / mu_2,
 
-$$ q_i = \operatorname{clip}((U - a_i) / C, \pm g_i), \qquad a_i = U - C q_i \qquad \text{the slip}. $$
+$$ q_i = \operatorname{clip}((U - a_i) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 
-So bearing i begins to slide at U_i = g_i C, and the force on the plate, L sum q_i, is that of springs and sliders in
+So bearing i begins to slide at U_i = g_i C. The force on the plate, L sum q_i, is that of springs and sliders in
 parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) at first, F1 - 2 F((U1 - U) / 2) after a turn
-(Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+. Exact on every two meshes, to rounding.
+(Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+. The solution is exact on any two meshes, to
+rounding.
 
     vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
 """
@@ -17,39 +18,38 @@ parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) at first,
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, GAP, HEIGHTS, YOUNG, POISSON = 1.0, 0.5, (0.4, 0.6), (3000.0, 1000.0), 0.3
 BOUNDS = np.array([0.3, 0.9, 0.6, 1.2])
 MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))
 STARTS = BOUNDS * COMPLIANCE
-"""U at which each begins to slide."""
+"""The displacements U at which each bearing begins to slide."""
 AMPLITUDE = 1.4 * STARTS.max()
 JOINTS = [f"joint {i + 1}" for i in range(len(BOUNDS))]
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 3, "steps": 60}
 
 
 def plate(t):
-    """U(t)."""
+    """Return U(t)."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
 def first_loading(U):
-    """F(U), the force on the plate while it moves for the first time."""
+    """Return F(U), the force on the plate while it moves for the first time."""
     return LENGTH * np.minimum(np.asarray(U)[..., None] / COMPLIANCE, BOUNDS).sum(axis=-1)
 
 
 def force(t):
-    """The force on the plate, by Masing's rule."""
+    """Return the force on the plate, by Masing's rule."""
     U, most = plate(t), first_loading(AMPLITUDE)
     back, forth = most - 2 * first_loading((AMPLITUDE - U) / 2), 2 * first_loading((AMPLITUDE + U) / 2) - most
     return np.select([t <= 1, t <= 3], [first_loading(np.abs(U)), back], forth)
 
 
-def closed_form(instants):
-    """The friction traction q and the slip a of the upper half over the lower one, (instants, bearings)."""
+def exact_solution(instants):
+    """Return the friction traction q and the slip a of the upper over the lower halves, (instants, bearings)."""
     q, a = np.zeros((2, len(instants), len(BOUNDS)))
     for n, U in enumerate(plate(instants[1:]), start=1):
         q[n] = np.clip((U - a[n - 1]) / COMPLIANCE, -BOUNDS, BOUNDS)
@@ -58,12 +58,12 @@ def closed_form(instants):
 
 
 def bearing(x):
-    """Which bearing is at places x (m, 2)."""
+    """Return the number of the bearing at places x (m, 2)."""
     return (x[:, 0] // (LENGTH + GAP)).astype(int)
 
 
 def scene():
-    def moved(x, t):
+    def move_plate(x, t):
         return np.tile([plate(t), 0.0], (len(x), 1))
 
     halves = [f"{half} {i + 1}" for half in ("lower", "upper") for i in range(len(BOUNDS))]
@@ -72,7 +72,7 @@ def scene():
         vx.Elasticity(YOUNG[0], POISSON, on=lower),
         vx.Elasticity(YOUNG[1], POISSON, on=upper),
         vx.Clamp(on=[f"{name}.bottom" for name in lower]),
-        vx.PrescribedDisplacement(moved, on=[f"{name}.top" for name in upper]),
+        vx.PrescribedDisplacement(move_plate, on=[f"{name}.top" for name in upper]),
         vx.PrescribedDisplacement(
             0.0, on=[f"{name}.{side}" for name in halves for side in ("left", "right")], direction=(0.0, 1.0)
         ),
@@ -82,7 +82,7 @@ def scene():
 
 
 def mesh(n, family="hexagons"):
-    """The lower blocks in cells of `family`; the upper ones in squares, n + 1 across their length."""
+    """Return the lower blocks in cells of `family` and the upper ones in squares, n + 1 across their length."""
     blocks, joints = {}, {}
     for i, joint in enumerate(JOINTS):
         ends = i * (LENGTH + GAP), i * (LENGTH + GAP) + LENGTH
@@ -97,21 +97,26 @@ def times(steps):
     return np.linspace(0.0, 5.0, steps + 1)
 
 
-def pulled(history):
-    """The force on the plate at the stored instants."""
+def plate_force(history):
+    """Return the computed force on the plate at the stored instants."""
     return sum(history.reaction(f"upper {i + 1}.top")[:, 0] for i in range(len(BOUNDS)))
 
 
 def picture(history):
-    """The pack when three of four have begun to slide, and the loop of the force on the plate."""
+    """Draw the pack when three of four bearings slide, and the loop of the force on the plate."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1, height_ratios=(1.0, 1.9))
     step = int(history.steps / 5 * 0.5 * (STARTS.max() + np.sort(STARTS)[-2]) / AMPLITUDE)
-    figure, graph = body_and_graph(history, step=step, stress="shear", forces="friction", shares=(1.0, 1.4))
+    vx.plots.stressed_body(history, step=step, ax=body, stress="shear", forces="friction", units=UNITS)
     dense = times(2000)
-    beside_closed_form(graph, (plate(history.times), pulled(history)), (plate(dense), force(dense)))
+    graph.plot(plate(dense), force(dense), "k-", label="closed form")
+    graph.plot(plate(history.times), plate_force(history), "C0o", label="computed")
     for i, start in enumerate(np.sort(STARTS)):
         graph.axvline(start, color="0.6", linestyle=":", linewidth=1.0)
         graph.text(start, 3.25, f"$U_{i + 1}$", fontsize="small", ha="center")
-    graph.legend(frameon=False, fontsize="small", loc="upper left")
-    graph.set(ylim=(-3.4, 3.9))
-    graph.set(xlabel="plate moved aside by $U$ (mm)", ylabel="force on the plate (N/mm)")
+    graph.set(xlabel="displacement $U$ of the plate (mm)", ylabel="force on the plate (N/mm)", ylim=(-3.4, 3.9))
+    graph.grid()
+    graph.legend(loc="upper left")
     return figure

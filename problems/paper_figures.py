@@ -1,19 +1,21 @@
-"""The figures and the table of Feng, Han and Huang, Section 4, by one command, to the letter and by our defaults.
+"""The figures and the table of Feng, Han and Huang, Section 4, by one command: to the letter, and with our defaults.
 
     python problems/paper_figures.py [--out DIR]
 
-Writes four pictures and prints what they are drawn from: the meshes (Fig. 1), the tangential displacement on each of
-them (Fig. 2), errors against h = k = 1/256 (Table 1 and Fig. 3), and how many nodes meshes of equally many polygons and
-triangles have (Fig. 4). The paper's printed numbers stand beside ours, first with S_K of (3.13) to the letter, then
-with the factor 2 mu that it has here by default. Nothing is tuned to the print; where we differ, the notes below the
-tables say by how much and what we know about it.
+The command writes four pictures and prints their data: the meshes (Fig. 1), the tangential displacement on each of them
+(Fig. 2), errors against h = k = 1/256 (Table 1 and Fig. 3), and the numbers of nodes of meshes with equally many
+polygons and triangles (Fig. 4). The paper's printed numbers are listed beside ours: first with S_K of (3.13) to the
+letter, then with our default factor 2 mu. Nothing is tuned to the printed numbers. The notes below the tables state the
+differences and their known causes.
 
-What the letter costs, in these units: 1 beside 2 mu = 154 leaves what Pi misses so soft that loads bend the cells that
-they act on, and little of them reaches the contact. With n = 96 and k = 1/8 the largest slips at t = 1 are .0114 to
-.0115 mm on all meshes with 2 mu; with 1 they are .0114 on squares, .0113 on Voronoi cells and hexagons, and .0076 on
-nonconvex cells, where nothing slips at all with n = 24. In other units, N for daN, the same text gives other numbers.
+In these units S_K to the letter has an effect: 1 in place of 2 mu = 154 makes the remainder of Pi so soft that loads
+bend the cells on which they act, and little of them reaches the contact. With n = 96 and k = 1/8 the largest slips at
+t = 1 are .0114 to .0115 mm on all meshes with 2 mu. With 1 they are .0114 on squares, .0113 on Voronoi cells and
+hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other units, N for daN, the same text
+gives other numbers.
 
-Where the package departs from the text of the paper, and the words that restore it, is printed, too; alone with
+The deviations of the package from the text of the paper, and the options that restore the text, are printed too; alone
+with
 
     python problems/paper_figures.py --deviations
 """
@@ -38,7 +40,7 @@ from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 
 FAMILIES = ("squares", "voronoi", "hexagons", "nonconvex")
-"""Fig. 1 shows four types; the text names squares and the polygons of Talischi and others, ours to choose are two."""
+"""Fig. 1 shows four types of meshes; the text names squares and the polygons of Talischi and others. We chose two."""
 SIZES, REFERENCE = (4, 8, 16, 32, 64), 256
 PRINTED_ERRORS = {4: 0.1745, 8: 0.0911, 16: 0.0458, 32: 0.0221, 64: 0.0099}
 PRINTED_NODES = {50: (99, 36), 200: (400, 121), 800: (1601, 441), 5000: (9986, 2601)}
@@ -115,12 +117,13 @@ DEVIATIONS = (
         "`simulate(..., solver=...)`; the answer of a step is unique",
     ),
 )
-"""The paper, the package by default, and the word that restores the paper. Nothing else departs: Pi, the average over
-vertices in l^h, f_2 on edges, backward Euler, and Lame's constants in plane strain are those of the text."""
+"""The paper, the package by default, and the option that restores the paper. There are no other deviations: Pi, the
+average over vertices in l^h, f_2 on edges, backward Euler, and Lame's constants in plane strain are those of the
+text."""
 
 
 def figure_1(n: int = 8):
-    """The four types of meshes."""
+    """Draw the four types of meshes."""
     figure = new_figure(10.0, 2.9)
     for ax, family in zip(figure.subplots(1, 4), FAMILIES, strict=True):
         mesh = paper.mesh(n, family)
@@ -132,7 +135,7 @@ def figure_1(n: int = 8):
 
 
 def figure_2(n: int = 24, steps: int = 64, stabilisation: str = "unit"):
-    """u_1 at t = 1: over the body on each type of mesh, and along the contact boundary on all of them."""
+    """Draw u_1 at t = 1: over the body on each type of mesh, and along the contact boundary on all of them."""
     scene = paper.scene(stabilisation=stabilisation)
     runs = {f: vx.simulate(scene, paper.mesh(n, f), paper.times(steps), store="last") for f in FAMILIES}
     largest = max(run.displacement[-1, :, 0].max() for run in runs.values())
@@ -158,7 +161,7 @@ def figure_2(n: int = 24, steps: int = 64, stabilisation: str = "unit"):
 
 
 def body(ax, run):
-    """The body coloured by the mean of u_1 over the vertices of each cell."""
+    """Draw the body coloured by the mean of u_1 over the vertices of each cell."""
     mesh, u = run.mesh, run.displacement[-1, :, 0]
     mesh.plot(ax=ax, linewidth=0.15, edgecolor="0.4")
     cells = ax.collections[0]
@@ -173,7 +176,7 @@ Errors = dict[str, list[vx.measures.Measured]]
 
 
 def errors(sizes: Sequence[int] = SIZES, reference: int = REFERENCE, stabilisation: str = "unit") -> Errors:
-    """Distances at t = 1 between h = k = 1/n and the reference on squares, by every measure; and the steps alone."""
+    """Return distances at t = 1 between h = k = 1/n and the reference on squares, by every measure, and in time."""
     scene = paper.scene(stabilisation=stabilisation)
     fine = vx.simulate(scene, paper.mesh(reference), paper.times(reference), store="last")
     found: Errors = {kind: [] for kind in (*KINDS, "nodal, 2 mu", "in time")}
@@ -191,7 +194,7 @@ def errors(sizes: Sequence[int] = SIZES, reference: int = REFERENCE, stabilisati
 
 
 def table_1(found: Errors, sizes: Sequence[int]) -> dict[str, vx.measures.ConvergenceTable]:
-    """Table 1: relative errors with their orders, then absolute ones in the paper's norm."""
+    """Return Table 1: relative errors with their orders, then absolute ones in the paper's norm."""
     h = 1 / np.array(sizes)
     relative = {kind: [one.relative for one in found[kind]] for kind in KINDS}
     absolute = {kind: [one.absolute / np.sqrt(2) for one in found[kind]] for kind in KINDS}
@@ -207,7 +210,7 @@ def table_1(found: Errors, sizes: Sequence[int]) -> dict[str, vx.measures.Conver
 
 
 def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str]:
-    """Where we differ from the print."""
+    """Return sentences about the differences from the printed numbers."""
     h = 1 / np.array(sizes)
     slopes = {
         name: vx.measures.orders(h, [one.relative for one in found["exact"]]).slope for name, found in every.items()
@@ -230,7 +233,7 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
 
 
 def nearest_to_print(every: dict[str, Errors], sizes: Sequence[int]) -> list[str]:
-    """A sentence for each stabilisation: the measure whose worst ratio to the print is nearest to one."""
+    """Return a sentence for each stabilisation: the measure whose worst ratio to the print is nearest to one."""
     known = [k for k, n in enumerate(sizes) if n in PRINTED_ERRORS]
     words = []
     for name, found in every.items():
@@ -241,7 +244,7 @@ def nearest_to_print(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
 
 
 def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
-    """Errors over h = k, a panel for each stabilisation."""
+    """Draw errors over h = k, one panel for each stabilisation."""
     figure = new_figure(10.0, 4.6)
     h = 1 / np.array(sizes)
     panels = figure.subplots(1, len(every), sharey=True)
@@ -266,7 +269,7 @@ def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
 
 
 def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[tuple[int, int, int, int, int, float]]:
-    """Elements, nodes of polygons (fewest, most over seeds; none collapsed), of triangles, and longest polygon side."""
+    """Return elements, nodes of polygons (fewest, most over seeds; none collapsed), of triangles, and longest side."""
     rows = []
     for count in counts:
         side = round(np.sqrt(count / 2))
@@ -280,13 +283,13 @@ def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[
 
 
 def longest(mesh: vx.PolygonMesh) -> float:
-    """The longest side of a cell."""
+    """Return the longest side of a cell."""
     after = np.concatenate([np.roll(cell, -1) for cell in mesh.cells])
     return float(np.linalg.norm(mesh.points[after] - mesh.points[mesh.vertices], axis=1).max())
 
 
 def table_4(rows: Sequence[tuple[int, int, int, int, int, float]]) -> Table:
-    """Fig. 4 in numbers."""
+    """Return the numbers of Fig. 4 as a table."""
     table = Table(title="Fig. 4: nodes of meshes of the unit square with equally many elements")
     for name in (
         "elements",
@@ -312,7 +315,7 @@ NOTE_4 = (
 
 
 def figure_4(rows: Sequence[tuple[int, int, int, int, int, float]]):
-    """Nodes over elements."""
+    """Draw nodes over elements."""
     figure = new_figure(6.0, 4.2)
     ax = figure.subplots()
     count = [row[0] for row in rows]
@@ -337,7 +340,7 @@ def figure_4(rows: Sequence[tuple[int, int, int, int, int, float]]):
 def main(
     out: Path, sizes=SIZES, reference=REFERENCE, n=24, steps=64, counts=tuple(PRINTED_NODES), console=None
 ) -> None:
-    """Everything, into a folder."""
+    """Write all pictures into a folder, and print all tables."""
     console, start = console or Console(width=120), time.perf_counter()
     out.mkdir(parents=True, exist_ok=True)
     figure_1().savefig(out / "paper_figure_1.png", dpi=DPI)
@@ -345,7 +348,7 @@ def main(
         picture, runs = figure_2(n, steps, name)
         picture.savefig(out / f"paper_figure_2_{name}.png", dpi=DPI)
         for family, run in runs.items():
-            console.print(f"Fig. 2, {name}, {family}: {said_of(run)}", highlight=False)
+            console.print(f"Fig. 2, {name}, {family}: {describe_run(run)}", highlight=False)
     every = {name: errors(sizes, reference, name) for name in STABILISATIONS}
     figure_3(every, sizes).savefig(out / "paper_figure_3.png", dpi=DPI)
     rows = nodes(counts)
@@ -362,8 +365,8 @@ def main(
     console.print(f"pictures in {out}; {time.perf_counter() - start:.0f} s")
 
 
-def said_of(run: vx.History) -> str:
-    """What a run of Fig. 2 comes to, in a line."""
+def describe_run(run: vx.History) -> str:
+    """Return the result of a run of Fig. 2 in a line."""
     slip, slips = run.contact.slip[-1, :, 0], ~run.contact.sticking[-1]
     return (
         f"{run.mesh.n_cells} cells, {run.mesh.n_nodes} nodes; largest tangential displacement {slip.max():.6f} mm, "
@@ -372,7 +375,7 @@ def said_of(run: vx.History) -> str:
 
 
 def deviations() -> str:
-    """Where the package departs from the text of the paper, as a table of Markdown."""
+    """Return the deviations of the package from the text of the paper as a table of Markdown."""
     rows = [("the paper", "the package, by default", "the word that restores it"), ("---",) * 3, *DEVIATIONS]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 

@@ -1,19 +1,19 @@
-r"""A ring pressed over another that is too large for it: the pressure between them is Lame's.
+r"""A ring pressed over another ring that is too large for it: the pressure between them is Lame's.
 
-Two rings a < r < b and b < r < c, plane stress, a quarter of them; the outer radius of the inner ring exceeds the
-inner radius of the outer one by the interference delta, which is posed as the gap -delta t between them. With the
-pressure p on its outer radius the inner ring shrinks, and with p on its inner radius the outer one widens, by (Lame
-1852; Timoshenko and Goodier, *Theory of Elasticity*, 28)
+Two rings a < r < b and b < r < c are in plane stress; a quarter of them is computed. The outer radius of the inner ring
+exceeds the inner radius of the outer ring by the interference delta, which is modelled as the gap -delta t between
+them. Under the pressure p the inner ring shrinks and the outer ring widens at r = b by (Lame 1852; Timoshenko and
+Goodier, *Theory of Elasticity*, 28)
 
 $$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2), $$
 
-which together are delta. The surfaces are free to slide. Meshes do not match: the two polygons of the circle r = b
-are up to b (pi / 4n)^2 / 8 apart, and the outer ring takes the outline of the inner one (`tolerance=`); nodes that it
-lends to it lie on the chords. So errors of nodal pressures are of order h, those of the mean pressure of order h^2;
-`contact.pressure_recovered` has a quarter of the former or less (root of the mean square). Equal numbers of cells
-(`outer=n`) match, and all is of order h^2.
+whose sum is delta. The surfaces slide freely. Meshes do not match: the two polygons of the circle r = b are up to
+b (pi / 4n)^2 / 8 apart, and the outer ring takes over the outline of the inner ring (`tolerance=`). Nodes of the outer
+ring then lie on chords of the inner one. So errors of nodal pressures are O(h), and errors of the mean pressure O(h^2).
+The errors of `contact.pressure_recovered` are at most a quarter of those of nodal pressures (in the root mean square).
+Meshes with equal numbers of cells (`outer=n`) match, and all errors are O(h^2).
 
-A gap counts in differences of two displacements, whose rounding alone is 3e-8 of the energy norm: ask for 1e-7.
+A gap is a difference of two displacements, whose rounding alone is 3e-8 of the energy norm: use the accuracy 1e-7.
 
     vemcvx run problems/press_fit.py --n 8 --steps 4 --accuracy 1e-7 --plot
 """
@@ -21,18 +21,15 @@ A gap counts in differences of two displacements, whose rounding alone is 3e-8 o
 import numpy as np
 
 import vemcvx as vx
-from plate_with_hole import polar
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON, INTERFERENCE = (1.0, 1.6, 2.4), (200.0, 70.0), (0.3, 0.33), 0.004
 JOINT = "inner|outer"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 12, "steps": 4, "accuracy": 1e-7}
 
 
 def pressure(interference=INTERFERENCE):
-    """p of Lame, for the interference delta."""
+    """Return Lame's pressure p for the interference delta."""
     a, b, c = RADII
     inner = ((b**2 + a**2) / (b**2 - a**2) - POISSON[0]) / YOUNG[0]
     outer = ((c**2 + b**2) / (c**2 - b**2) + POISSON[1]) / YOUNG[1]
@@ -40,7 +37,7 @@ def pressure(interference=INTERFERENCE):
 
 
 def stresses(r):
-    """Radial and hoop stress at the radii r."""
+    """Return radial and hoop stress at the radii r."""
     a, b, c = RADII
     p, inner = pressure(), r < b
     mean = np.where(inner, -p * b**2 / (b**2 - a**2), p * b**2 / (c**2 - b**2))
@@ -52,18 +49,18 @@ def scene(interference=INTERFERENCE):
     return vx.Scene(
         vx.Elasticity(YOUNG[0], POISSON[0], plane="stress", on="inner"),
         vx.Elasticity(YOUNG[1], POISSON[1], plane="stress", on="outer"),
-        vx.Symmetry(on=["inner.above", "inner.beside", "outer.above", "outer.beside"]),
+        vx.Symmetry(on=["inner.first", "inner.last", "outer.first", "outer.last"]),
         vx.UnilateralContact(on=JOINT, gap=lambda x, t: np.full(len(x), -interference * t)),
     )
 
 
-def mesh(n, family="polar", outer=None):
-    """2n cells around the quarter of the inner ring, 3n (or 2 `outer`) around that of the outer one."""
+def mesh(n, family="ring", outer=None):
+    """Return 2n cells around the quarter of the inner ring, and 3n (or 2 `outer`) around that of the outer ring."""
     a, b, c = RADII
     rings = {}
     for name, ends, across in (("inner", (a, b), n), ("outer", (b, c), outer or 3 * n // 2)):
         cells = max(2, round(across * np.log(ends[1] / ends[0])))
-        rings[name] = polar(np.geomspace(*ends, cells + 1), np.linspace(0, np.pi / 2, 2 * across + 1))
+        rings[name] = vx.meshes.ring(np.geomspace(*ends, cells + 1), 2 * across, angles=(0.0, np.pi / 2))
     return vx.meshes.bodies(rings, tolerance=b * (np.pi / (4 * n)) ** 2 / 7)
 
 
@@ -72,18 +69,23 @@ def times(steps):
 
 
 def picture(history):
-    """The rings, drawn apart by the magnified interference where they press, and the stresses along a radius."""
-    figure, graph = body_and_graph(history, stress="shear", mirrors=[(-1, 1), (1, -1), (-1, -1)])
+    """Draw the rings, apart by the magnified interference where they press, and the stresses along a radius."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
+    mirrors = [(-1, 1), (1, -1), (-1, -1)]
+    vx.plots.stressed_body(history, ax=body, stress="shear", mirrors=mirrors, units=UNITS)
     x, (xx, yy, xy) = history.mesh.centroids, history.stress(-1).T
-    r, angle = np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])
-    chosen = np.abs(angle - np.pi / 4) < np.pi / 20
-    c, s = np.cos(angle), np.sin(angle)
+    r, (c, s) = np.hypot(*x.T), x.T / np.hypot(*x.T)
     radial, hoop = xx * c**2 + yy * s**2 + 2 * xy * c * s, xx * s**2 + yy * c**2 - 2 * xy * c * s
-    line = np.linspace(RADII[0], RADII[2], 600)
-    names, looks = (r"$\sigma_r$", r"$\sigma_\theta$"), ((COMPUTED, "o"), (SECOND, "s"))
-    for found, exact, name, (colour, mark) in zip((radial, hoop), stresses(line), names, looks, strict=True):
-        marks = r[chosen], found[chosen]
-        beside_closed_form(graph, marks, (line, exact), colour=colour, marker=mark, label=name, exact_label=None)
+    cells, line = np.abs(np.arctan2(s, c) - np.pi / 4) < np.pi / 20, np.linspace(RADII[0], RADII[2], 600)
+    exact = stresses(line)
+    graph.plot(line, exact[0], "C0-", line, exact[1], "C1-")
+    graph.plot(r[cells], radial[cells], "C0o", label=r"$\sigma_r$")
+    graph.plot(r[cells], hoop[cells], "C1s", label=r"$\sigma_\theta$")
     graph.set(xlabel="radius (mm)", ylabel="stress (MPa)")
-    graph.set_title("in the cells about 45 degrees, and Lame 1852", fontsize="small")
+    graph.set_title("marks: in the cells about 45 degrees; lines: Lame 1852", fontsize="small")
+    graph.grid()
+    graph.legend()
     return figure

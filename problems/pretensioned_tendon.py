@@ -1,20 +1,20 @@
-r"""A tendon, tensioned, bonded and released: friction keeps its stress, but for a length at the end.
+r"""A tendon, tensioned, bonded and released: friction preserves its stress except along a length at the end.
 
-Half of a tendon (x = 0 is its middle, a line of symmetry) of length L and height H, plane stress, nu = 0, bears the
-prestress s0, held by a jack at x = L; then it is laid on a bed with the friction bound g per length, and the jack
-lets go: the pull at the end falls to 0, rises to 0.6 s0, and falls again, at t = 0, 1, 2, 3. As a rod, with s the
-distance from the end and T the pull at it (force), the force N in it is
+Half of a tendon (x = 0 is its middle, a line of symmetry) of length L and height H, plane stress, nu = 0, has the
+prestress s0, held by a jack at x = L. Then it is laid on a bed with the friction bound g per length, and the jack is
+released: the pull at the end falls to 0, rises to 0.6 s0, and falls again, at t = 0, 1, 2, 3. Let s be the distance
+from the end, T the pull at the end (a force) and N the force in the tendon. As a rod,
 
 $$
 N = \min(N_0, T + g s)
-\qquad \text{on the first release}, N_0 = s_0 H: \text{ all of it is back at the transfer length } N_0 / g, \\
+\qquad \text{on the first release}, N_0 = s_0 H: \text{ reaches } N_0 \text{ at the transfer length } N_0 / g, \\
 u_1 = N_0^2 / (2 E H g) \qquad \text{the draw-in of the end}.
 $$
 
-A pull Q on the end turns friction around on the length Q / 2g, N = Q - g s there, and takes Q^2 / (4 E H g) back; the
-second release returns to u_1. That is how pretensioned concrete anchors its wires, with the draw-in as its test
-(Guyon, *Prestressed Concrete*, 1953). Prestress and jack are in equilibrium, so u = 0 at t = 0. A rod is a model:
-error O(g H / N0).
+A pull Q on the end reverses friction along the length Q / 2g, where N = Q - g s, and recovers Q^2 / (4 E H g) of the
+draw-in. The second release returns to u_1. Pretensioned concrete anchors its wires in this way, and the draw-in is its
+test (Guyon, *Prestressed Concrete*, 1953). Prestress and jack are in equilibrium, so that u = 0 at t = 0. The rod is a
+model with the error O(g H / N0).
 
     vemcvx run problems/pretensioned_tendon.py --n 4 --steps 24 --plot
 """
@@ -22,16 +22,14 @@ error O(g H / N0).
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
-from vemcvx.plots.style import COMPUTED, SECOND
 
 LENGTH, HEIGHT, YOUNG, BOUND, PRESTRESS, AGAIN = 40.0, 1.0, 20000.0, 1.0, 24.0, 0.6
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 24}
 
 
 def jack(t):
-    """The pull at the end, stress."""
+    """Return the pull at the end, a stress."""
     return PRESTRESS * np.interp(t, [0, 1, 2, 3], [1, 0, AGAIN, 0])
 
 
@@ -40,13 +38,13 @@ def transfer_length():
 
 
 def draw_in():
-    """Of the end, inwards: released, pulled again, released again."""
+    """Return the displacement of the end, inwards: released, pulled again, released again."""
     first = (PRESTRESS * HEIGHT) ** 2 / (2 * YOUNG * HEIGHT * BOUND)
     return first, first - (AGAIN * PRESTRESS * HEIGHT) ** 2 / (4 * YOUNG * HEIGHT * BOUND), first
 
 
 def stress(s, again=False):
-    """Of the rod at the distance s from its end, after the first release or the pull that follows."""
+    """Return the stress of the rod at the distance s from its end, after the first release or the pull that follows."""
     released = np.minimum(PRESTRESS, BOUND * s / HEIGHT)
     return np.maximum(released, AGAIN * PRESTRESS - BOUND * s / HEIGHT) if again else released
 
@@ -74,18 +72,22 @@ def times(steps):
 
 
 def picture(history):
-    """The end of the tendon after its release, and the stress along it, then and when it is pulled again."""
+    """Draw the end of the tendon after its release, and the stress along it, then and when it is pulled again."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1)
     window = ((LENGTH - 1.5 * transfer_length(), LENGTH + 0.5), (-0.6, HEIGHT + 0.1))
-    figure, graph = body_and_graph(
-        history, step=history.steps // 3, stress="xx", forces="friction", window=window, stretch=4.0
-    )
+    how = {"stress": "xx", "forces": "friction", "stretch": 4.0, "units": UNITS}
+    vx.plots.stressed_body(history, step=history.steps // 3, ax=body, window=window, **how)
     x = history.mesh.centroids[:, 0]
-    places = np.unique(x.round(9))
-    s = np.linspace(0, 36, 400)
-    for third, again, colour, words in ((1, False, COMPUTED, "released"), (2, True, SECOND, "pulled again")):
+    places, s = np.unique(x.round(9)), np.linspace(0, 36, 400)
+    for third, is_again, marks, words in ((1, False, "C0o", "released"), (2, True, "C1s", "pulled again")):
         sigma = history.stress(third * history.steps // 3)[:, 0]
-        mean = np.array([sigma[np.abs(x - place) < 1e-6].mean() for place in places])
-        marks, line = (LENGTH - places, mean), (s, stress(s, again))
-        beside_closed_form(graph, marks, line, colour=colour, label=words, exact_label=None if again else "rod")
+        mean = [sigma[np.abs(x - place) < 1e-6].mean() for place in places]
+        graph.plot(s, stress(s, is_again), marks[:2] + "-", label=f"rod, {words}")
+        graph.plot((LENGTH - places)[::3], mean[::3], marks, label=words)
     graph.set(xlabel="distance from the end (mm)", ylabel="mean tension (MPa)", xlim=(36, -0.7))
+    graph.grid()
+    graph.legend()
     return figure

@@ -1,15 +1,15 @@
-r"""A rigid punch whose force moves off its middle: it tilts, and its pressure has a closed form.
+r"""A rigid punch whose force moves away from its middle: it tilts, and its pressure has a closed form.
 
-A flat punch of half width a, which is rigid, is pressed without friction on an elastic half-plane, plane strain, with
-the force P at the distance e from its middle. It sinks and turns until its reaction is in balance (Sadowsky 1928),
+A flat rigid punch of half width a is pressed without friction on an elastic half-plane, plane strain, with the force P
+at the distance e from its middle. It sinks and rotates until the reaction balances the force (Sadowsky 1928),
 
 $$
 p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
-\qquad \text{turn } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}:
+\qquad \text{turn } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}.
 $$
 
-beyond e = a / 2 it lifts off on one side. Here the force stands in the middle until t = 1/4, and then moves to a / 2.
-The half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a part of a / depth; the
+Beyond e = a / 2 it lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2. The
+half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a part of a / depth. The
 infinite pressure at the edges makes errors of nodal forces O(h / a).
 
     vemcvx run problems/rigid_punch.py --n 6 --steps 8 --plot
@@ -18,15 +18,14 @@ infinite pressure at the edges makes errors of nodal forces O(h / a).
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 HALF, FORCE, YOUNG, POISSON = 1.0, 100.0, 20e3, 0.3
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 6, "steps": 8}
 
 
 def offset(t):
-    """How far the force is from the middle."""
+    """Return the distance of the force from the middle."""
     return HALF / 2 * np.interp(t, [0.25, 1.0], [0.0, 1.0])
 
 
@@ -35,7 +34,7 @@ def pressure(x, t):
 
 
 def turn(t):
-    """Anticlockwise."""
+    """Return the rotation of the punch, anticlockwise."""
     return -4 * (1 - POISSON**2) * FORCE * offset(t) / (np.pi * YOUNG * HALF**2)
 
 
@@ -58,7 +57,7 @@ initial = "settled"
 
 
 def mesh(n, family="squares"):
-    """The punch is two cells wide a quarter of its half width, and one cell high."""
+    """Return the ground, and a punch of 2n cells with n cells of the ground per half width."""
     make = vx.meshes.FAMILIES[family]
     ground = make((16 * n, 8 * n), box=((-8 * HALF, 8 * HALF), (-8 * HALF, 0.0)))
     return vx.meshes.bodies({"ground": ground, "punch": vx.meshes.squares((2 * n, 1), box=((-HALF, HALF), (0, HALF)))})
@@ -69,22 +68,26 @@ def times(steps):
 
 
 def tilt(history):
-    """(S,) the turn of the punch, from the motion of its upper corners."""
+    """Return the computed rotation of the punch, (S,), from the motion of its upper corners."""
     top = np.unique(history.mesh.boundaries["punch.top"])
     x = history.mesh.points[top, 0]
     return np.polyfit(x, history.displacement[:, top, 1].T, 1)[0]
 
 
 def picture(history):
-    """The tilted punch, and the pressure below it at first and at last."""
+    """Draw the tilted punch, and the pressure below it at the start and at the end."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2)
     window = ((-3 * HALF, 3 * HALF), (-3 * HALF, HALF))
-    figure, graph = body_and_graph(history, window=window, stress="yy", forces="contact")
-    x = HALF * np.sin(np.linspace(-1.45, 1.45, 200))
-    for step, style in ((0, "--"), (-1, "-")):
-        marks = history.contact.points[:, 0], history.contact.pressure[step]
+    vx.plots.stressed_body(history, ax=body, window=window, stress="yy", forces="contact", units=UNITS)
+    x, contact = HALF * np.sin(np.linspace(-1.45, 1.45, 200)), history.contact
+    for step, style, marks in ((0, "C1--", "C1s"), (-1, "C0-", "C0o")):
         t = history.times[step]
-        names = {"label": "computed" if step else None, "exact_label": f"e = {offset(t):g}"}
-        beside_closed_form(graph, marks, (x, pressure(x, t)), style=style, **names)
-    graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="x (mm)", ylabel="pressure (MPa)", ylim=(0.0, 4 * FORCE / (np.pi * HALF)))
+        graph.plot(x, pressure(x, t), style, label=f"closed form, e = {offset(t):g} mm")
+        graph.plot(contact.points[:, 0], contact.pressure[step], marks, label="computed")
+    graph.set(xlabel="x (mm)", ylabel="pressure (MPa)", ylim=(0.0, 4.4 * FORCE / (np.pi * HALF)))
+    graph.grid()
+    graph.legend()
     return figure

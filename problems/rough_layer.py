@@ -1,30 +1,28 @@
-r"""A block on a rough layer: asperities carry it like springs, and soften what a punch does to it.
+r"""A block on a rough layer: asperities act like springs, and soften the contact with a punch.
 
-A column of height H, plane stress, is pressed down by D on a rough layer `gap` below it whose pressure is c times its
-depth (Martins and Oden 1987). Uniaxial stress is exact on every mesh: nothing happens up to the gap, then column and
-layer yield in series,
+A column of height H, plane stress, is pressed down by D on a rough layer `gap` below it. The pressure of the layer is c
+times its compression (Martins and Oden 1987). Uniaxial stress is exact on every mesh. Up to the gap there is no stress;
+then column and layer act like springs in series,
 
-$$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{the layer by } p / c; $$
+$$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{the layer by } p / c. $$
 
-c large is the rigid floor. With `radius=R` and the mesh `punch_mesh` it is the block of :mod:`hertz_contact` on a
-rough cylinder: the layer spreads Hertz' pressure, lowers its peak and has no edge where the pressure rises steeply
-(Johnson, *Contact Mechanics*, 13.5).
+A large c is a rigid floor. With `radius=R` and the mesh `punch_mesh` the block is that of `hertz_contact.py` on a
+rough cylinder. The layer spreads Hertz' pressure and lowers its peak, and the pressure rises gradually at the edge of
+the contact (Johnson, *Contact Mechanics*, 13.5).
 
-While the column moves freely it stores nothing, and 1e-8 of nothing is below round-off: ask for 1e-6.
+While the column moves freely it stores no energy, and 1e-8 of no energy is below rounding: use the accuracy 1e-6.
 
     vemcvx run problems/rough_layer.py --n 6 --steps 10 --accuracy 1e-6 --plot
 """
 
 import numpy as np
 
-import hertz_contact as hertz
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form
-from vemcvx.base.canvas import light_grid, new_figure
-from vemcvx.plots.style import COMPUTED, SECOND, THIRD
 
 WIDTH, HEIGHT, YOUNG, POISSON, LAYER, GAP, DEPTH = 1.0, 2.0, 100.0, 0.3, 50.0, 0.01, 0.05
-UNITS = MM
+RADIUS, HALF_WIDTH, PUNCH_YOUNG, PUNCH_DEPTH = 1.0, 0.02, 1000.0, 9e-4
+"""For the block on a cylinder."""
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 6, "steps": 10, "accuracy": 1e-6}
 
 
@@ -33,31 +31,50 @@ def pressure(depth, layer=LAYER, gap=GAP):
 
 
 def scene(layer=LAYER, radius=None):
-    if radius is not None:
-        return on_cylinder(layer, radius)
-
-    def down(x, t):
+    def push(x, t):
         return np.full(len(x), -DEPTH * t)
 
+    if radius is not None:
+        return cylinder_scene(layer, radius)
     return vx.Scene(
         vx.Elasticity(young=YOUNG, poisson=POISSON, plane="stress"),
         vx.Symmetry(on="left"),
-        vx.PrescribedDisplacement(down, on="top", direction="normal"),
+        vx.PrescribedDisplacement(push, on="top", direction="normal"),
         vx.NormalCompliance(layer, on="bottom", gap=GAP),
     )
 
 
-def on_cylinder(layer, radius):
-    """Hertz' problem with a layer for the rigid cylinder."""
-    kept = [effect for effect in hertz.scene(radius) if not isinstance(effect, vx.UnilateralContact)]
-    return vx.Scene(*kept, vx.NormalCompliance(layer, on="bottom", gap=lambda x, t: x[:, 0] ** 2 / (2 * radius)))
+def cylinder_scene(layer=None, radius=RADIUS):
+    """Return the scene of a block pressed on a cylinder with a rough layer, or without one."""
+
+    def gap(x, t):
+        return x[:, 0] ** 2 / (2 * radius)
+
+    def push(x, t):
+        return np.tile([0.0, -PUNCH_DEPTH * t], (len(x), 1))
+
+    smooth = vx.UnilateralContact(on="bottom", gap=gap)
+    return vx.Scene(
+        vx.Elasticity(young=PUNCH_YOUNG, poisson=POISSON),
+        vx.Symmetry(on="left"),
+        vx.PrescribedDisplacement(push, on="top"),
+        smooth if layer is None else vx.NormalCompliance(layer, on="bottom", gap=gap),
+    )
 
 
 def mesh(n, family="hexagons"):
     return vx.meshes.FAMILIES[family](n, box=((0, WIDTH), (0, HEIGHT)))
 
 
-punch_mesh = hertz.mesh
+def punch_mesh(n):
+    """Return rectangles that grow away from the contact: from a/n up to 1.6 a to the height 20 a."""
+    line, step = list(np.arange(0.0, 1.6 * HALF_WIDTH, HALF_WIDTH / n)), HALF_WIDTH / n
+    while line[-1] < 20 * HALF_WIDTH:
+        step *= 1.15
+        line.append(line[-1] + step)
+    line = np.array([*line[:-1], 20 * HALF_WIDTH])
+    lattice = vx.meshes.squares(len(line) - 1, box=((0, len(line) - 1), (0, len(line) - 1)))
+    return vx.PolygonMesh(line[lattice.points.round().astype(int)], lattice.cells)
 
 
 def times(steps):
@@ -65,31 +82,29 @@ def times(steps):
 
 
 def picture(history):
-    """The pressure under the column, beside layers of other stiffness; and a cylinder on a layer."""
-    figure = new_figure(9.4, 3.9)
+    """Draw the pressure under the column on several layers, and the pressure on a cylinder with several layers."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
     left, right = figure.subplots(1, 2)
-    depth, line = DEPTH * history.times, np.linspace(0, DEPTH, 200)
-    found = history.contact.pressure.mean(axis=1)
-    beside_closed_form(left, (depth, found), (line, pressure(line)), label=f"layer {LAYER:g}", exact_label="in series")
-    for layer, style, words in ((LAYER / 5, ":", f"layer {LAYER / 5:g}"), (1e12, "--", "rigid floor")):
-        left.plot(line, pressure(line, layer), style, color="0.4", linewidth=1.2, label=words)
-    left.legend(frameon=False, fontsize="small")
-    left.set(xlabel="top pressed down by (mm)", ylabel="pressure (MPa)")
+    line = np.linspace(0, DEPTH, 200)
+    left.plot(line, pressure(line), "k-", label="springs in series")
+    left.plot(DEPTH * history.times, history.contact.pressure.mean(axis=1), "C0o", label=f"layer {LAYER:g}")
+    left.plot(line, pressure(line, LAYER / 5), ":", color="0.4", label=f"layer {LAYER / 5:g}")
+    left.plot(line, pressure(line, 1e12), "--", color="0.4", label="rigid floor")
+    left.set(xlabel="displacement of the top (mm)", ylabel="pressure (MPa)")
     left.set_title("a column pressed down on a layer", fontsize="small")
     mesh = punch_mesh(10)
-    kinds = (1e6, COMPUTED, "o", "$10^6$"), (5e4, SECOND, "s", "$5·10^4$"), (1e4, THIRD, "D", "$10^4$")
-    for layer, colour, mark, words in kinds:
-        under = vx.simulate(scene(layer, hertz.RADIUS), mesh, times(2))
-        x, p = under.contact.points[:, 0], under.contact.pressure[-1]
-        right.plot(x, p, f"{mark}-", markersize=3, linewidth=1, color=colour, label=f"layer {words}")
-    P = 2 * vx.simulate(hertz.scene(), mesh, times(2)).force("bottom")[-1, 1]
-    a = np.sqrt(4 * P * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
+    for layer, style, words in ((1e6, "C0o-", "$10^6$"), (5e4, "C1s-", "$5·10^4$"), (1e4, "C2D-", "$10^4$")):
+        contact = vx.simulate(cylinder_scene(layer), mesh, times(2)).contact
+        right.plot(contact.points[:, 0], contact.pressure[-1], style, linewidth=1.0, label=f"layer {words}")
+    P = 2 * vx.simulate(cylinder_scene(), mesh, times(2)).force("bottom")[-1, 1]
+    a = np.sqrt(4 * P * RADIUS * (1 - POISSON**2) / (np.pi * PUNCH_YOUNG))
     x = np.linspace(0, a, 400)
-    right.plot(
-        x, 2 * P / (np.pi * a) * np.sqrt(1 - (x / a) ** 2), color="black", linewidth=1.3, label="Hertz: no layer"
-    )
+    right.plot(x, 2 * P / (np.pi * a) * np.sqrt(1 - (x / a) ** 2), "k-", label="Hertz: no layer")
     right.set(xlabel="distance from the middle (mm)", xlim=(0, 0.045), ylim=(0, None), xticks=np.arange(0, 0.05, 0.01))
     right.set_title("a block pressed as far on a rough cylinder", fontsize="small")
-    right.legend(frameon=False, fontsize="small")
-    light_grid(right)
+    for graph in (left, right):
+        graph.grid()
+        graph.legend()
     return figure

@@ -1,11 +1,11 @@
 """A thin strip pushed over a rough floor, released and pushed again: shear lag with reversal.
 
-The strip (0, 50) x (0, 1), E = 20000, nu = 0, is held at its far end and pushed at x = 0 with the force F(t) on its
-cross section: 0, F, 0, F at t = 0, 1, 2, 3. Tresca friction with bound g resists below. Because L/H is large the
-strip is a rod with friction g per length: on first loading a length F/g slips and the end moves by F^2 / (2 E H g);
-when the load then changes by dF against its last direction, the end moves by dF^2 / (4 E H g), as long as the zone
-that slides back is inside the first. So it returns by half, and the second push brings it to where the first one left
-it. The rod is a model: its error is of the order of H over the slip length.
+The strip (0, 50) x (0, 1), E = 20000, nu = 0, is held at its far end and pushed at x = 0 by the force F(t) on its cross
+section: 0, F, 0, F at t = 0, 1, 2, 3. Tresca friction with the bound g acts below. Because L/H is large, the strip is a
+rod with the friction g per length. On first loading a length F/g slips, and the end moves by F^2 / (2 E H g). When the
+load then reverses by dF, the end moves by dF^2 / (4 E H g), as long as the zone that slides back is inside the first
+zone. So the end returns by half, and the second push moves it to where the first push had moved it. The rod is a model
+with an error of the order of H over the slip length.
 
     vemcvx run problems/shear_lag.py --n 4 --steps 24
 """
@@ -13,10 +13,9 @@ it. The rod is a model: its error is of the order of H over the slip length.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, FORCE = 50.0, 1.0, 20000.0, 1.0, 20.0
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 36}
 
 
@@ -25,7 +24,7 @@ def force(t):
 
 
 def end_displacement():
-    """Of the rod, when pushed, released, and pushed again."""
+    """Return the displacement of the rod's end when pushed, released, and pushed again."""
     first = FORCE**2 / (2 * YOUNG * HEIGHT * BOUND)
     back = FORCE**2 / (4 * YOUNG * HEIGHT * BOUND)
     return first, first - back, first
@@ -53,18 +52,21 @@ def times(steps):
 
 
 def picture(history):
-    """The pushed end, and the loop of force and displacement at it."""
+    """Draw the pushed end, and the loop of force and displacement at it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1)
+    how = {"stress": "xx", "forces": "friction", "stretch": 3.4, "units": UNITS}
     window = ((-0.6, 26.0), (-0.4, HEIGHT + 0.1))
-    step = history.steps // 3
-    figure, graph = body_and_graph(history, step=step, stress="xx", forces="friction", window=window, stretch=3.4)
-    end = history.mesh.points[:, 0] == 0
-    found = history.displacement[:, end, 0].mean(axis=1)
-    turns = np.array([force(t) for t in history.times])
+    vx.plots.stressed_body(history, step=history.steps // 3, ax=body, window=window, **how)
     first, back, _ = end_displacement()
-    F = np.linspace(0, FORCE, 200)
-    pushed, released = F**2 / (2 * YOUNG * HEIGHT * BOUND), first - (FORCE - F) ** 2 / (4 * YOUNG * HEIGHT * BOUND)
-    again = back + F**2 / (4 * YOUNG * HEIGHT * BOUND)
-    line = np.concatenate([pushed, released[::-1], again]), np.concatenate([F, F[::-1], F])
-    beside_closed_form(graph, (found, turns), line, exact_label="rod")
+    F, k = np.linspace(0, FORCE, 200), 4 * YOUNG * HEIGHT * BOUND
+    line = np.concatenate([2 * F**2 / k, first - F**2 / k, back + F**2 / k])
+    graph.plot(line, np.concatenate([F, FORCE - F, F]), "k-", label="rod")
+    end = history.mesh.points[:, 0] == 0
+    graph.plot(history.displacement[:, end, 0].mean(axis=1), force(history.times), "C0o", label="computed")
     graph.set(xlabel="displacement of the end (mm)", ylabel="push (N/mm)")
+    graph.grid()
+    graph.legend()
     return figure

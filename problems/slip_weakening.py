@@ -1,8 +1,8 @@
-r"""Friction that weakens with slip, an effect of one's own: a block sheared to and fro over a floor.
+r"""A user-defined effect: friction that weakens with slip, in a block sheared back and forth over a floor.
 
-The block (0, L) x (0, H) has the shear modulus mu. Its top moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5, its
-sides are free along x only, so that it shears uniformly. The friction bound falls with the slip A that a place has made
-so far, to and fro, from its peak to what is left:
+The block (0, L) x (0, H) has the shear modulus mu. Its top moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. Its
+sides are free along x only, so that it is sheared uniformly. The friction bound falls with the accumulated slip A of a
+place, from its peak to its residual value:
 
 $$ g(A) = \max(g_p - k A, g_r). $$
 
@@ -13,10 +13,10 @@ da = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k)
 \qquad \text{until } g = g_r, \text{ and with } k = 0 \text{ from there}.
 $$
 
-This is stable, and a step has one solution, if k < mu / H: else the block would jump. The effect states k as
+This is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
 `softening`, and `vemcvx show` compares it with the stiffness of the block.
 
-Backward Euler meets the closed form at every instant, for steps that end where the top turns.
+Backward Euler agrees with the closed form at every instant, if steps end where the top turns.
 
     vemcvx run problems/slip_weakening.py --n 4 --steps 40
 """
@@ -26,7 +26,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.effects import Contribution, Friction, Law
 
 
@@ -39,7 +38,7 @@ class SlipWeakening(vx.Effect):
     peak, residual : float
         g_p >= g_r >= 0, force per length.
     distance : float
-        The slip over which one falls to the other.
+        The slip over which the bound falls from peak to residual.
     on : str or sequence of str
         Names of boundaries, or of interfaces between bodies.
     """
@@ -69,17 +68,17 @@ MU = YOUNG / (2 * (1 + POISSON))
 PEAK, RESIDUAL = 1.0, 0.4
 FALL = 0.5 * MU / HEIGHT
 AMPLITUDE = 1.4 * PEAK * HEIGHT / MU
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 40}
 
 
 def top(t):
-    """U(t)."""
+    """Return U(t)."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
-def closed_form(instants):
-    """The friction q on the block (positive against slip to the right) and its slip a at every instant."""
+def exact_solution(instants):
+    """Return the friction q on the block (positive against slip to the right) and its slip a at every instant."""
     q, a, way = np.zeros(len(instants)), np.zeros(len(instants)), 0.0
     for n, U in enumerate(top(instants[1:]), start=1):
         trial = MU * (U - a[n - 1]) / HEIGHT
@@ -93,12 +92,12 @@ def closed_form(instants):
 
 
 def scene(distance=(PEAK - RESIDUAL) / FALL):
-    def moved(x, t):
+    def move_top(x, t):
         return np.tile([top(t), 0.0], (len(x), 1))
 
     return vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
-        vx.PrescribedDisplacement(moved, on="top"),
+        vx.PrescribedDisplacement(move_top, on="top"),
         vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0)),
         vx.BilateralContact(on="bottom"),
         SlipWeakening(PEAK, RESIDUAL, distance, on="bottom"),
@@ -114,13 +113,20 @@ def times(steps):
 
 
 def picture(history):
-    """The block at the first turn, and friction over the motion of the top."""
-    figure, graph = body_and_graph(history, step=history.steps // 5, stress="shear", shares=(1.2, 1.0))
-    traction, dense = -history.contact.traction[:, :, 0].mean(axis=1), times(1000)
-    beside_closed_form(graph, (top(history.times), traction), (top(dense), closed_form(dense)[0]))
+    """Draw the block at the first turn, and friction over the displacement of the top."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    vx.plots.stressed_body(history, step=history.steps // 5, ax=body, stress="shear", units=UNITS)
+    dense = times(1000)
+    graph.plot(top(dense), exact_solution(dense)[0], "k-", label="closed form")
+    graph.plot(top(history.times), -history.contact.traction[:, :, 0].mean(axis=1), "C0o", label="computed")
     for bound, style in ((PEAK, ":"), (RESIDUAL, "--")):
         for sign in (1, -1):
             graph.axhline(sign * bound, color="0.5", linestyle=style, linewidth=1.0)
-    graph.legend(frameon=False, fontsize="small", loc="lower right")
-    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction, against slip to the right (MPa)")
+    graph.set(xlabel="displacement $U$ of the top (mm)", ylabel="friction, against slip to the right (MPa)")
+    graph.locator_params(nbins=6)
+    graph.grid()
+    graph.legend(loc="lower right")
     return figure

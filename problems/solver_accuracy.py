@@ -1,38 +1,39 @@
-r"""What accuracy costs in the algebra alone: asked, certified, true, for every solver, on one step of the paper.
+r"""The cost of algebraic accuracy: requested, certified and true errors of every solver, in one step of the paper.
 
-Two steps of problems/feng_han_huang.py are solved again and again. *growing*: the load grows from 3/4 to 1 of its full
-size, some nodes slip on. *return*: the load, once full and then taken back to 1/2, is full again; all that had slipped
-arrives at its bound |lam_i| = w_i with s_i = 0 at once. No term of the first is degenerate, nearly half of the second
-are. Condensed, the program has one unknown a contact node; full, all of them. The chain of spring_slider_chain.py,
-marched through its loops, has degenerate steps and a closed form.
+Two steps of `feng_han_huang.py` are solved again and again. In the step *growing* the load grows from 3/4 to 1 of its
+full size, and further nodes slip. In the step *return* the load, once full and then reduced to 1/2, is full again: all
+nodes that had slipped arrive at their bound |lam_i| = w_i with s_i = 0 at once. No term of the first step is
+degenerate, and nearly half of the terms of the second are. The condensed program has one unknown per contact node; the
+full program has all unknowns. The chain of `spring_slider_chain.py`, marched through its loops, has degenerate steps
+and a closed form.
 
-Every answer u is held against Newton's u*, which is certified to rounding:
+Every solution u is compared with Newton's u*, which is certified to rounding:
 
 $$ |u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}, \text{ of } u, \text{ plus the same of } u^*, $$
 
-relative to the largest |u_m*|_K so far, K the full stiffness. A row where that fails is printed as WRONG and the
-command exits with 1. Seconds, of processor time in one thread, are those of a step in the middle of a run: before each
-the solver answers the step before it (OSQP and SCS, which start from their last answer, would otherwise start from this
-one), and the median is taken. Set-up is factorisation and condensation, and what the first step takes more than later
-ones (compilation by cvxpy). Solvers go through accuracies until they miss one; a miss is up to three attempts.
+relative to the largest |u_m*|_K so far, K the full stiffness. A row that violates this is printed as WRONG, and the
+exit code of the command is 1. Seconds, of processor time in one thread, are those of a step in the middle of a run.
+Before each step the solver solves the step before it, because OSQP and SCS start from their last solution. The median
+is taken. Set-up is factorisation and condensation, and the additional time of the first step (compilation by cvxpy).
+For each solver the accuracy is increased until it misses one; a miss takes up to three attempts.
 
-What comes out (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
+Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
-- The gap is of first order in the multipliers, the answer's error of second: without degenerate terms conic answers
-  are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With them Clarabel's are as bad
-  as certified to within a factor of two: the bound is sharp.
-- Clarabel, whatever is asked, stops at 2e-8, condensed and full. Degenerate terms cost it 18 and 36 iterations in place
-  of 10 and 11, for 1e-7. On the chain it keeps 1e-6; asked for 1e-8 it misses in 55 of 117 steps and ends at 5.7e-7.
-  From all of these, and from an answer of 5e-3, one active-set step (polish=True) leads to the solution, certified to
+- The gap is of first order in the multipliers, and the error of the solution of second order. Without degenerate terms
+  conic solutions are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With them
+  Clarabel's errors are within a factor of two of the certified ones: the bound is sharp.
+- Clarabel stops at 2e-8 for every requested accuracy, condensed and full. Degenerate terms cost it 18 and 36 iterations
+  in place of 10 and 11, for 1e-7. On the chain it keeps 1e-6; at 1e-8 it misses in 55 of 117 steps and ends at 5.7e-7.
+  From all of these, and from an error of 5e-3, one active-set step (polish=True) leads to the solution, certified to
   rounding.
-- OSQP finds the active set by its own polishing, in all four programs and whatever is asked: 2e-14. On the chain that
-  fails in some steps, which run into the limit of 100,000 iterations at every attempt; it ends at 9e-7, and asked for
-  1e-8 at 1.4e-5. polish=True mends that too, to rounding.
-- OSQP iterates by 25s: condensed 100 to 700 times, with degenerate terms 175 to 2,975 times; on the full program 175 to
-  625 and 100 to 350 times, so that 1e-10 takes half as long again as 1e-2, or twice as long.
-- Newton ends at rounding after finitely many steps; accuracy costs it nothing.
-- HiGHS 1.15 calls an answer optimal that is 14 % off, in one step, and is right in the other: the certificate knows
-  which. 1.16 is right in both, certified to 4.1e-9 and to rounding.
+- OSQP finds the active set by its own polishing, in all four programs and at every accuracy: 2e-14. On the chain this
+  fails in some steps, which reach the limit of 100,000 iterations at every attempt. It ends at 9e-7, and at the
+  requested accuracy 1e-8 at 1.4e-5. polish=True corrects that too, to rounding.
+- OSQP counts iterations by 25: condensed 100 to 700, with degenerate terms 175 to 2,975; on the full program 175 to 625
+  and 100 to 350. So 1e-10 takes 1.5 to 2 times as long as 1e-2.
+- Newton ends at rounding after finitely many steps; accuracy costs nothing.
+- HiGHS 1.15 reports a solution as optimal that is 14 % off, in one step, and is right in the other: the certificate
+  shows which. 1.16 is right in both, certified to 4.1e-9 and to rounding.
 
     python problems/solver_accuracy.py [--n 32] [--repeats 5] [--table FILE.csv] [--picture FILE.png]
 """
@@ -48,7 +49,7 @@ from dataclasses import astuple, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
-# Before numpy comes: threads of BLAS would count twice in processor time, and all solvers here have one.
+# This must precede the import of numpy: processor time would count all threads of BLAS, and solvers here have one.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
@@ -63,13 +64,13 @@ from vemcvx.solvers.conic import list_installed
 from vemcvx.stepping import certify_in_full, initial_state, prepare, step
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
-"""Parts of the full load, instant by instant; the last step is measured."""
+"""The load over the full load, instant by instant; the last step is measured."""
 FORMS = {"condensed": True, "full": False}
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 FLOOR = 1e-15
-"""Asked of the reference: as much as there is."""
+"""Requested accuracy of the reference: as high as possible."""
 MOST_UNKNOWNS = {"HIGHS": 100}
-"""HiGHS may take very long for more, its limit of time notwithstanding."""
+"""HiGHS may take very long for more unknowns, in spite of its time limit."""
 OURS = {
     "Newton": vx.Newton,
     "Clarabel": vx.Clarabel,
@@ -81,7 +82,7 @@ OURS = {
 
 @dataclass(frozen=True)
 class Row:
-    """One solver's answer to one step; errors relative."""
+    """The solution of one step by one solver; errors are relative."""
 
     step: str
     form: str
@@ -92,7 +93,7 @@ class Row:
     certified: float
     floor: float
     reference: float
-    """certificate and floor of u*"""
+    """Certificate and floor of u*."""
     true: float
     setup: float
     seconds: float
@@ -110,7 +111,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Reference:
-    """Newton's states at all instants, the last with all its unknowns."""
+    """Newton's states at all instants, the last one with all its unknowns."""
 
     name: str
     form: str
@@ -123,19 +124,19 @@ class Reference:
 
     @property
     def degenerate(self):
-        """How many terms neither slip nor are below their bound."""
+        """The number of terms at their bound that do not slip."""
         size, slip = (np.linalg.norm(v, axis=1) for v in (self.answer.lam, self.answer.slip))
         return int(((size >= self.answer.weights * (1 - 1e-9)) & (slip <= 1e-9 * np.abs(self.answer.y).max())).sum())
 
 
 def solvers():
-    """name -> solver of an accuracy: ours, and what else cvxpy finds."""
+    """Return name -> solver of an accuracy: ours, and all others that cvxpy finds."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 
 
 def reference(name, form, n):
-    """The step, posed on squares, and its answer."""
+    """Return the step, posed on squares, and its solution."""
     system = pose_scene(feng_han_huang.scene(), feng_han_huang.mesh(n)).system
     full_load, levels = system.force(1.0), STEPS[name]
     system = replace(system, load=lambda t: levels[round(t)] * full_load)
@@ -146,8 +147,8 @@ def reference(name, form, n):
     return Reference(name, form, system, (*states[:-1], certify_in_full(run, states[-1])))
 
 
-def measured(exact, name, solver, repeats):
-    """The row of one solver at one accuracy; None if it does not take the program."""
+def measure(exact, name, solver, repeats):
+    """Return the row of one solver at one accuracy, or None if it does not accept the program."""
     last, states = len(exact.states) - 1, exact.states
     start = time.process_time()
     try:
@@ -156,12 +157,12 @@ def measured(exact, name, solver, repeats):
         return None
     setup, earlier, later = time.process_time() - start, [], []
     for _ in range(repeats):
-        earlier.append(timed(step, run, states[-3], last - 1, last - 1.0)[0])
-        seconds, found = timed(step, run, states[-2], last, float(last))
+        earlier.append(time_call(step, run, states[-3], last - 1, last - 1.0)[0])
+        seconds, found = time_call(step, run, states[-2], last, float(last))
         later.append(seconds)
     found = certify_in_full(run, found)
-    apart = length(exact.system.K, found.full - exact.answer.full)
-    errors = found.certificate.error, found.certificate.error_floor, bound(exact.answer), apart
+    apart = energy_norm(exact.system.K, found.full - exact.answer.full)
+    errors = found.certificate.error, found.certificate.error_floor, error_bound(exact.answer), apart
     return Row(
         *(exact.name, exact.form, len(found.y), exact.degenerate, name, solver.accuracy),
         *(float(error / exact.answer.scale) for error in errors),
@@ -170,22 +171,22 @@ def measured(exact, name, solver, repeats):
     )
 
 
-def timed(action, *given):
+def time_call(action, *given):
     start = time.process_time()
     made = action(*given)
     return time.process_time() - start, made
 
 
-def bound(state):
+def error_bound(state):
     return state.certificate.error + state.certificate.error_floor
 
 
-def length(K, u):
+def energy_norm(K, u):
     return np.sqrt(max(u @ (K @ u), 0.0))
 
 
 def sweep(n, accuracies=ACCURACIES, repeats=5, names=None):
-    """All rows; a solver goes on until it misses."""
+    """Return all rows; the accuracy of a solver is increased until it misses."""
     rows, made = [], solvers()
     for name in STEPS:
         for form in FORMS:
@@ -194,15 +195,15 @@ def sweep(n, accuracies=ACCURACIES, repeats=5, names=None):
                 if len(exact.answer.y) > MOST_UNKNOWNS.get(solver, np.inf):
                     continue
                 for accuracy in accuracies:
-                    row = measured(exact, solver, made[solver](accuracy=accuracy), repeats)
+                    row = measure(exact, solver, made[solver](accuracy=accuracy), repeats)
                     rows += [row] if row else []
                     if row is None or row.missed:
                         break
     return rows
 
 
-def printed(rows):
-    """The table."""
+def format_rows(rows):
+    """Return the table as text."""
     lines, before = [], None
     for row in rows:
         if (row.step, row.form) != before:
@@ -225,15 +226,15 @@ def write_table(rows, path):
         table.writerows(astuple(row) for row in rows)
 
 
-def loops(asked=(1e-6, 1e-8)):
-    """The chain of sliders through loops in loops: lines for solvers that meet degenerate steps there."""
+def run_loops(asked=(1e-6, 1e-8)):
+    """Return lines about the chain of sliders through loops in loops, which has degenerate steps."""
     force = spring_slider_chain.course(spring_slider_chain.TURNS, first=1.0)
-    system, (exact, _) = spring_slider_chain.chain(force), spring_slider_chain.chain_in_closed_form(force)
+    system, (exact, _) = spring_slider_chain.chain(force), spring_slider_chain.chain_exactly(force)
     lines = ["chain of sliders      asked  certified  all steps  true     missed  most iterations"]
     for name, make in OURS.items():
         for accuracy in asked:
             run = vx.march(system, np.arange(len(force)), solver=make(accuracy=accuracy), check=False)
-            true = max(length(system.K, apart) for apart in run.state - exact) / run.norm.max()
+            true = max(energy_norm(system.K, apart) for apart in run.state - exact) / run.norm.max()
             missed = f"{(run.certificate > accuracy).sum():3} of {len(force) - 1}"
             certified = f"{run.certificate.max():.1e}    {run.certificate_total[-1]:.1e}    {true:.1e}"
             lines.append(f"{name:<21} {accuracy:.0e}  {certified}  {missed}  {run.iterations.max():8}")
@@ -241,7 +242,7 @@ def loops(asked=(1e-6, 1e-8)):
 
 
 def draw(rows, path):
-    """Certified errors (above) and true ones (below) against seconds a step; a column a step and form."""
+    """Draw certified errors (above) and true errors (below) over seconds per step, a column for each step and form."""
     names = list(dict.fromkeys(row.solver for row in rows))
     figure = new_figure(12.0, 7.2)
     columns = [(name, form) for name in STEPS for form in FORMS]
@@ -266,7 +267,7 @@ def draw(rows, path):
 
 
 def draw_series(column, rows, colour, marker):
-    """One solver on one program, accuracy by accuracy."""
+    """Draw one solver on one program, accuracy by accuracy."""
     seconds = [row.seconds for row in rows]
     for axes, name in zip(column, ("certified", "true"), strict=True):
         axes.plot(seconds, [getattr(row, name) for row in rows], marker + "-", color=colour, markersize=6, linewidth=1)
@@ -282,7 +283,7 @@ def main():
     parser.add_argument("--picture", type=Path, help="where to draw them (PNG)")
     chosen = parser.parse_args()
     rows = sweep(chosen.n, repeats=chosen.repeats)
-    print(printed(rows), loops(), sep="\n\n")
+    print(format_rows(rows), run_loops(), sep="\n\n")
     if chosen.table:
         write_table(rows, chosen.table)
     if chosen.picture:

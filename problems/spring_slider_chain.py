@@ -1,6 +1,6 @@
 r"""Springs and sliders: the plays and stops of Prandtl and Ishlinskii as a variational inequality.
 
-The *play* of half width r follows an input x as a finger in a ring follows the ring, and the *stop* is the rest:
+The *play* of half width r follows an input x as a ring follows the finger inside it, and the *stop* is the rest:
 
 $$
 p_n = \operatorname{clip}(p_{n-1}, x_n - r, x_n + r),
@@ -11,10 +11,10 @@ Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
 Three systems (K, load, Norms), Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|, are such sums.
 
-1. **Chain.** Spring 0, of stiffness k_0, joins the end u_0, pulled by F(t), to block 1; spring j joins block j to block
-   j + 1, and spring N ties the last block to a wall. Block i rubs on the floor with bound w_i. K is tridiagonal, with
-   energy 1/2 sum_j k_j (u_j - u_{j+1})^2. Block i passes on the force T_i of the spring behind it only by what friction
-   leaves: T_i = play_{w_i}(T_{i-1}), because u_i moves when T_i does, in the same direction. Hence, with
+1. **Chain.** Spring 0, of stiffness k_0, joins the end u_0, pulled by F(t), to block 1. Spring j joins block j to block
+   j + 1, and spring N joins the last block to a wall. Block i slides on the floor with the friction bound w_i. K is
+   tridiagonal, with the energy 1/2 sum_j k_j (u_j - u_{j+1})^2. Friction at block i reduces the force T_{i-1} of the
+   spring before it to T_i = play_{w_i}(T_{i-1}), because u_i moves when T_i does, in the same direction. Hence, with
    r_j = w_1 + ... + w_j,
 
    $$ T_j = \operatorname{play}_{r_j}(F), \qquad u_i = \sum_{j \ge i} T_j / k_j, \qquad \lambda_i = T_{i-1} - T_i. $$
@@ -26,17 +26,18 @@ Three systems (K, load, Norms), Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i
    p_i = \operatorname{play}_{y_i/E_i}(e), \qquad \lambda_i = E_i (e - p_i), \qquad \sigma = E_0 e + \sum_i \lambda_i.
    $$
 
-3. **The same elements under a given stress.** Now e is an unknown too, K = [[E_0 + sum E, -E'], [-E, diag(E)]], an
-   arrow; e is touched by no norm and eliminated, which leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank one.
+3. **The same elements under a given stress.** Now e is an unknown too, and K = [[E_0 + sum E, -E'], [-E, diag(E)]] has
+   the shape of an arrow. No norm contains e. Its elimination leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank
+   one.
 
-The third inverts the second, and the inverse of a Prandtl-Ishlinskii operator is another, whose curve of first loading
-is the inverse curve: the elements of :func:`inverse` answer the displacement of the chain with its force. Backward
-Euler makes no error here as long as the input is monotone between instants.
+The third system inverts the second. The inverse of a Prandtl-Ishlinskii operator is another one, whose curve of first
+loading is the inverse curve: under the displacement of the chain, the elements of :func:`inverse` have the stress F.
+Backward Euler makes no error here as long as the input is monotone between instants.
 
-What sums of plays do. *Return-point memory* (wiping out): when the input comes back to an earlier turning point that
-no larger excursion has passed since, the state is what it was there, and the loop between is forgotten. *Congruency*:
-closed loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop with
-inputs dF apart takes, for the force and the displacement of the chain, the area
+Sums of plays have three properties. *Return-point memory* (wiping out): when the input returns to an earlier turning
+point, and no larger excursion has passed since, the state is the earlier one, and the loop between is forgotten.
+*Congruency*: closed loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop
+with inputs dF apart dissipates, for the force and the displacement of the chain, the area
 
 $$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 
@@ -54,18 +55,18 @@ import vemcvx as vx
 SPRINGS = np.array([4.0, 3.0, 2.0, 1.0, 1.5])
 BOUNDS = np.array([0.5, 1.0, 1.5, 2.0])
 TURNS = (0, 6, -6, 2, -3, 0.5, -3, 2, 6, -6)
-"""Turning points of the force: a loop in a loop in a third, and on from where that began."""
+"""Turning points of the force: a loop in a loop in a loop, and then the outermost loop again."""
 
 SOLVERS = (vx.Newton(), vx.Clarabel(accuracy=1e-5), vx.OSQP(accuracy=1e-5))
-"""At every return to a turning point some block holds exactly its bound without slipping; there interior points and
-operator splitting converge slowly, and are not asked for their usual 1e-6."""
+"""At every return to a turning point some block is exactly at its bound without slipping. There interior points and
+operator splitting converge slowly; therefore their accuracy is 1e-5 in place of the usual 1e-6."""
 
 
 def course(turns, increment=0.5, first=None):
-    """An input from turning point to turning point in equal increments, after a `first` one up to there.
+    """Return an input from turning point to turning point in equal increments, after a `first` increment.
 
-    Errors are relative to the largest energy norm so far. Where nothing moves until something slips there is none
-    before; then the first increment should be one that slips.
+    Errors are relative to the largest energy norm so far. If nothing moves before the first slip, this norm is zero
+    until then; `first` should be large enough to cause slip.
     """
     turns = turns if first is None else (turns[0] + first, *turns[1:])
     legs = [np.linspace(a, b, round(abs(b - a) / increment) + 1)[1:] for a, b in pairwise(turns)]
@@ -73,7 +74,7 @@ def course(turns, increment=0.5, first=None):
 
 
 def turning_instants(force, turns=TURNS):
-    """The instants at which a course reaches its turning points."""
+    """Return the instants at which a course reaches its turning points."""
     at = [0]
     for turn in turns[1:]:
         at.append(at[-1] + int(np.argmax(force[at[-1] :] == turn)))
@@ -81,7 +82,7 @@ def turning_instants(force, turns=TURNS):
 
 
 def play(r, x):
-    """The plays of half widths r (m,) of the samples x (N + 1,) or (N + 1, m), from zero: (N + 1, m)."""
+    """Return the plays of half widths r (m,) of the samples x (N + 1,) or (N + 1, m), from zero: (N + 1, m)."""
     r = np.atleast_1d(r)
     p = np.zeros((len(x), len(r)))
     for n in range(1, len(x)):
@@ -89,60 +90,60 @@ def play(r, x):
     return p
 
 
-def sampled(values):
-    """The function of t that takes values[n] at t = n."""
+def sample(values):
+    """Return the function of t whose value is values[n] at t = n."""
     return lambda t: values[round(t)]
 
 
 def chain(force, springs=SPRINGS, bounds=BOUNDS):
-    """System 1, over u_0 ... u_N."""
+    """Return system 1, over u_0 ... u_N."""
     K = np.diag(springs + np.append(0.0, springs[:-1])) - np.diag(springs[:-1], 1) - np.diag(springs[:-1], -1)
     end = np.eye(len(springs))[0]
-    return vx.System(K, lambda t: end * sampled(force)(t), vx.Norms(np.eye(len(springs))[1:], bounds))
+    return vx.System(K, lambda t: end * sample(force)(t), vx.Norms(np.eye(len(springs))[1:], bounds))
 
 
-def chain_in_closed_form(force, springs=SPRINGS, bounds=BOUNDS):
-    """Displacements (N + 1, N_blocks + 1) and friction forces (N + 1, N_blocks)."""
+def chain_exactly(force, springs=SPRINGS, bounds=BOUNDS):
+    """Return displacements (N + 1, N_blocks + 1) and friction forces (N + 1, N_blocks)."""
     T = play(np.append(0.0, np.cumsum(bounds)), force)
     return np.cumsum((T / springs)[:, ::-1], axis=1)[:, ::-1], T[:, :-1] - T[:, 1:]
 
 
 def loop_area(swing, springs=SPRINGS, bounds=BOUNDS):
-    """What a closed loop of the chain loses, with forces `swing` apart."""
+    """Return the dissipation of a closed loop of the chain between forces `swing` apart."""
     r = np.append(0.0, np.cumsum(bounds))
     return float(np.sum(2 * r * np.maximum(swing - 2 * r, 0.0) / springs))
 
 
 def inverse(springs=SPRINGS, bounds=BOUNDS):
-    """E_0, E and y of the parallel elements that answer the chain's displacement with its force."""
+    """Return E_0, E and y of the parallel elements whose stress is the force of the chain."""
     compliance = np.cumsum(1.0 / springs)
     r = np.append(0.0, np.cumsum(bounds))
-    # The chain's curve of first loading: slope 1/k_0 + ... + 1/k_j from F = r_j on.
+    # The curve of first loading of the chain has the slope 1/k_0 + ... + 1/k_j from F = r_j on.
     yielding = np.cumsum(compliance[:-1] * np.diff(r))
     E = 1.0 / compliance[:-1] - 1.0 / compliance[1:]
     return 1.0 / compliance[-1], E, E * yielding
 
 
-def under_strain(strain, E, y):
-    """System 2, over the places p_i of the sliders."""
-    return vx.System(np.diag(E), lambda t: E * sampled(strain)(t), vx.Norms(np.eye(len(E)), y))
+def pose_under_strain(strain, E, y):
+    """Return system 2, over the places p_i of the sliders."""
+    return vx.System(np.diag(E), lambda t: E * sample(strain)(t), vx.Norms(np.eye(len(E)), y))
 
 
-def under_stress(stress, E_0, E, y):
-    """System 3, over the strain and the places of the sliders."""
+def pose_under_stress(stress, E_0, E, y):
+    """Return system 3, over the strain and the places of the sliders."""
     m = len(E)
     K = np.block([[np.array([[E_0 + E.sum()]]), -E[None]], [-E[:, None], np.diag(E)]])
     unit = np.eye(m + 1)
-    return vx.System(K, lambda t: unit[0] * sampled(stress)(t), vx.Norms(unit[1:], y))
+    return vx.System(K, lambda t: unit[0] * sample(stress)(t), vx.Norms(unit[1:], y))
 
 
 def march(system, values, solver=None):
-    """Through all samples of an input, one instant each."""
+    """Return the trajectory through all samples of an input, one instant each."""
     return vx.march(system, np.arange(float(len(values))), solver=solver)
 
 
 def picture(path, force, u, strain, stress):
-    """The force and the displacement of the chain; the elements in parallel that invert it."""
+    """Draw the force over the displacement of the chain, and the parallel elements that invert it."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
@@ -162,7 +163,7 @@ def picture(path, force, u, strain, stress):
 
 def main(path=None):
     force = course(TURNS, first=1.0)
-    exact, forces = chain_in_closed_form(force)
+    exact, forces = chain_exactly(force)
     print("chain of four blocks, by three solvers")
     print("solver      error of u   certified   error of lam        lost in loops   seconds")
     for solver in SOLVERS:
@@ -177,12 +178,12 @@ def main(path=None):
     between = loop_area(12), loop_area(5), loop_area(3.5)
     print(f"in closed form: {between[0]:g} + {between[1]:g} + {between[2]:g} (outer, middle and inner loop)")
     E_0, E, y = inverse()
-    sliders = march(under_strain(exact[:, 0], E, y), force)
+    sliders = march(pose_under_strain(exact[:, 0], E, y), force)
     stress = E_0 * exact[:, 0] + sliders.multipliers[:, :, 0].sum(axis=1)
     print(
         f"inverse: the stress of the elements under the chain's displacement is F to {np.abs(stress - force).max():.1e}"
     )
-    strain = march(under_stress(force, E_0, E, y), force).state[:, 0]
+    strain = march(pose_under_stress(force, E_0, E, y), force).state[:, 0]
     print(f"inverse of the inverse: their strain under F is u_0 to {np.abs(strain - exact[:, 0]).max():.1e}")
     if path:
         picture(path, force, exact, exact[:, 0], stress)

@@ -1,24 +1,24 @@
-r"""How far the stabilisation is from the energy that it stands for, cell by cell: a robustness chart.
+r"""The stabilisation over the energy that it replaces, cell by cell: a robustness chart.
 
-On the virtual functions with Pi v = 0, whose components are harmonic in the cell and linear on its edges, a_K^h keeps
-the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
+On the virtual functions with Pi v = 0, whose components are harmonic in the cell and linear on its edges, a_K^h
+consists of the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
 
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 
-The chart prints the least and the greatest ratio S / a_mu over all such v. Neither depends on mu, on the size of the
-cell or on nu; bounded ratios make a_K^h equivalent to a form that is elastic in shear and sees the mean dilatation,
+The chart shows the least and the greatest ratio S / a_mu over all such v. Neither depends on mu, on the size of the
+cell or on nu. Bounded ratios make a_K^h equivalent to a form that is elastic in shear and contains the mean dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
-That form is what does not lock: the last column, the least S / (a_mu + a_lam) at nu = .499999, goes to zero with 1 /
-lam *because* the dilatation within a cell is left free. On a rectangle 2a x 2b the only such v are (xy, 0) and (0,
-xy), and S / a_mu = 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2) (by hand: int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 /
-2) / (3ab)); on a square both are 2. The other virtual functions are computed by linear finite elements on a mesh
-graded towards the vertices, whose energies are a few per cent high.
+That form does not lock. The last column, the least S / (a_mu + a_lam) at nu = .499999, goes to zero with 1 / lam
+*because* the dilatation within a cell is free. On a rectangle 2a x 2b the only such v are (xy, 0) and (0, xy), and S /
+a_mu = 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2) (by hand: int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab)); on
+a square both are 2. The other virtual functions are computed by linear finite elements on a mesh graded towards the
+vertices, whose energies are a few per cent too high.
 
-What the chart shows: over all families of meshes S / a_mu stays between .5 and 7. An edge of length e h costs a
-logarithm, S / a_mu >= c / log(1 / e); stretching a cell costs its aspect ratio, downwards and upwards, as it does by
-hand on rectangles. The elastic part, exact on linear fields, is not touched by any of this.
+Results: over all families of meshes S / a_mu stays between .5 and 7. An edge of length e h costs a logarithm,
+S / a_mu >= c / log(1 / e). Stretching a cell costs its aspect ratio, downwards and upwards, as it does by hand on
+rectangles. The consistent part, exact on linear fields, is not affected.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """
@@ -44,13 +44,13 @@ POISSONS = (0.3, 0.45, 0.499, 0.499999)
 
 
 def local_size(points, corners, smallest):
-    """How large triangles may be: a part of the distance to the nearest vertex."""
+    """Return the largest size of triangles at points: a fraction of the distance to the nearest vertex."""
     away = np.linalg.norm(points[:, None] - corners[None], axis=2).min(axis=1)
     return np.clip(GRADING * away, smallest, COARSE)
 
 
-def inside(points, corners):
-    """Which points lie in the polygon, by crossings."""
+def is_inside(points, corners):
+    """Return which points lie in the polygon, by counting crossings."""
     a, b = corners, np.roll(corners, -1, axis=0)
     x, y = points.T
     straddles = (a[:, 1] > y[:, None]) != (b[:, 1] > y[:, None])
@@ -60,7 +60,7 @@ def inside(points, corners):
 
 
 def outline(corners, smallest):
-    """Points along the edges, each edge halved until its parts are small enough; the vertices come first."""
+    """Return points along the edges, the vertices first; edges are halved until their parts are small enough."""
     parts = [corners]
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         cuts = np.array([0.0, 1.0])
@@ -75,7 +75,7 @@ def outline(corners, smallest):
 
 
 def interior(corners, smallest):
-    """Centres of squares that fill the polygon, each as small as its place asks for, not too near the outline."""
+    """Return centres of squares that fill the polygon: of the local size, and not too near the outline."""
     centres, half, found = np.mean([corners.min(axis=0), corners.max(axis=0)], axis=0)[None], np.ptp(corners), []
     a, b = corners, np.roll(corners, -1, axis=0)
     while len(centres):
@@ -85,7 +85,7 @@ def interior(corners, smallest):
         quarter = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half / 2
         centres, half = (centres[~fine][:, None] + quarter).reshape(-1, 2), half / 2
     points = np.vstack(found)
-    points = points[inside(points, corners)]
+    points = points[is_inside(points, corners)]
     edge = b - a
     along = np.clip(np.einsum("ped,ed->pe", points[:, None] - a, edge) / np.einsum("ed,ed->e", edge, edge), 0, 1)
     gap = np.linalg.norm(points[:, None] - a - along[:, :, None] * edge, axis=2).min(axis=1)
@@ -93,13 +93,13 @@ def interior(corners, smallest):
 
 
 def virtual_energies(corners):
-    """(2n, 2n) matrices of int |eps(v)|^2 and int |div v|^2 over the virtual functions of the cell, diameter one."""
+    """Return matrices (2n, 2n) of int |eps(v)|^2 and int |div v|^2 over virtual functions; the cell's diameter is 1."""
     edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     smallest = 0.25 * edges.min()
     rim = outline(corners, smallest)
     points = np.vstack([rim, interior(corners, smallest)])
     triangles = Delaunay(points).simplices
-    triangles = triangles[inside(points[triangles].mean(axis=1), corners)]
+    triangles = triangles[is_inside(points[triangles].mean(axis=1), corners)]
     p, n, total = points[triangles], len(corners), len(points)
     turned = np.roll(p, -1, axis=1) - np.roll(p, 1, axis=1)
     one, other = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
@@ -111,24 +111,24 @@ def virtual_energies(corners):
     rows, columns = np.repeat(np.arange(len(area)), 3), triangles.ravel()
     D = [sp.csr_matrix((gradient[:, :, a].ravel(), (rows, columns)), shape=(len(area), total)) for a in (0, 1)]
     W = sp.diags_array(area)
-    values = harmonic(sp.csc_matrix(D[0].T @ W @ D[0] + D[1].T @ W @ D[1]), rim, corners, total)
+    values = extend_harmonically(sp.csc_matrix(D[0].T @ W @ D[0] + D[1].T @ W @ D[1]), rim, corners, total)
     dx, dy = D[0] @ values, D[1] @ values
     xx, yy, xy = (first.T @ (area[:, None] * second) for first, second in ((dx, dx), (dy, dy), (dx, dy)))
     strain = np.block([[xx + 0.5 * yy, 0.5 * xy.T], [0.5 * xy, yy + 0.5 * xx]])
     return strain, np.block([[xx, xy], [xy.T, yy]])[: 2 * n, : 2 * n]
 
 
-def harmonic(K, rim, corners, total):
-    """(total, n) the hat functions of the outline, continued harmonically."""
+def extend_harmonically(K, rim, corners, total):
+    """Return the hat functions of the outline, extended harmonically, (total, n)."""
     n, m = len(corners), len(rim)
     values = np.zeros((total, n))
     for i, (a, b) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
         length = (b - a) @ (b - a)
-        share = (rim - a) @ (b - a) / length
+        fraction = (rim - a) @ (b - a) / length
         off = np.abs((rim - a)[:, 0] * (b - a)[1] - (rim - a)[:, 1] * (b - a)[0]) / length
-        here = (off < 1e-9) & (share >= -1e-12) & (share <= 1 + 1e-12)
-        values[:m][here, i] = 1 - share[here]
-        values[:m][here, (i + 1) % n] = share[here]
+        here = (off < 1e-9) & (fraction >= -1e-12) & (fraction <= 1 + 1e-12)
+        values[:m][here, i] = 1 - fraction[here]
+        values[:m][here, (i + 1) % n] = fraction[here]
     free = np.arange(m, total)
     if len(free):
         values[free] = splu(K[free][:, free]).solve(-(K[free][:, :m] @ values[:m]))
@@ -136,7 +136,7 @@ def harmonic(K, rim, corners, total):
 
 
 def spectrum(corners, poisson=0.3):
-    """Least and greatest S / a_mu, and least S / (a_mu + a_lam), on Pi v = 0; mu = 1."""
+    """Return least and greatest S / a_mu, and least S / (a_mu + a_lam), on Pi v = 0; mu = 1."""
     corners = np.asarray(corners, dtype=float)
     diameter = np.linalg.norm(corners[:, None] - corners[None], axis=2).max()
     corners = (corners - corners.mean(axis=0)) / diameter
@@ -152,14 +152,14 @@ def spectrum(corners, poisson=0.3):
     return ratios[0], ratios[-1], eigh(S, whole, eigvals_only=True)[0]
 
 
-def cut_corner(ratio):
-    """A unit square with an edge of length `ratio` in place of a corner."""
+def square_without_corner(ratio):
+    """Return a unit square with an edge of length `ratio` in place of a corner."""
     cut = ratio / np.sqrt(2)
     return [(0, 0), (1, 0), (1, 1 - cut), (1 - cut, 1), (0, 1)]
 
 
 def chart():
-    """Rows (name, least, greatest, least with dilatation) of the robustness chart."""
+    """Return rows (name, least, greatest, least with dilatation) of the robustness chart."""
     rows = []
     for family, make in vx.meshes.FAMILIES.items():
         mesh = make(5, seed=1)
@@ -169,20 +169,20 @@ def chart():
             rows.append((f"{family}, {len(found)} cells", found[:, 0].min(), found[:, 1].max(), found[:, 2].min()))
     near = POISSONS[-1]
     cuts, aspects = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), (1, 3, 10, 30, 100)
-    rows += [(f"edge ratio {ratio:.0e}", *spectrum(cut_corner(ratio), near)) for ratio in cuts]
+    rows += [(f"edge ratio {ratio:.0e}", *spectrum(square_without_corner(ratio), near)) for ratio in cuts]
     rows += [(f"aspect ratio {aspect}, hexagon", *spectrum(hexagon(aspect), near)) for aspect in aspects]
     rows += [(f"nu = {poisson}, hexagon", *spectrum(hexagon(1), poisson)) for poisson in POISSONS]
     return rows
 
 
 def hexagon(aspect):
-    """A regular hexagon, stretched."""
+    """Return a regular hexagon, stretched."""
     angle = np.pi / 3 * np.arange(6)
     return np.column_stack([aspect * np.cos(angle), np.sin(angle)])
 
 
 def draw(rows, path):
-    """The interval [least, greatest] S / a_mu of every row."""
+    """Draw the interval [least, greatest] S / a_mu of every row."""
     figure = new_figure(9.0, 0.26 * len(rows) + 1.2)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     place = np.arange(len(rows))[::-1]

@@ -1,8 +1,8 @@
-"""Two stabilisations of one's own, with their patch test, their orders and what they do to incompressible bodies.
+"""Two user-defined stabilisations: their patch test, their orders, and their effect on incompressible bodies.
 
-A stabilisation says the energy of what the projection Pi misses, S(v - Pi v, w - Pi w), cell by cell, as a class with
-one method; the scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``, and the stiffness, the error budget
-and the nodal distance use the same a^h.
+A stabilisation defines the energy of the remainder of the projection Pi, S(v - Pi v, w - Pi w), cell by cell, as a
+class with one method. The scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error
+budget and the nodal distance use the same a^h.
 
 boundary    S = mu / 2 sum_e (|e| mean / |e|) (v_b - v_a).(w_b - w_a)    slopes along the edges from a to b, (d_s v,
             d_s w)_dK: S. Brenner and Sung, Virtual element methods on meshes with small edges or faces (2018);
@@ -10,10 +10,10 @@ boundary    S = mu / 2 sum_e (|e| mean / |e|) (v_b - v_a).(w_b - w_a)    slopes 
 D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i    L. Beirao da Veiga, F. Dassi and A. Russo, High-order
             virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
 
-On a square the edges of an hourglass (1, -1, 1, -1) differ by 2 on each of four sides, so that the boundary form is
+On a square an hourglass (1, -1, 1, -1) differs by 2 between the ends of each of four edges. So the boundary form is
 mu / 2 * 16 = 8 mu, as is our 2 mu sum_i v_i^2. There the diagonal of the consistent part is (lam + 3 mu) / 4, by |K|
-G_i = a / 2 (+-1, +-1), below mu until lam > mu: up to Poisson's ratio 1/4 the D-recipe is half of our default. Beyond,
-it grows with lam, and locks; deviatoric=True takes a_K with lam = 0.
+G_i = a / 2 (+-1, +-1), which is below mu until lam > mu: up to Poisson's ratio 1/4 the D-recipe is half of our default.
+For larger ratios it grows with lam, and locks; deviatoric=True uses a_K with lam = 0.
 
     python problems/stabilisations_of_ones_own.py [--picture FILE]
 """
@@ -36,7 +36,7 @@ from vemcvx.vem import consistent_blocks
 
 @dataclass(frozen=True)
 class Boundary(vx.Stabilisation):
-    """The slopes along the edges of a polygon."""
+    """The squared slopes along the edges of a polygon."""
 
     factor: float = 0.5
 
@@ -50,7 +50,7 @@ class Boundary(vx.Stabilisation):
 
 @dataclass(frozen=True)
 class DRecipe(vx.Stabilisation):
-    """The diagonal of the consistent part, and mu where that is more."""
+    """The diagonal of the consistent part, at least mu."""
 
     deviatoric: bool = False
 
@@ -75,7 +75,7 @@ NEAR = 0.49999
 
 
 def patch_error(stabilisation, mesh):
-    """How far the answer under linear displacements on the whole boundary is from these, relative."""
+    """Return the relative error under linear displacements prescribed on the whole boundary."""
     slope = np.array([[0.3, -0.1], [0.2, 0.4]])
     scene = vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3, stabilisation=stabilisation),
@@ -87,24 +87,24 @@ def patch_error(stabilisation, mesh):
 
 
 def errors(stabilisation, family, sizes=SIZES, poisson=0.3):
-    """Relative energy errors of Pi u at t = 1 of the block that slips everywhere."""
-    lam, scene = full_slip.lame(poisson), full_slip.scene(poisson, small, stabilisation=stabilisation)
+    """Return relative energy errors of Pi u at t = 1 for the block that slips everywhere."""
+    lam, scene = full_slip.lame(poisson), full_slip.scene(poisson, scale_load, stabilisation=stabilisation)
     runs = [vx.simulate(scene, full_slip.mesh(n, family), [0.0, 1.0]) for n in sizes]
     exact = partial(exact_strain, lam=lam)
     return np.array([vx.measures.energy_error(run, exact).relative for run in runs])
 
 
-def small(t):
-    """The course of the load, by which strains stay below a thousandth."""
+def scale_load(t):
+    """Return the load in time, which keeps strains below a thousandth."""
     return 1e-3 * t
 
 
 def exact_strain(x, t, lam):
-    return full_slip.strain(x[:, 0], x[:, 1], small(t), lam)
+    return full_slip.strain(x[:, 0], x[:, 1], scale_load(t), lam)
 
 
 def picture(found):
-    """Errors over the size of cells, far from incompressibility and near it, of every stabilisation."""
+    """Draw errors over the size of cells for every stabilisation, at two Poisson's ratios."""
     figure = new_figure(9.0, 4.2)
     axes = figure.subplots(1, 2, sharey=True)
     for ax, poisson in zip(axes, (0.3, NEAR), strict=True):

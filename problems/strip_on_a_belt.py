@@ -1,17 +1,18 @@
-r"""A strip held at one end on a belt that runs to and fro: what slips, and what it takes to hold the strip.
+r"""A strip held at one end on a belt that moves back and forth: partial slip, and the force of the hold.
 
 The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
-x = 0; the belt has run by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. As a rod, it slips over a length l next to its
-hold, where friction pulls it along, and is carried with the belt beyond:
+x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. As a rod, the strip slips over a length l next to
+its hold, where friction pulls it along, and moves with the belt beyond:
 
 $$
 E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U - g (l - x)^2 / (2 E H),
-\qquad l = (2 E H U / g)^{1/2},
+\qquad l = (2 E H U / g)^{1/2}.
 $$
 
-so the hold takes F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt turns at U1,
-friction turns from the hold on, and F = F1 - 2 F((U1 - U) / 2), no less than -g L: Masing's rule (1926). Up to U1 > U*
-the belt does the work 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. A rod is a model: error O(H / l).
+So the force of the hold is F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt turns
+at U1, friction reverses from the hold on, and F = F1 - 2 F((U1 - U) / 2), at least -g L: Masing's rule (1926). Up to
+U1 > U* the work of the belt is 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. The rod is a model with the
+error O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
 """
@@ -19,22 +20,21 @@ the belt does the work 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND = 20.0, 1.0, 2000.0, 1.0
 FULL = BOUND * LENGTH**2 / (2 * YOUNG * HEIGHT)
 AMPLITUDE = 1.25 * FULL
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 40}
 
 
 def run(t):
-    """How far the belt has run."""
+    """Return the displacement of the belt."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
 def hold(t):
-    """The force that holds the strip against the belt."""
+    """Return the force that holds the strip against the belt."""
 
     def first(U):
         return BOUND * LENGTH * np.minimum(np.sqrt(U / FULL), 1.0)
@@ -45,7 +45,7 @@ def hold(t):
 
 
 def displacement(x, U):
-    """Of the rod, while the belt runs for the first time, U <= U*."""
+    """Return the displacement of the rod while the belt moves for the first time, U <= U*."""
     slips = np.sqrt(2 * YOUNG * HEIGHT * U / BOUND)
     return U - BOUND * np.maximum(slips - x, 0.0) ** 2 / (2 * YOUNG * HEIGHT)
 
@@ -68,13 +68,19 @@ def times(steps):
 
 
 def picture(history):
-    """The strip while the belt runs for the first time, and the force that holds it over the run of the belt."""
-    figure, graph = body_and_graph(history, step=history.steps // 10, stress="xx", forces="friction", stretch=2.5)
+    """Draw the strip while the belt moves for the first time, and the force of the hold over the belt's motion."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1)
+    how = {"stress": "xx", "forces": "friction", "stretch": 2.5, "units": UNITS}
+    vx.plots.stressed_body(history, step=history.steps // 10, ax=body, **how)
     dense = times(2000)
-    marks, line = (run(history.times), -history.reaction("left")[:, 0]), (run(dense), hold(dense))
-    beside_closed_form(graph, marks, line, exact_label="rod")
+    graph.plot(run(dense), hold(dense), "k-", label="rod")
+    graph.plot(run(history.times), -history.reaction("left")[:, 0], "C0o", label="computed")
     for sign in (1, -1):
         graph.axhline(sign * BOUND * LENGTH, color="0.5", linestyle="--", linewidth=1.0)
-    graph.legend(frameon=False, fontsize="small", loc="lower right")
-    graph.set(xlabel="run of the belt (mm)", ylabel="force that holds the strip (N/mm)")
+    graph.set(xlabel="displacement of the belt (mm)", ylabel="force of the hold (N/mm)")
+    graph.grid()
+    graph.legend(loc="lower right")
     return figure

@@ -1,8 +1,8 @@
-r"""A bar on a rough floor, heated and cooled: it expands from its ends only, and does not come back altogether.
+r"""A bar on a rough floor, heated and cooled: it expands from its ends only, and does not return completely.
 
-Half of a bar of length 2 L and height H, x = 0 being its middle (a plane of symmetry) and x = L its free end, lies on a
-floor with the friction bound g per length. Its temperature theta is the same everywhere and goes 0, T, 0, T at t = 0,
-1, 2, 3; plane stress, nu = 0. As a rod, with s the distance from the end, the force N(s) (compression positive) on its
+Half of a bar of length 2 L and height H is computed: x = 0 is its middle (a plane of symmetry) and x = L its free end.
+It lies on a floor with the friction bound g per length. Its temperature theta is uniform and is 0, T, 0, T at t = 0, 1,
+2, 3; plane stress, nu = 0. As a rod, with s the distance from the end, the force N(s) (compression positive) on its
 section and the displacement u of the end obey
 
 $$
@@ -10,19 +10,19 @@ N' = \pm g \text{ where it slips}, \qquad N = E H \alpha \theta \text{ where it 
 \qquad u = \int (\alpha \theta - N / (E H)) ds.
 $$
 
-Heated: friction builds up the force N = g s over the length l = E H alpha T / g, beyond which the bar is locked with
-the stress -E alpha T; the end moves by
+Heated: friction builds up the force N = g s over the length l = E H alpha T / g. Beyond it the bar is locked with the
+stress -E alpha T. The end moves by
 
 $$ u_1 = \alpha T l - g l^2 / (2 E H) = E H (\alpha T)^2 / (2 g). $$
 
-Cooled: near the end the slip reverses, N = -g s, up to where this is E H alpha T below the N of before, g s: a length
-l / 2. The change of N over it is -2 g s, and the end returns by
+Cooled: near the end the slip reverses, N = -g s, over the length l / 2, where this is E H alpha T below the previous
+force g s. The change of N over this length is -2 g s, and the end returns by
 
-$$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2; $$
+$$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2. $$
 
-half of the expansion stays, with compression up to g l / 2 locked in. Heated again, the end returns to u_1, whatever
-the number of cycles. What is lost to friction in the first heating is int g u(s) ds = g^2 l^3 / (6 E H), with
-u(s) = g (l - s)^2 / (2 E H). The rod is a model: its error is of the order of H / l.
+Half of the expansion stays, with compression up to g l / 2 locked in. Heated again, the end returns to u_1, for any
+number of cycles. Friction dissipates int g u(s) ds = g^2 l^3 / (6 E H) in the first heating, with
+u(s) = g (l - s)^2 / (2 E H). The rod is a model with an error of the order of H / l.
 
     vemcvx run problems/thermal_expansion_blocked_by_friction.py --n 4 --steps 24
 """
@@ -30,10 +30,9 @@ u(s) = g (l - s)^2 / (2 E H). The rod is a model: its error is of the order of H
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, EXPANSION, RISE = 40.0, 1.0, 20000.0, 1.0, 1e-5, 100.0
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 36}
 
 
@@ -46,13 +45,13 @@ def slip_length(young=YOUNG, bound=BOUND):
 
 
 def end_displacement(young=YOUNG, bound=BOUND):
-    """Of the rod, when heated, cooled, and heated again."""
+    """Return the displacement of the rod's end when heated, cooled, and heated again."""
     first = young * HEIGHT * (EXPANSION * RISE) ** 2 / (2 * bound)
     return first, 0.5 * first, first
 
 
-def first_loss(young=YOUNG, bound=BOUND):
-    """Energy lost to friction in the first heating."""
+def first_dissipation(young=YOUNG, bound=BOUND):
+    """Return the energy dissipated by friction in the first heating."""
     return bound**2 * slip_length(young, bound) ** 3 / (6 * young * HEIGHT)
 
 
@@ -75,17 +74,22 @@ def times(steps):
 
 
 def picture(history):
-    """The free end of the heated bar, and the loop of its displacement over the temperature."""
+    """Draw the free end of the heated bar, and the loop of its displacement over the temperature."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.0), layout="constrained")
+    body, graph = figure.subplots(2, 1)
+    how = {"stress": "xx", "forces": "friction", "stretch": 3.4, "units": UNITS}
     window = ((LENGTH - 26.0, LENGTH + 1.4), (-0.4, HEIGHT + 0.1))
-    step = history.steps // 3
-    figure, graph = body_and_graph(history, step=step, stress="xx", forces="friction", window=window, stretch=3.4)
-    end = history.mesh.points[:, 0] == LENGTH
-    found = history.displacement[:, end, 0].mean(axis=1)
+    vx.plots.stressed_body(history, step=history.steps // 3, ax=body, window=window, **how)
     first, back, _ = end_displacement()
-    rise = np.linspace(0, RISE, 200)
-    share = rise / RISE
-    line = np.concatenate([first * share**2, first - back * (1 - share[::-1]) ** 2, back * (1 + share**2)])
-    temperatures = np.concatenate([rise, rise[::-1], rise])
-    beside_closed_form(graph, (temperature(history.times), found), (temperatures, line), exact_label="rod")
-    graph.set(xlabel="temperature (degrees)", ylabel="end moved by (mm)")
+    part = np.linspace(0, 1, 200)
+    line = np.concatenate([first * part**2, first - back * part**2, back * (1 + part**2)])
+    graph.plot(RISE * np.concatenate([part, 1 - part, part]), line, "k-", label="rod")
+    end = history.mesh.points[:, 0] == LENGTH
+    computed = history.displacement[:, end, 0].mean(axis=1)
+    graph.plot(temperature(history.times), computed, "C0o", label="computed")
+    graph.set(xlabel="temperature (degrees)", ylabel="displacement of the end (mm)")
+    graph.grid()
+    graph.legend()
     return figure

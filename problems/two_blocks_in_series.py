@@ -1,15 +1,16 @@
-r"""Two blocks that rub on each other, sheared back and forth: the loop of friction in closed form, exact on every mesh.
+r"""Two blocks with friction between them, sheared back and forth: a loop in closed form, exact on every mesh.
 
 Blocks of shear moduli mu_1, mu_2 and heights H_1, H_2 lie on each other, with the same length and meshes that do not
-match. The lower one is clamped below, the top of the upper one moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5;
-their sides are free along x only, so that both shear uniformly. Bilateral contact and Tresca friction, bound g,
-between them. Both carry the friction traction q, so that the slip of the upper over the lower block is
+match. The lower block is clamped below, and the top of the upper block is moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1,
+3, 5. Their sides are free along x only, so that both are sheared uniformly. Bilateral contact and Tresca friction with
+the bound g act between them. Both have the same friction traction q, so that the slip of the upper over the lower block
+is
 
 $$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2, $$
 
-and step by step q_n = clip((U_n - a_{n-1}) / C, +-g): springs in series with a slider. A closed loop of amplitude
-U0 > g C dissipates 4 g (U0 - g C) per length. Traces of both sides are linear on the common edges, so virtual elements
-reproduce it on any two meshes: whatever differs from it is the error of the algebra.
+and step by step q_n = clip((U_n - a_{n-1}) / C, +-g): springs in series with a slider. A closed loop of the amplitude
+U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear along common edges, so virtual elements
+reproduce the solution on any two meshes: every difference from it is an algebraic error.
 
     vemcvx run problems/two_blocks_in_series.py --mesh nonconvex --n 4 --steps 40
 """
@@ -17,24 +18,23 @@ reproduce it on any two meshes: whatever differs from it is the error of the alg
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHTS, YOUNG, POISSON, BOUND = 2.0, (0.6, 0.4), (1000.0, 3000.0), 0.3, 0.8
 MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))
 AMPLITUDE = 2.5 * BOUND * COMPLIANCE
 JOINT = "lower|upper"
-UNITS = MM
+UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 40}
 
 
 def top(t):
-    """U(t)."""
+    """Return U(t)."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
-def closed_form(instants):
-    """The friction traction q and the slip a of the upper block over the lower one at every instant."""
+def exact_solution(instants):
+    """Return the friction traction q and the slip a of the upper block over the lower one at every instant."""
     q, a = np.zeros(len(instants)), np.zeros(len(instants))
     for n, U in enumerate(top(instants[1:]), start=1):
         q[n] = np.clip((U - a[n - 1]) / COMPLIANCE, -BOUND, BOUND)
@@ -43,14 +43,14 @@ def closed_form(instants):
 
 
 def scene():
-    def moved(x, t):
+    def move_top(x, t):
         return np.tile([top(t), 0.0], (len(x), 1))
 
     return vx.Scene(
         vx.Elasticity(YOUNG[0], POISSON, on="lower"),
         vx.Elasticity(YOUNG[1], POISSON, on="upper"),
         vx.Clamp(on="lower.bottom"),
-        vx.PrescribedDisplacement(moved, on="upper.top"),
+        vx.PrescribedDisplacement(move_top, on="upper.top"),
         vx.PrescribedDisplacement(
             0.0, on=["lower.left", "lower.right", "upper.left", "upper.right"], direction=(0.0, 1.0)
         ),
@@ -60,7 +60,7 @@ def scene():
 
 
 def mesh(n, family="hexagons"):
-    """The lower block in cells of `family`; the upper one in squares, n + 3 across its height."""
+    """Return the lower block in cells of `family` and the upper one in squares, n + 3 across its height."""
     lower = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHTS[0])))
     upper = vx.meshes.squares(n + 3, box=((0, LENGTH), (HEIGHTS[0], sum(HEIGHTS))))
     return vx.meshes.bodies({"lower": lower, "upper": upper})
@@ -71,15 +71,20 @@ def times(steps):
 
 
 def picture(history):
-    """Both blocks at the first turn, and the loop of friction against the motion of the top."""
-    figure, graph = body_and_graph(
-        history, step=history.steps // 5, stress="shear", forces="friction", shares=(1.2, 1.0)
-    )
-    traction, dense = history.contact.traction[:, :, 0].mean(axis=1), times(1000)
-    beside_closed_form(graph, (top(history.times), traction), (top(dense), closed_form(dense)[0]))
+    """Draw both blocks at the first turn, and the loop of friction over the displacement of the top."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    body, graph = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    how = {"stress": "shear", "forces": "friction", "units": UNITS}
+    vx.plots.stressed_body(history, step=history.steps // 5, ax=body, **how)
+    dense = times(1000)
+    graph.plot(top(dense), exact_solution(dense)[0], "k-", label="closed form")
+    graph.plot(top(history.times), history.contact.traction[:, :, 0].mean(axis=1), "C0o", label="computed")
     for sign in (1, -1):
         graph.axhline(sign * BOUND, color="0.5", linestyle="--", linewidth=1.0)
-    graph.legend(frameon=False, fontsize="small", loc="upper left")
-    graph.set(ylim=(-0.9, 1.25))
-    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction between them (MPa)")
+    graph.set(xlabel="displacement $U$ of the top (mm)", ylabel="friction between them (MPa)", ylim=(-0.9, 1.25))
+    graph.locator_params(nbins=6)
+    graph.grid()
+    graph.legend(loc="upper left")
     return figure

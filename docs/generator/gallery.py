@@ -13,7 +13,7 @@ from generator.reference import SHORT
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
-NO_PROBLEMS = "gallery", "problem_pictures", "live_page"  # files that draw other problems, and the live page
+NO_PROBLEMS = "gallery", "live_page"  # the file that draws all pictures, and the live page
 GROUP = re.compile(r"^```\{problems\}\n(.*?)```\n", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
 IMPORT = re.compile(r"^ *(?:import (\w+)(?: as (\w+))?|from (\w+) import (\w+))", re.MULTILINE)

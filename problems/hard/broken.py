@@ -1,4 +1,4 @@
-"""Broken meshes, data and files: each is refused in one sentence that names what is wrong."""
+"""Broken meshes, data and files: each is refused in one sentence that names the fault."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 import vemcvx as vx
 from hard.case import REFUSAL, WARNING, Case
-from hard.ground import block, known, on
+from hard.ground import block, on, shear_block
 
 SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
 TWO = [*SQUARE, (2.0, 0.0), (2.0, 1.0)]
@@ -18,11 +18,11 @@ MESH = vx.meshes.squares(4)
 
 
 def mesh(name, points, cells, says, must=REFUSAL):
-    return Case(name, lambda: known(vx.PolygonMesh(points, cells)), must, says)
+    return Case(name, lambda: shear_block(vx.PolygonMesh(points, cells)), must, says)
 
 
 def file(name, suffix, says, change=lambda data: data):
-    """A sound mesh file, changed."""
+    """Return the case of a sound mesh file, changed by `change`."""
 
     def make():
         with tempfile.TemporaryDirectory() as folder:
@@ -34,7 +34,7 @@ def file(name, suffix, says, change=lambda data: data):
     return Case(name, make, REFUSAL, says)
 
 
-def lost_cells():
+def write_polygons_as_gmsh():
     with tempfile.TemporaryDirectory() as folder:
         vx.meshes.voronoi(3).write(folder + "/mesh.msh")
     return on(MESH)
@@ -62,7 +62,7 @@ CASES = (
     mesh("no cells", SQUARE, [], "at least one cell"),
     Case(
         "a node that no cell uses",
-        lambda: known(vx.PolygonMesh([*(np.array(SQUARE) * [2, 0.5]), (9, 9)], [[0, 1, 2, 3]])),
+        lambda: shear_block(vx.PolygonMesh([*(np.array(SQUARE) * [2, 0.5]), (9, 9)], [[0, 1, 2, 3]])),
         WARNING,
         "belong to no cell",
     ),
@@ -70,7 +70,7 @@ CASES = (
     file("a file of another kind", ".vtu", "mesh.vtu", lambda data: b"\x89PNG\r\n" + bytes(200)),
     file("an empty file", ".vtu", "mesh.vtu", lambda data: b""),
     file("a file of no known kind", ".docx", "mesh.docx"),
-    Case("a format that loses polygons", lost_cells, REFUSAL, ".msh files do not keep polygons"),
+    Case("a format that loses polygons", write_polygons_as_gmsh, REFUSAL, ".msh files do not keep polygons"),
     bad("NaN in the bound", "found NaN", bound=np.nan),
     bad("NaN in a modulus", "found NaN", young=np.where(np.arange(16) == 3, np.nan, 1.0)),
     bad("moduli of another mesh", "one per cell", young=np.ones(9)),

@@ -1,11 +1,11 @@
-"""A hard case: what a correct program must do with it, and what is found when it is run.
+"""A hard case: the required behaviour of a correct program, and the findings of a run.
 
-The claim under test is the certificate's. With u_n* the exact answer of every step and u_n' the exact evolution,
+The certificate's claim is under test. With the exact solution u_n* of every step and the exact evolution u_n',
 
-    |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + what the stated round-off floors allow.
+    |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + the stated rounding floors.
 
-Where a case has a closed form, the left side is measured; elsewhere two solvers' answers may differ by no more than the
-sum of their two bounds. A solver that misses its accuracy must say so; one that says nothing must be right.
+If a case has a closed form, the left side is measured. Otherwise two solvers' answers may differ by at most the sum of
+their two bounds. A solver that misses its accuracy must report it; a solver that reports nothing must be right.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Setting:
-    """What is simulated."""
+    """A scene, its mesh, its instants, and the exact displacement if it is known."""
 
     scene: vx.Scene
     mesh: vx.PolygonMesh
     times: Any
     exact: np.ndarray | None = None
-    """(N + 1, n_nodes, 2) the displacement, where it is known to the last digit"""
+    """The displacement (N + 1, n_nodes, 2), if it is known to the last digit."""
     options: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
@@ -55,17 +55,17 @@ class Case:
     make: Callable[[], Setting]
     must: str = ANSWER
     says: str = ""
-    """words that the warning or the error has"""
+    """Words in the warning or the error."""
     holds: Callable[[Setting, vx.History], str] = lambda setting, history: ""
-    """a further claim: empty where it holds, else what is wrong"""
+    """A further claim: returns an empty string if it holds, else the fault."""
     solvers: tuple[vx.Solver, ...] = SOLVERS
     beyond: bool = False
-    """whether it is beyond what doubles certify, so that Newton, too, may say that it cannot"""
+    """True if doubles cannot certify the case, so that Newton, too, may report that it cannot solve it."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one solver made of a case."""
+    """The behaviour of one solver in a case."""
 
     solver: str
     did: str
@@ -74,9 +74,9 @@ class Finding:
     asked: float = np.nan
     floor: float = np.nan
     error: float = np.nan
-    """true relative energy error, where there is a closed form"""
+    """The true relative energy error, if there is a closed form."""
     allowed: float = np.nan
-    """certified error of all steps plus floors"""
+    """The certified error of all steps plus floors."""
     iterations: int = 0
     seconds: float = 0.0
     complaint: str = ""
@@ -84,30 +84,30 @@ class Finding:
 
 
 def run(case: Case) -> list[Finding]:
-    """Every solver's finding; complaints of one against another are added to the second."""
+    """Return every solver's finding; complaints about a pair of solvers are added to the second."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             setting = case.make()
         except vx.VemcvxError as error:
-            return [judged(case, refusal(solver, error)) for solver in case.solvers]
+            return [judge(case, make_refusal(solver, error)) for solver in case.solvers]
     findings = [attempt(case, setting, solver, caught) for solver in case.solvers]
     answers = [i for i, finding in enumerate(findings) if finding.history is not None]
     for i, j in combinations(answers, 2):
-        apart = disagreement(setting, findings[i], findings[j])
+        apart = compare_findings(setting, findings[i], findings[j])
         if apart:
             findings[j] = replace_complaint(findings[j], apart)
     return findings
 
 
-def refusal(solver: vx.Solver, error: vx.VemcvxError, seconds: float = 0.0) -> Finding:
-    """An error is a finding, too."""
+def make_refusal(solver: vx.Solver, error: vx.VemcvxError, seconds: float = 0.0) -> Finding:
+    """Return the finding of an error."""
     did = REFUSAL if not isinstance(error, vx.NotAccepted | vx.NotCertified) else "says it cannot"
     return Finding(solver.name, did, str(error), seconds=seconds)
 
 
 def attempt(case: Case, setting: Setting, solver: vx.Solver, earlier: Sequence[warnings.WarningMessage]) -> Finding:
-    """Simulate a case; `earlier` is what was warned of when its setting was made."""
+    """Simulate a case and return the finding; `earlier` are the warnings issued when the setting was made."""
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -115,7 +115,7 @@ def attempt(case: Case, setting: Setting, solver: vx.Solver, earlier: Sequence[w
             options = {"check": False, **setting.options}
             history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, **options)
         except vx.VemcvxError as error:
-            return judged(case, refusal(solver, error, time.perf_counter() - start))
+            return judge(case, make_refusal(solver, error, time.perf_counter() - start))
     noted = [w for w in (*earlier, *caught) if issubclass(w.category, vx.SceneWarning | vx.MeshWarning)]
     said = [str(w.message) for w in noted]
     did = WARNING if said else ANSWER
@@ -131,17 +131,17 @@ def attempt(case: Case, setting: Setting, solver: vx.Solver, earlier: Sequence[w
         float(run.certificate.max()),
         solver.accuracy,
         float(run.certificate_floor.max()),
-        true_error(setting, history),
+        measure_error(setting, history),
         float(run.certificate_total[-1] + floors[-1]) + ROUNDING,
         int(run.iterations.max()),
         time.perf_counter() - start,
         history=history,
     )
-    return judged(case, finding, setting)
+    return judge(case, finding, setting)
 
 
-def true_error(setting: Setting, history: vx.History) -> float:
-    """Largest distance from the closed form in the energy norm, relative to the largest norm."""
+def measure_error(setting: Setting, history: vx.History) -> float:
+    """Return the largest distance from the closed form in the energy norm, relative to the largest norm."""
     if setting.exact is None:
         return np.nan
     apart = (history.displacement - setting.exact[history.stored]).reshape(len(history.times), -1)
@@ -150,8 +150,8 @@ def true_error(setting: Setting, history: vx.History) -> float:
     return float(distance.max() / history.trajectory.norm.max())
 
 
-def judged(case: Case, finding: Finding, setting: Setting | None = None) -> Finding:
-    """With a complaint, if the finding is not what the case calls for."""
+def judge(case: Case, finding: Finding, setting: Setting | None = None) -> Finding:
+    """Return the finding, with a complaint if the case requires another one."""
     newton = finding.solver == "Newton"
     if finding.did != case.must and not (finding.did == "says it cannot" and (case.beyond or not newton)):
         return replace_complaint(finding, f"must {case.must}, but: {finding.did} ({finding.words})")
@@ -166,8 +166,8 @@ def judged(case: Case, finding: Finding, setting: Setting | None = None) -> Find
     return finding
 
 
-def disagreement(setting: Setting, one: Finding, other: Finding) -> str:
-    """Empty where two answers differ by no more than their certificates and floors allow."""
+def compare_findings(setting: Setting, one: Finding, other: Finding) -> str:
+    """Return an empty string if two answers differ by no more than their certificates and floors, else a complaint."""
     first, second = one.history.trajectory, other.history.trajectory
     K = setting.posed.system.K
     apart = first.state - second.state
@@ -184,5 +184,5 @@ def replace_complaint(finding: Finding, complaint: str) -> Finding:
 
 
 def table(cases: Sequence[tuple[str, Case]]) -> list[tuple[str, Case, list[Finding]]]:
-    """Run all cases."""
+    """Run all cases and return (subject, case, findings) for each."""
     return [(subject, case, run(case)) for subject, case in cases]

@@ -1,4 +1,4 @@
-"""Cells: tiny edges, flat angles, needles, cells that see nothing of themselves; on all of them the answer is known."""
+"""Cells: tiny edges, flat angles, needles, cells whose centroid is outside; the solution is known on all of them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 import vemcvx as vx
 from hard.case import WARNING, Case
-from hard.ground import drawn, fitted, known, short_edges
+from hard.ground import draw_cells, fit_box, shear_block, split_nodes
 
 COMB = ("aaaaaaaa", "abababab", "abababab", "abababab", "bbbbbbbb")
 SPIRAL = ("aaaaaaa", "bbbbbba", "baaaaba", "babbaba", "babbbba", "baaaaaa", "bbbbbbb")
 
 
 def polygon_among_triangles(corners):
-    """A regular polygon in the middle of a square, the rest triangles."""
+    """Return a regular polygon in the middle of a square, surrounded by triangles."""
     angle = 2 * np.pi * np.arange(corners) / corners
     ring = 0.5 + 0.4 * np.column_stack([np.cos(angle), np.sin(angle)])
     box = [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (1.0, 0.0)]
@@ -22,8 +22,8 @@ def polygon_among_triangles(corners):
     return np.vstack([ring, box]), [list(range(corners)), *spokes, *sides]
 
 
-def squashed(aspect):
-    """Squares squeezed to a layer of needles along the floor, of that aspect ratio."""
+def squash(aspect):
+    """Return squares squeezed to a layer of needles of that aspect ratio along the floor."""
     nx, ny = 8, 8
     heights = np.concatenate([np.linspace(0, 0.125 * ny / aspect, ny), [1.0]])
     points = np.array([(x, y) for y in heights for x in np.linspace(0, 1, nx + 1)])
@@ -31,8 +31,8 @@ def squashed(aspect):
     return points, first[:, None] + [0, 1, nx + 2, nx + 1]
 
 
-def flat_angles(n, more):
-    """Squares with `more` vertices on every edge."""
+def add_flat_angles(n, more):
+    """Return squares with `more` vertices on every edge."""
     mesh = vx.meshes.squares(n)
     edges = {}
     points, cells = [*mesh.points], []
@@ -50,15 +50,15 @@ def flat_angles(n, more):
     return np.array(points), cells
 
 
-def moved(points, cells, offset):
-    return known(vx.PolygonMesh(points * [2.0, 0.5] + offset, cells), origin=(offset, offset))
+def move(points, cells, offset):
+    return shear_block(vx.PolygonMesh(points * [2.0, 0.5] + offset, cells), origin=(offset, offset))
 
 
 def cells_of(mesh):
     return mesh.points, mesh.cells
 
 
-def renumbered():
+def renumber():
     mesh = vx.meshes.voronoi(6)
     random = np.random.default_rng(3)
     order = random.permutation(mesh.n_nodes)
@@ -66,36 +66,39 @@ def renumbered():
     return mesh.points[np.argsort(order)], [cells[c] for c in random.permutation(mesh.n_cells)]
 
 
-def clockwise(which):
+def make_clockwise(which):
     mesh = vx.meshes.voronoi(5)
     return mesh.points, [cell[::-1] if which(c) else cell for c, cell in enumerate(mesh.cells)]
 
 
-def mirrored():
+def mirror():
     mesh = vx.meshes.voronoi(6)
     return (mesh.points * [-1, 1] + [1, 0]), [cell[::-1] for cell in mesh.cells]
 
 
-def sound(name, points_and_cells, **more):
-    return Case(name, lambda: known(fitted(*points_and_cells())), **more)
+def sound_case(name, points_and_cells, **more):
+    return Case(name, lambda: shear_block(fit_box(*points_and_cells())), **more)
 
 
 CASES = (
-    *(sound(f"edges of {part:.0e} h", lambda part=part: short_edges(6, part)) for part in (1e-3, 1e-6, 1e-9, 1e-12)),
-    Case("hanging nodes", lambda: known(vx.meshes.hanging(8, box=((0, 2), (0, 0.5))))),
-    sound("20 flat angles an edge", lambda: flat_angles(4, 20)),
-    Case("non-convex cells", lambda: known(vx.meshes.nonconvex(8, box=((0, 2), (0, 0.5))))),
-    sound("two combs", lambda: drawn(*COMB)),
-    sound("two spirals, centroids outside", lambda: drawn(*SPIRAL)),
-    sound("an L and a square", lambda: drawn("ab", "aa")),
-    sound("a U and what fills it", lambda: drawn("aba", "aba", "aaa")),
-    *(sound(f"aspect ratio {aspect:.0e}", lambda aspect=aspect: squashed(aspect)) for aspect in (1e2, 1e4, 1e6)),
-    sound("a 500-gon among triangles", lambda: polygon_among_triangles(500)),
-    sound("a single cell", lambda: ([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]])),
-    sound("a single cell of 200 vertices", lambda: flat_angles(1, 49)),
-    sound("all cells clockwise", lambda: clockwise(lambda c: True), must=WARNING, says="listed clockwise"),
-    sound("mixed orientation", lambda: clockwise(lambda c: c % 2), must=WARNING, says="listed clockwise"),
-    Case("coordinates offset by 1e6", lambda: moved(*cells_of(vx.meshes.voronoi(6)), 1e6)),
-    sound("renumbered", renumbered),
-    sound("mirrored", mirrored),
+    *(
+        sound_case(f"edges of {part:.0e} h", lambda part=part: split_nodes(6, part))
+        for part in (1e-3, 1e-6, 1e-9, 1e-12)
+    ),
+    Case("hanging nodes", lambda: shear_block(vx.meshes.hanging(8, box=((0, 2), (0, 0.5))))),
+    sound_case("20 flat angles an edge", lambda: add_flat_angles(4, 20)),
+    Case("non-convex cells", lambda: shear_block(vx.meshes.nonconvex(8, box=((0, 2), (0, 0.5))))),
+    sound_case("two combs", lambda: draw_cells(*COMB)),
+    sound_case("two spirals, centroids outside", lambda: draw_cells(*SPIRAL)),
+    sound_case("an L and a square", lambda: draw_cells("ab", "aa")),
+    sound_case("a U and what fills it", lambda: draw_cells("aba", "aba", "aaa")),
+    *(sound_case(f"aspect ratio {aspect:.0e}", lambda aspect=aspect: squash(aspect)) for aspect in (1e2, 1e4, 1e6)),
+    sound_case("a 500-gon among triangles", lambda: polygon_among_triangles(500)),
+    sound_case("a single cell", lambda: ([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]])),
+    sound_case("a single cell of 200 vertices", lambda: add_flat_angles(1, 49)),
+    sound_case("all cells clockwise", lambda: make_clockwise(lambda c: True), must=WARNING, says="listed clockwise"),
+    sound_case("mixed orientation", lambda: make_clockwise(lambda c: c % 2), must=WARNING, says="listed clockwise"),
+    Case("coordinates offset by 1e6", lambda: move(*cells_of(vx.meshes.voronoi(6)), 1e6)),
+    sound_case("renumbered", renumber),
+    sound_case("mirrored", mirror),
 )

@@ -1,4 +1,4 @@
-"""What the cases build on: the paper's block, a block whose motion is known, and meshes made of unit squares."""
+"""Building blocks of the cases: the paper's block, a sheared block in closed form, and meshes made of unit squares."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HYSTERESIS_STEPS = 10
 
 @cache
 def voronoi(n):
-    """The unit square in n x n Voronoi cells; six subjects look at two of them, which took most of their import."""
+    """Return the unit square in n x n Voronoi cells, made once."""
     return vx.meshes.voronoi(n)
 
 
@@ -25,7 +25,7 @@ def cyclic(t):
 
 
 def block(course=cyclic, *, young=200.0, poisson=0.3, bound=4.0, clamp="right", contact="bottom", plane="strain"):
-    """The paper's Section 4, with another course of the load."""
+    """Return the scene of the paper's Section 4, with another load in time."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
@@ -41,32 +41,32 @@ def block(course=cyclic, *, young=200.0, poisson=0.3, bound=4.0, clamp="right", 
 
 
 def on(mesh, course=cyclic, *, times=TIMES, **settings):
-    """The block on a mesh."""
+    """Return the block on a mesh."""
     return Setting(block(course, **settings), mesh, times)
 
 
-def known(mesh, origin=(0.0, 0.0)):
-    """A block sheared to and fro on any mesh of (0, 2) x (0, 1/2), with its closed form."""
+def shear_block(mesh, origin=(0.0, 0.0)):
+    """Return a block sheared back and forth on any mesh of (0, 2) x (0, 1/2), with its closed form."""
     instants = hysteresis.times(HYSTERESIS_STEPS)
     exact = hysteresis.exact(mesh.points, instants, floor=origin[1])
-    return Setting(hysteresis.scene(HYSTERESIS_STEPS), sides(mesh), instants, exact)
+    return Setting(hysteresis.scene(HYSTERESIS_STEPS), name_sides(mesh), instants, exact)
 
 
-def sides(mesh):
-    """Names for the sides of a rectangle."""
+def name_sides(mesh):
+    """Return a mesh of a rectangle with names for its sides."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     for name, axis, value in (("left", 0, low), ("right", 0, high), ("bottom", 1, low), ("top", 1, high)):
         mesh = mesh.with_boundary(name, lambda x, axis=axis, value=value: x[:, axis] == value[axis])
     return mesh
 
 
-def fitted(points, cells):
-    """A mesh of the unit square stretched to (0, 2) x (0, 1/2)."""
+def fit_box(points, cells):
+    """Return a mesh of the unit square stretched to (0, 2) x (0, 1/2)."""
     return vx.PolygonMesh(np.asarray(points) * [2.0, 0.5], cells)
 
 
-def drawn(*rows):
-    """Cells drawn with letters: each is the union of the unit squares that carry its letter, on the unit square."""
+def draw_cells(*rows):
+    """Return cells drawn with letters: each cell is the union of the squares with its letter, on the unit square."""
     picture = np.array([list(row) for row in rows[::-1]])
     height, width = picture.shape
     number = np.arange((width + 1) * (height + 1)).reshape(height + 1, width + 1)
@@ -77,14 +77,14 @@ def drawn(*rows):
             corners = number[j, i], number[j, i + 1], number[j + 1, i + 1], number[j + 1, i]
             for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
                 edges ^= {(a, b)} if (b, a) not in edges else {(b, a)}
-        cells.append(traced(dict(edges)))
+        cells.append(trace_outline(dict(edges)))
     used, renumbered = np.unique(np.concatenate(cells), return_inverse=True)
     points = np.column_stack([used % (width + 1) / width, used // (width + 1) / height])
     return points, np.split(renumbered, np.cumsum([len(cell) for cell in cells])[:-1])
 
 
-def traced(follows):
-    """The outline, from which node follows which."""
+def trace_outline(follows):
+    """Return the outline, given the next node of each node."""
     start = node = next(iter(follows))
     outline = []
     while not outline or node != start:
@@ -93,8 +93,8 @@ def traced(follows):
     return outline
 
 
-def short_edges(n, part):
-    """Squares whose inner nodes are split in two, `part` of a side apart along the diagonal."""
+def split_nodes(n, part):
+    """Return squares whose inner nodes are split in two, `part` of a side apart along the diagonal."""
     mesh = vx.meshes.squares(n)
     inside = np.flatnonzero((np.abs(mesh.points - 0.5) < 0.5 - 0.25 / n).all(axis=1))
     twin = np.full(mesh.n_nodes, -1)
@@ -102,7 +102,7 @@ def short_edges(n, part):
     points = np.vstack([mesh.points, mesh.points[inside] + part / n])
     cells = []
     for lower_left, lower_right, upper_right, upper_left in mesh.cells:
-        # Of the four cells around a split node the one below keeps it, the one above has its twin, two have both.
+        # Around a split node the cell below keeps it, the cell above has its twin, and the other two have both.
         corners = [
             [lower_left if twin[lower_left] < 0 else twin[lower_left]],
             [lower_right],

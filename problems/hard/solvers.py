@@ -1,4 +1,4 @@
-"""Solvers: limits, absence, failure in the middle of a run, and steps where nothing is left to decide."""
+"""Solvers: limits, absence, failure in the middle of a run, and steps in which nothing happens."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ CANNOT = "says it cannot"
 
 @dataclass(frozen=True)
 class Unreliable(vx.Newton):
-    """Answers well until it is asked for the fourth time, and then returns nonsense with a straight face."""
+    """A solver that returns a wrong solution with status "solved" from its fourth call on."""
 
     @property
     def name(self):
         return "Newton that fails"
 
     def prepare(self, operators):
-        inner, asked = super().prepare(operators), []
+        inner, calls = super().prepare(operators), []
 
         class Prepared:
             def solve(self, program, target, lam, p):
-                asked.append(1)
+                calls.append(1)
                 answer = inner.solve(program, target, lam, p)
-                return answer if len(asked) < 4 else replace(answer, d=1.5 * answer.d, status="solved")
+                return answer if len(calls) < 4 else replace(answer, d=1.5 * answer.d, status="solved")
 
         return Prepared()
 
 
-def checked(case_times=TIMES, **more):
+def setting_with_check(case_times=TIMES, **more):
     return lambda: Setting(block(), MESH, case_times, options={"check": True, **more})
 
 
-def repeated():
-    """Load that rests every other step: nothing is solved there, and nothing changes."""
+def resting_load():
+    """Return a load that rests in every other step: nothing is solved there, and nothing changes."""
     return on(MESH, lambda t: np.floor(4 * t), times=np.linspace(0, 1, 17))
 
 
@@ -53,37 +53,53 @@ def rests(setting, history):
 
 
 def all_but_one_degenerate():
-    """Every term at its bound and none slipping, step after step: |lam| = w and s = 0 at once."""
+    """Return a case in which every term is at its bound and none slips: |lam| = w and s = 0 at once."""
     from hard.friction import at_the_threshold
 
     return at_the_threshold()
 
 
 CASES = (
-    Case("one system of sets allowed: Clarabel takes over", checked(), solvers=(vx.Newton(max_iterations=1),)),
+    Case(
+        "one system of sets allowed: Clarabel takes over", setting_with_check(), solvers=(vx.Newton(max_iterations=1),)
+    ),
     Case(
         "Clarabel, one iteration allowed",
-        checked(),
+        setting_with_check(),
         CANNOT,
         "Clarabel reached",
         solvers=(vx.Clarabel(options={"max_iter": 1}),),
     ),
     Case(
-        "Clarabel, no time", checked(), CANNOT, "Clarabel reached", solvers=(vx.Clarabel(options={"time_limit": 1e-9}),)
+        "Clarabel, no time",
+        setting_with_check(),
+        CANNOT,
+        "Clarabel reached",
+        solvers=(vx.Clarabel(options={"time_limit": 1e-9}),),
     ),
-    Case("OSQP, ten iterations", checked(), CANNOT, "OSQP reached", solvers=(vx.OSQP(options={"max_iter": 10}),)),
     Case(
-        "a solver that is not there", checked(), CANNOT, "cvxpy does not find it", solvers=(vx.ThroughCvxpy("MOSEKK"),)
+        "OSQP, ten iterations",
+        setting_with_check(),
+        CANNOT,
+        "OSQP reached",
+        solvers=(vx.OSQP(options={"max_iter": 10}),),
     ),
-    Case("one that fails in the fourth step", checked(), CANNOT, "step 4", solvers=(Unreliable(),)),
-    Case("one that takes no friction", checked(), CANNOT, "does not accept", solvers=(vx.Direct(),)),
+    Case(
+        "a solver that is not there",
+        setting_with_check(),
+        CANNOT,
+        "cvxpy does not find it",
+        solvers=(vx.ThroughCvxpy("MOSEKK"),),
+    ),
+    Case("one that fails in the fourth step", setting_with_check(), CANNOT, "step 4", solvers=(Unreliable(),)),
+    Case("one that takes no friction", setting_with_check(), CANNOT, "does not accept", solvers=(vx.Direct(),)),
     Case(
         "accuracy beyond rounding",
-        checked(),
+        setting_with_check(),
         CANNOT,
         "but 1.0e-15 was requested",
         solvers=(vx.Clarabel(accuracy=1e-15),),
     ),
-    Case("loads that rest", repeated, holds=rests),
+    Case("loads that rest", resting_load, holds=rests),
     Case("all terms at their bound, none slipping", all_but_one_degenerate),
 )

@@ -24,15 +24,15 @@ def slab(force, bound=4.0, course=cyclic):
     )
 
 
-def balanced(setting, history):
-    """Nothing but friction answers the load."""
+def is_balanced(setting, history):
+    """Return a fault unless friction alone balances the load."""
     load = 3.8 * cyclic(TIMES)
     left = np.abs(history.force("bottom")[:, 0] + load).max()
     return "" if left <= 1e-5 * 3.8 else f"friction is {left:.1e} off balance"
 
 
 def one_node():
-    """A clamp on a single edge's two nodes of a hundred."""
+    """Return a body clamped at the two nodes of one edge."""
     mesh = vx.meshes.squares(10).with_boundary("spot", lambda x: (x[:, 0] > 0.999) & (x[:, 1] > 0.9))
     return on(mesh, clamp="spot")
 
@@ -51,7 +51,7 @@ def parts(**second):
     return on(both, **second)
 
 
-def hinged():
+def hinge():
     points = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 1), (2, 2), (1, 2)]
     mesh = vx.PolygonMesh(points, [[0, 1, 2, 3], [2, 4, 5, 6]])
     for name, axis, value in (("left", 0, 0), ("bottom", 1, 0), ("right", 0, 1)):
@@ -60,7 +60,7 @@ def hinged():
 
 
 CASES = (
-    Case("no clamp, friction holds", lambda: Setting(slab(3.8), MESH, TIMES), WARNING, ALONE, balanced),
+    Case("no clamp, friction holds", lambda: Setting(slab(3.8), MESH, TIMES), WARNING, ALONE, is_balanced),
     Case("no clamp, friction just holds", lambda: Setting(slab(4 - 1e-9), MESH, TIMES), WARNING, ALONE),
     Case(
         "no clamp, friction cannot hold",
@@ -80,5 +80,5 @@ CASES = (
     Case("a clamp of one edge", one_node),
     Case("a second part without support", parts, REFUSAL, "part 2 of 2 of the body floats"),
     Case("two parts, both held", lambda: parts(clamp=["right", "second"])),
-    Case("a hinge", hinged, REFUSAL, "about hinges"),
+    Case("a hinge", hinge, REFUSAL, "about hinges"),
 )

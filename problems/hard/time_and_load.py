@@ -1,4 +1,4 @@
-"""Time and load: nothing happens, nothing more happens, almost nothing, everything at once, back and forth."""
+"""Time and load: no load, constant load, tiny steps, one giant step, cycles."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def nothing(setting, history):
     return "" if not history.displacement.any() and not history.certificate.any() else "something moves"
 
 
-def released(t):
+def pulse(t):
     return np.interp(t, [0, 0.5, 0.75, 1], [0, 1, 0, 0])
 
 
 def stays(setting, history):
-    """After the release residual stresses stay, and nothing changes any more."""
+    """Return a fault unless residual stresses stay after the release, and nothing changes any more."""
     late = np.flatnonzero(TIMES >= 0.75)
     still = (history.displacement[late] == history.displacement[late[0]]).all()
     return "" if still and history.energy[-1] > 0 else "without load nothing may change"
@@ -33,7 +33,7 @@ def tiny_steps(t):
 
 
 def increments_have_digits(setting, history):
-    """Steps of 1e-10 of the load, all stick: their slip is exactly none, and their shape that of the linear answer."""
+    """Return a fault unless sticking steps of 1e-10 of the load have the shape of the linear solution."""
     if "Newton" not in history.solver:
         return ""
     steps = np.diff(history.displacement[1:], axis=0)
@@ -44,7 +44,7 @@ def increments_have_digits(setting, history):
 
 
 def reverses(setting, history):
-    """The rod's end displacements, to the order of H over the slip length."""
+    """Return a fault unless the end displacements are those of the rod, up to H over the slip length."""
     end = history.mesh.points[:, 0] == 0
     found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
     expected = np.array(shear_lag.end_displacement())
@@ -63,11 +63,11 @@ def one_push(setting, history):
     return "" if abs(found - rod) <= 0.05 * rod else f"the end moves by {found:.3g}, of the rod by {rod:.3g}"
 
 
-def settled():
+def start_settled():
     return replace(on(MESH, lambda t: 5.0 + t), options={"initial": "settled"})
 
 
-def scaled(factor):
+def scale_load(factor):
     return Case(f"load {factor:.0e} of the paper's", lambda: on(MESH, lambda t: factor * t), holds=sensible(factor))
 
 
@@ -82,15 +82,15 @@ def sensible(factor):
 
 CASES = (
     Case("no load", lambda: on(MESH, lambda t: 0.0), holds=nothing),
-    Case("no load after slip", lambda: on(MESH, released), holds=stays),
+    Case("no load after slip", lambda: on(MESH, pulse), holds=stays),
     Case("steps of 1e-10", lambda: on(MESH, tiny_steps), holds=increments_have_digits),
     Case("instants 1e-10 apart", lambda: on(MESH, lambda t: cyclic(t * 1e10), times=TIMES * 1e-10)),
     Case("one giant step", lambda: strip([0.0, 1.0]), holds=one_push),
-    scaled(1e-12),
-    scaled(1e12),
+    scale_load(1e-12),
+    scale_load(1e12),
     Case("ten cycles", lambda: on(MESH, lambda t: cyclic(10 * t), times=np.linspace(0, 1, 81))),
     Case("thin strip, L/H = 50: pushed, released, pushed", lambda: strip(shear_lag.times(24)), holds=reverses),
     Case("thin strip in three steps", lambda: strip(shear_lag.times(3))),
     Case("a load that is there from the start", lambda: on(MESH, lambda t: 5.0), REFUSAL, "not held by friction"),
-    Case("the same, settled first", settled),
+    Case("the same, settled first", start_settled),
 )

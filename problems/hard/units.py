@@ -1,4 +1,4 @@
-"""Units: the same scene in metres and pascals, in millimetres and megapascals, and in units nobody uses."""
+"""Units: the same scene in metres and pascals, in millimetres and megapascals, and in extreme units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PLAIN = voronoi(N)
 
 
 def scene(length=1.0, force=1.0):
-    """The paper's block with lengths times `length` and forces times `force` (a unit of thickness stays one)."""
+    """Return the paper's block with lengths times `length` and forces times `force` (the thickness stays one)."""
     stress = force / length
 
     def pull(x, t):
@@ -31,26 +31,25 @@ def scene(length=1.0, force=1.0):
     )
 
 
-def resized(length):
-    names = {name: edges for name, edges in PLAIN.boundaries.items() if name != "boundary"}
-    return vx.PolygonMesh(PLAIN.points * length, PLAIN.cells, boundaries=names)
+def resize(length):
+    return vx.PolygonMesh(PLAIN.points * length, PLAIN.cells, boundaries=PLAIN.boundaries)
 
 
 def setting(length, force):
-    return Setting(scene(length, force), resized(length), TIMES)
+    return Setting(scene(length, force), resize(length), TIMES)
 
 
 SOLVERS = {"Newton": vx.Newton(1e-8), "CLARABEL": vx.Clarabel(1e-6), "OSQP": vx.OSQP(1e-6)}
 
 
 @cache
-def solved(name):
+def solve_plain(name):
     return vx.simulate(scene(), PLAIN, TIMES, solver=SOLVERS[name], check=False)
 
 
 def plain(history):
-    """The same solver in plain units."""
-    return solved(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
+    """Return the history of the same solver in plain units."""
+    return solve_plain(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
 
 
 def same_bits(length):
@@ -67,7 +66,7 @@ def same_answer(length):
         apart = np.abs(history.displacement / length - before.displacement).max() / np.abs(before.displacement).max()
         if "Newton" in history.solver and apart > max(1e-9, 100 * before.certificate_floor.max()):
             return f"displacements differ by {apart:.1e}"
-        # A first-order method counts in checks of 25 and feels the units within a power of two.
+        # OSQP checks its residuals every 25 iterations, and units change them within a power of two.
         if "OSQP" not in history.solver and np.abs(history.iterations - before.iterations).max() > 1:
             return f"iterations {history.iterations} and {before.iterations}"
         if "Newton" in history.solver and (history.contact.sticking != before.contact.sticking).any():

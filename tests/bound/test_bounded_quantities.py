@@ -201,14 +201,14 @@ def test_error_bars_close_around_the_closed_form():
     """The problem file: of mesh and steps, its exact solution between them."""
     history = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(2))
     exact = guaranteed_bounds.exact()
-    energies, means = guaranteed_bounds.closing(history, (2, 4))
+    energies, means = guaranteed_bounds.intervals_over_meshes(history, (2, 4))
     for intervals, value in ((energies, exact[0]), (means, exact[1])):
         low, high = intervals.T
         assert (low <= value).all()
         assert (value <= high).all()
     assert np.ptp(energies[1]) < 0.7 * np.ptp(energies[0])
     assert np.ptp(means[1]) < 0.7 * np.ptp(means[0])
-    bounds = guaranteed_bounds.over_steps(4, (5, 17))
+    bounds = guaranteed_bounds.bounds_over_steps(4, (5, 17))
     assert bounds[1] < 0.8 * bounds[0]
     # In proportion steps lose nothing, and the bound knows it.
     once = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(1))

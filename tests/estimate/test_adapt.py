@@ -235,13 +235,13 @@ def test_adaptive_meshes_pay():
     """What `problems/adaptive_meshes.py` shows, on meshes of half its sizes and with its own reference."""
     import adaptive_meshes
 
-    paper, bracket = adaptive_meshes.studies((16, 32, 64, 128))
+    paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
     # N^-1/2 is what refinement by errors promises in the limit. Before it errors may fall faster, as singular points
     # that coarse meshes hardly see are resolved: -.551 here.
-    assert adaptive_meshes.slope(adapted) <= -0.45
-    assert adaptive_meshes.slope(equal) > -0.47
+    assert adaptive_meshes.fit_slope(adapted) <= -0.45
+    assert adaptive_meshes.fit_slope(equal) > -0.47
     # The gain grows as errors fall: a fifth here, .15 at twice the size.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from plate_with_hole import polar
 
 JOINT = "lower|upper"
 STEEL = vx.Elasticity(10.0, 0.3)
@@ -78,8 +77,7 @@ def test_pressure_across_a_curve_counts_on_its_chords():
     """Uniform pressure leaves no residual but for the mean normals at the ends of chords, by their angle's square."""
     found = []
     for sides in (16, 32):
-        angles = np.linspace(0, 2 * np.pi, sides + 1)
-        disc, ring = polar(np.array([0.5, 2.0]), angles, centre=True), polar(np.array([2.0, 3.0]), angles)
+        disc, ring = vx.meshes.ring([0.0, 0.5, 2.0], sides), vx.meshes.ring([2.0, 3.0], sides)
         scene = vx.Scene(
             vx.Elasticity(1.0, 0.3),
             vx.PrescribedDisplacement(lambda x, t: -0.01 * t * x, on="b.outer"),

@@ -9,7 +9,6 @@ import pytest
 from scenes import cyclic, mostly_long, paper_scene, small
 
 import vemcvx as vx
-from problem_pictures import body_and_graph
 from vemcvx.base.canvas import blend_colours, new_figure
 from vemcvx.plots import (
     along_contact,
@@ -362,7 +361,8 @@ def test_pictures_say_what_they_miss(history, loose, tmp_path):
 
 @pytest.mark.long
 def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
-    figure, graph = body_and_graph(history, step=9, stress="xy", mirrors=[(-1, 1)])
+    figure = new_figure()
+    stressed_body(history, 9, ax=figure.subplots(1, 2)[0], stress="xy", mirrors=[(-1, 1)])
     body, (row, contact) = figure.axes[0], (history.row(9), history.contact)
     cells, image, *arrows = body.collections
     assert np.array_equal(cells.get_array(), history.stress(9)[:, 2])
@@ -375,7 +375,6 @@ def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     assert len(drawn) == len(force)
     assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale
     assert f"at most {np.linalg.norm(force, axis=1).max():.3g}" in body.get_title()
-    assert graph in figure.axes
     # What sticks has thick arrows, what slips thin ones.
     sticks = contact.sticking[row]
     assert [len(some.U) for some in arrows] == [sticks.sum(), (~sticks).sum()]

@@ -21,14 +21,14 @@ FORCE = lesson.course(lesson.TURNS, 0.25)
 
 @pytest.fixture(scope="module", params=SOLVERS, ids=lambda solver: solver.name)
 def marched(request):
-    system = lesson.elastoplastic(lesson.three_bars(), lesson.downwards(FORCE))
+    system = lesson.pose_truss(lesson.three_bars(), lesson.load_down(FORCE))
     return system, lesson.march(system, FORCE, request.param)
 
 
 @pytest.mark.long
 def test_three_bars_follow_their_closed_form(marched):
     system, trajectory = marched
-    state, sigma, multipliers = lesson.three_bars_in_closed_form(FORCE)
+    state, sigma, multipliers = lesson.three_bars_exactly(FORCE)
     allowed = bounds(system, trajectory)
     assert (np.abs(trajectory.state - state) <= allowed.state).all()
     assert (np.abs(admissible(system, trajectory)[:, :, 0] - multipliers) <= allowed.multipliers).all()
@@ -42,7 +42,7 @@ def test_three_bars_follow_their_closed_form(marched):
 @pytest.mark.long
 def test_dissipation_and_energy(marched):
     system, trajectory = marched
-    state, sigma, _ = lesson.three_bars_in_closed_form(FORCE)
+    state, sigma, _ = lesson.three_bars_exactly(FORCE)
     volume = lesson.three_bars().lengths
     allowed = bounds(system, trajectory)
     loss = np.append(0.0, np.cumsum(lesson.YIELD * np.abs(np.diff(state[:, 2:], axis=0)) @ volume))
@@ -54,7 +54,7 @@ def test_dissipation_and_energy(marched):
 
 def test_the_closed_form_is_in_balance():
     """Forces balance on the node at all instants, and no bar is beyond its yield surface."""
-    _, sigma, multipliers = lesson.three_bars_in_closed_form(FORCE)
+    _, sigma, multipliers = lesson.three_bars_exactly(FORCE)
     assert np.abs(sigma @ [1, lesson.COSINE, lesson.COSINE] - FORCE).max() < 1e-13
     assert np.abs(multipliers).max() <= (lesson.YIELD / lesson.COSINE) * (1 + 1e-13)
     assert np.abs(multipliers).max(axis=0) == pytest.approx(lesson.three_bars().lengths, rel=1e-13)
@@ -68,10 +68,10 @@ def test_bars_yield_where_the_formulas_say_and_leave_stress():
         (1.001 * second, [True, True]),
     ):
         F = np.array([0.0, force, 0.0])
-        trajectory = lesson.march(lesson.elastoplastic(lesson.three_bars(), lesson.downwards(F)), F)
+        trajectory = lesson.march(lesson.pose_truss(lesson.three_bars(), lesson.load_down(F)), F)
         assert (~trajectory.sticking[1, :2]).tolist() == flowing
     F = np.array([0.0, 0.5 * (first + second), 0.0])
-    trajectory = lesson.march(lesson.elastoplastic(lesson.three_bars(), lesson.downwards(F)), F)
+    trajectory = lesson.march(lesson.pose_truss(lesson.three_bars(), lesson.load_down(F)), F)
     left = lesson.stresses(lesson.three_bars(), trajectory.state)[-1]
     assert left[0] < -1e-3
     assert left[0] + 2 * lesson.COSINE * left[1] == pytest.approx(0.0, abs=1e-13)
@@ -84,7 +84,7 @@ def test_one_bar_shows_the_bauschinger_effect(solver):
     peak, reverse = 1.5, 1.5 - 2 * lesson.YIELD
     F = np.array([0.0, peak, 0.0, reverse + 0.01, reverse - 0.01])
     force = F[:, None] * np.eye(4)[2]
-    system = lesson.elastoplastic(bar, force)
+    system = lesson.pose_truss(bar, force)
     trajectory = lesson.march(system, F, solver)
     p = lesson.play(lesson.YIELD, F)[:, 0] / lesson.HARDENING
     assert (np.abs(trajectory.state[:, 1] - p) <= bounds(system, trajectory).state[:, 1]).all()
@@ -98,7 +98,7 @@ def test_one_bar_shows_the_bauschinger_effect(solver):
 @pytest.mark.long
 def test_the_girder_by_all_solvers():
     F, truss = lesson.course((0, 0.25, -0.25, 0.25), 0.05), lesson.girder()
-    system = lesson.elastoplastic(truss, lesson.at_its_end(truss, F))
+    system = lesson.pose_truss(truss, lesson.load_end(truss, F))
     marches = [lesson.march(system, F, solver) for solver in SOLVERS]
     newton = marches[0]
     for trajectory in marches:

@@ -16,7 +16,7 @@ import vemcvx as vx
 PROBLEMS = Path(__file__).parents[2] / "problems"
 
 import hard_cases  # noqa: E402
-from hard.case import Case, Finding, Setting, disagreement, run  # noqa: E402
+from hard.case import Case, Finding, Setting, compare_findings, run  # noqa: E402
 from hard.ground import block  # noqa: E402
 
 IDS = [f"{subject}: {case.name}" for subject, case in hard_cases.CASES]
@@ -87,7 +87,7 @@ def test_solved_but_wrong_is_noticed():
     findings = run(case)
     shifted = vx.simulate(block(bound=3.9), mesh, times, solver=vx.Clarabel())
     wrong = Finding("Clarabel", "answer", allowed=1e-6, history=shifted)
-    assert "differs from Newton by" in disagreement(case.make(), findings[0], wrong)
+    assert "differs from Newton by" in compare_findings(case.make(), findings[0], wrong)
 
 
 @pytest.mark.slow

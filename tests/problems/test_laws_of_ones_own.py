@@ -33,7 +33,7 @@ def test_slip_weakening_follows_its_closed_form(family):
     mesh, times = weakening.mesh(3, family), weakening.times(20)
     history = vx.simulate(weakening.scene(), mesh, times, solver=vx.Newton(1e-9))
     assert history.certificate_kind == "for the given friction"
-    q, a = weakening.closed_form(times)
+    q, a = weakening.exact_solution(times)
     slip, force = allowed(history, weakening.scene(), rho=0.5)
     assert slip < 1e-3 * np.abs(a).max()
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < slip
@@ -52,7 +52,7 @@ def test_glue_that_softens_follows_its_closed_form(solver):
     mesh, times = glued.mesh(2, "hexagons"), glued.times(24)
     history = vx.simulate(glued.scene(), mesh, times, solver=solver)
     assert history.certificate_kind == "for the given friction"
-    contact, (sigma, a) = history.contact, glued.closed_form(times)
+    contact, (sigma, a) = history.contact, glued.exact_solution(times)
     apart = history.displacement[:, contact.partners, 1] - history.displacement[:, contact.nodes, 1]
     gap, force = allowed(history, glued.scene(), glued.COMPLIANCE * glued.STRENGTH / glued.WAY)
     assert gap < 1e-2 * a.max()
@@ -174,7 +174,7 @@ def test_glue_in_space_follows_its_closed_form(solver):
     times = glued.times(24)
     history = vx.simulate(scene, mesh, times, solver=solver)
     assert history.certificate_kind == "for the given friction"
-    contact, (sigma, a) = history.contact, glued.closed_form(times)
+    contact, (sigma, a) = history.contact, glued.exact_solution(times)
     apart = history.displacement[:, contact.partners, 2] - history.displacement[:, contact.nodes, 2]
     assert np.abs(apart - a[:, None]).max() < 1e-8 * a.max()
     assert np.abs(contact.pressure + sigma[:, None]).max() < 1e-8

@@ -24,14 +24,14 @@ TIMES = np.arange(float(len(lesson.EDGE_PULL)))
 
 
 def against_closed_form(mesh, solver):
-    posed = lesson.strip(mesh, lesson.EDGE_PULL)
+    posed = lesson.pose_strip(mesh, lesson.EDGE_PULL)
     trajectory = vx.march(posed.system, TIMES, solver=solver)
-    a, friction = lesson.strip_in_closed_form(lesson.EDGE_PULL)
+    a, friction = lesson.strip_exactly(lesson.EDGE_PULL)
     u = a[:, None] * (1 - mesh.points[posed.free, 1] / lesson.HEIGHT)
     allowed = bounds(posed.system, trajectory)
     lam = admissible(posed.system, trajectory)[:, :, 0]
     assert (np.abs(trajectory.state - u) <= allowed.state).all()
-    assert (np.abs(lam - friction[:, None] * posed.shares) <= allowed.multipliers).all()
+    assert (np.abs(lam - friction[:, None] * posed.measures) <= allowed.multipliers).all()
     loss = lesson.BOUND * lesson.LENGTH * np.append(0.0, np.cumsum(np.abs(np.diff(a))))
     energy = 0.5 * a**2 * lesson.LENGTH / lesson.HEIGHT
     assert (np.abs(trajectory.dissipated - loss) <= allowed.dissipated).all()
@@ -64,10 +64,10 @@ def test_stiffness_and_shares(family):
     mesh = vx.meshes.FAMILIES[family](4, box=BOX)
     K = lesson.scalar_stiffness(mesh)
     area, x = lesson.LENGTH * lesson.HEIGHT, mesh.points[:, 0]
-    flux = lesson.edge_shares(mesh, "right") - lesson.edge_shares(mesh, "left")
+    flux = lesson.node_lengths(mesh, "right") - lesson.node_lengths(mesh, "left")
     assert np.abs(K @ x - flux).max() < 1e-13
     assert x @ K @ x == pytest.approx(area, rel=1e-13)
-    assert lesson.cell_shares(mesh).sum() == pytest.approx(area, rel=1e-13)
+    assert lesson.node_areas(mesh).sum() == pytest.approx(area, rel=1e-13)
     eigenvalues = np.linalg.eigvalsh(K.toarray())
     # Constants, and nothing else, have no energy.
     assert eigenvalues[0] == pytest.approx(0.0, abs=1e-12)
@@ -78,7 +78,7 @@ def test_the_closed_form_on_the_table_is_a_sum_of_plays():
     """T = play_{g x}(q) and u = int T, against the formulas at the turning points."""
     x = np.linspace(0, lesson.LENGTH, 2001)
     pull = lesson.course(lesson.TURNS, 0.25)
-    u, friction = lesson.on_table_in_closed_form(x)
+    u, friction = lesson.table_exactly(x)
     at = lesson.turning_instants(pull, lesson.TURNS)
     T = play(lesson.BOUND * x, pull)[at]
     middle = 0.5 * (T[:, 1:] + T[:, :-1])
@@ -98,14 +98,14 @@ def test_first_order_on_the_table():
         posed, trajectory, at = lesson.solve_on_table(mesh)
         errors.append(lesson.energy_error(posed, trajectory, at, mesh.points)[1:].max())
         sizes.append(mesh.h)
-        _, friction = lesson.on_table_in_closed_form(mesh.points[posed.rough, 0])
+        _, friction = lesson.table_exactly(mesh.points[posed.rough, 0])
         lam = trajectory.multipliers[at][:, :, 0]
-        away = lesson.BOUND * posed.shares
+        away = lesson.BOUND * posed.measures
         assert (np.abs(lam) <= away * (1 + 1e-12)).all()
         # Friction differs from g, -g and 0 in bands around the two ends of the zones; it jumps by 3 g there.
-        misplaced = np.abs(lam - friction * posed.shares).sum(axis=1)
+        misplaced = np.abs(lam - friction * posed.measures).sum(axis=1)
         assert (misplaced[1:] <= 3 * lesson.BOUND * lesson.HEIGHT * mesh.h).all()
-        lost = lesson.lost_on_table()
+        lost = lesson.table_dissipation()
         assert np.abs(trajectory.dissipated[at] - lost).max() < lost[-1] * mesh.h**2
     rates = np.diff(np.log(errors)) / np.diff(np.log(sizes))
     assert rates[-1] > 0.9
@@ -135,5 +135,5 @@ def test_interior_points_keep_their_digits_where_terms_slip():
 
 def test_the_loss_of_a_closed_loop():
     """dq^3 / 12 g per unit width."""
-    lost = lesson.lost_on_table((0, 1.5, -1.5, 1.5))
+    lost = lesson.table_dissipation((0, 1.5, -1.5, 1.5))
     assert lost[-1] - lost[1] == pytest.approx(lesson.HEIGHT * 3**3 / (12 * lesson.BOUND), rel=1e-14)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import re
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -50,7 +52,9 @@ VIEWED = (
     "lug_and_pin",
     "tubes_shrunk_on",
 )
-"""Bodies in space that PyVista draws."""
+"""Problems whose bodies in space PyVista draws."""
+ALONE = ("feng_han_huang", "liner_in_housing")
+"""Problems that run alone in the default tests."""
 
 
 @pytest.mark.long
@@ -80,7 +84,7 @@ def test_every_effect_has_a_problem_that_shows_it():
 
 @pytest.mark.long
 def test_pictures_are_small_altogether():
-    drawn = [ROOT / "problems" / "pictures" / f"{name}.png" for name in (*gallery.problem_files(), *gallery.LESSONS)]
+    drawn = [ROOT / "problems" / "pictures" / f"{name}.png" for name in (*gallery.problem_files(), *gallery.PROGRAMS)]
     assert sum(path.stat().st_size for path in drawn) < 4_500_000
 
 
@@ -105,10 +109,23 @@ def test_the_page_shows_every_picture_of_a_problem():
         assert f"(../{name}.py): {gallery.title(name)}\n" in page
 
 
-@pytest.mark.long
-def test_problem_files_may_import_those_beside_them():
-    """`vemcvx run` in a process of its own, as pytest's sys.path would hide what is missing."""
-    options = ["run", ROOT / "problems" / "liner_in_housing.py", "--n", "3", "--steps", "2"]
-    run = subprocess.run([sys.executable, "-m", "vemcvx", *options], capture_output=True, text=True, cwd=ROOT)
+@pytest.mark.parametrize("name", gallery.problem_files())
+def test_a_problem_file_imports_nothing_of_its_folder(name):
+    tree = ast.parse((ROOT / "problems" / f"{name}.py").read_text())
+    modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    modules |= {one.name for node in ast.walk(tree) if isinstance(node, ast.Import) for one in node.names}
+    assert {module.partition(".")[0] for module in modules} <= {"numpy", "scipy", "vemcvx", "matplotlib", "dataclasses"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in ALONE else pytest.mark.long) for name in gallery.problem_files()]
+)
+def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
+    """In a process of its own, because pytest's sys.path has the folder of problems."""
+    shutil.copy(ROOT / "problems" / f"{name}.py", tmp_path)
+    problem = import_module(name)
+    steps = ["--steps", "2"] if hasattr(problem, "times") else []
+    options = ["run", f"{name}.py", "--n", str(problem.SMALL["n"]), *steps, "--accuracy", "1e-5"]
+    run = subprocess.run([sys.executable, "-m", "vemcvx", *options], capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith("liner_in_housing: A tube under pressure")
+    assert run.stdout.startswith(f"{name}: {gallery.title(name).removesuffix('.')[:40]}")

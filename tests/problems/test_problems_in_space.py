@@ -43,7 +43,7 @@ def test_circular_hysteresis_is_exact_step_by_step(family):
     history = simulated(circles, 2, 30, family, {"steps": 30}, accuracy=1e-11)
     exact = circles.exact(history.mesh.points, history.times)
     assert np.abs(history.displacement - exact).max() < FLOOR * np.abs(exact).max()
-    gamma, a = circles.closed_form(history.times)
+    gamma, a = circles.exact_solution(history.times)
     area = history.contact.friction_lengths[:, None]
     force = history.contact.traction[..., :2] * area
     assert np.abs(force + circles.MU * gamma[:, None] * area).max() < FLOOR * circles.BOUND * area.max()
@@ -55,10 +55,10 @@ def test_a_turn_dissipates_what_the_closed_form_says():
     """Of the play operator itself, once it goes in circles; in many steps as in steps without end, to first order."""
     for steps in (20, 80):
         instants = np.linspace(0.0, 9.0, 9 * steps + 1)
-        a = circles.closed_form(instants)[1][-steps - 1 :]
+        a = circles.exact_solution(instants)[1][-steps - 1 :]
         way = np.linalg.norm(np.diff(a, axis=0), axis=1).sum()
-        assert 2.0 * circles.BOUND * way == pytest.approx(circles.dissipated_in_a_turn(steps), rel=1e-9)
-    off = [1 - circles.dissipated_in_a_turn(steps) / circles.dissipated_in_a_turn() for steps in (80, 160)]
+        assert 2.0 * circles.BOUND * way == pytest.approx(circles.turn_dissipation(steps), rel=1e-9)
+    off = [1 - circles.turn_dissipation(steps) / circles.turn_dissipation() for steps in (80, 160)]
     assert 1.9 < off[0] / off[1] < 2.1
 
 
@@ -98,7 +98,7 @@ def test_the_friction_of_the_block_turns():
 def test_friction_opposes_the_motion_along_a_curve():
     """Of each node it opposes U_n - U_{n-1} less the change of its lag behind the plate."""
     history = simulated(curve, 1, 32)
-    contact, force = history.contact, curve.computed(history)[1:]
+    contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
     moved = np.diff(curve.top(history.times), axis=0)
     lag = curve.top(history.times)[:, None] - contact.slip[..., :2]
@@ -156,10 +156,10 @@ def test_a_flange_unscrews_when_its_base_shakes(n):
     applied = -held - friction
     assert np.ptp(applied) < 1e-7 * np.abs(applied).max()
     # The torque of the load on the polygons in place of the circles.
-    assert applied[0] == pytest.approx(0.75 * flange.BEARS, rel=(np.pi / (16 * n)) ** 2)
-    assert np.all(np.abs(friction) <= flange.BEARS * 1.05)
+    assert applied[0] == pytest.approx(0.75 * flange.FRICTION_TORQUE, rel=(np.pi / (16 * n)) ** 2)
+    assert np.all(np.abs(friction) <= flange.FRICTION_TORQUE * 1.05)
     turned = flange.angle(history)[:: flange.STEPS]
-    final = 0.75 * flange.BEARS / (flange.SPRINGS * flange.SECOND_MOMENT)
+    final = 0.75 * flange.FRICTION_TORQUE / (flange.SPRINGS * flange.SECOND_MOMENT)
     assert np.all(np.diff(turned) > 0)
     assert 0.85 < turned[-1] / final < 1
 
@@ -167,7 +167,7 @@ def test_a_flange_unscrews_when_its_base_shakes(n):
 @pytest.mark.long
 def test_a_flange_at_rest_holds_its_torque():
     history = simulated(flange, 1, 4, parameters={"shaking": 0.0})
-    final = 0.75 * flange.BEARS / (flange.SPRINGS * flange.SECOND_MOMENT)
+    final = 0.75 * flange.FRICTION_TORQUE / (flange.SPRINGS * flange.SECOND_MOMENT)
     assert flange.angle(history)[-1] < 0.1 * final
     assert np.ptp(flange.angle(history)) < 1e-6 * final
 
@@ -225,7 +225,7 @@ def test_the_picture_of_the_sphere_shows_the_friction_of_cattaneo_and_mindlin():
 def test_a_skew_joint_is_a_friction_spring(family):
     """Forces balance to rounding; where all of the joint slides, springs bear what the closed form says."""
     history = simulated(skew, skew.SMALL["n"] if family == "cubes" else 2, skew.SMALL["steps"], family)
-    contact, known, found = history.contact, skew.closed_form(history.times), skew.springs(history)
+    contact, known, found = history.contact, skew.exact_solution(history.times), skew.springs(history)
     assert (contact.partners >= 0).all()
     assert np.abs(skew.forces(history)[:, 2] + skew.load(history.times)).max() < 1e-12
     # Where stiff blocks just stick, elastic ones may slip at all nodes, by little and in directions of their own.
@@ -297,7 +297,7 @@ def test_a_dovetail_is_held_between_the_lines_of_full_slip(slant):
 def test_a_bolted_lap_joint_slips_at_mu_times_what_presses_it(friction):
     """Friction turns into the pull as places slip: by a factor of seven a step, as they do here."""
     history = vx.simulate(lap_joint.scene(friction), lap_joint.mesh(2), lap_joint.times(20), solver=vx.Newton(1e-7))
-    lap, heads, walls = lap_joint.on_the_upper_plate(history)
+    lap, heads, walls = lap_joint.forces_on_upper_plate(history)
     contact, pull, t = history.contact, history.reaction("upper.right"), history.times
     nuts = contact.points[:, 2] < -0.9 * lap_joint.THICK
     tension = contact.pressure[:, nuts] @ contact.lengths[nuts]
@@ -309,7 +309,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_what_presses_it(friction):
     assert tension[:5] == pytest.approx(t[:5] * tension[4], rel=1e-2)
     bound, bears = friction * lap[:, 2], walls[:, 0] < 0
     assert (np.hypot(lap[:, 0], lap[:, 1]) <= bound * (1 + 1e-6)).all()
-    full, way = -lap[:, 0] > 0.99 * bound, lap_joint.PULLED * (t - 1.0)
+    full, way = -lap[:, 0] > 0.99 * bound, lap_joint.PULL * (t - 1.0)
     slides = np.flatnonzero(full & ~bears & (t > 1.0))
     assert np.abs(-lap[slides[-1], 0] / bound[slides[-1]] - 1) < 1e-8
     assert pull[slides[2:-1], 0] == pytest.approx(pull[slides[-1], 0], rel=1e-4)
@@ -333,9 +333,9 @@ def test_the_field_at_the_edge_leaves_the_inner_sides_free():
 @pytest.mark.parametrize(("n", "target"), [(16, 0.2), pytest.param(24, 0.17, marks=pytest.mark.slow)])
 def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
     """Of equal cubes whose true error is the same or larger."""
-    found = bracket.adaptive(target)
+    found = bracket.adapt(target)
     equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
-    assert bracket.error(found) < min(target, bracket.error(equal))
+    assert bracket.relative_error(found) < min(target, bracket.relative_error(equal))
     assert found.mesh.n_nodes < 0.33 * equal.mesh.n_nodes
 
 
@@ -346,7 +346,7 @@ def test_two_balls_press_as_hertz_says(n, upper, highest):
     """Radius and peak of the half-ellipsoid within three per cent; nodal pressures alternate where meshes differ."""
     history = small_run(balls, balls.mesh(n, upper=upper))
     radius, peak = balls.hertz(balls.force(history)[-1])
-    found = balls.measured(history)
+    found = balls.measure(history)
     assert found[0] == pytest.approx(radius, rel=0.03)
     assert found[1] == pytest.approx(peak, rel=0.03)
     assert history.contact.pressure[-1].max() == pytest.approx(peak, rel=highest)
@@ -360,7 +360,7 @@ def test_tubes_that_are_shrunk_on_press_as_lame_says():
     assert history.contact.pressure[-1] == pytest.approx(tubes.pressure(), rel=0.04)
     assert history.contact.pressure_recovered[-1] == pytest.approx(tubes.pressure(), rel=0.01)
     mesh = history.mesh
-    for tube, strain in zip(("inner", "outer"), tubes.lengthwise(), strict=True):
+    for tube, strain in zip(("inner", "outer"), tubes.axial_strains(), strict=True):
         nodes = Space(mesh).part(f"{tube}.top", "top").nodes
         grown = history.displacement[-1, nodes, 2]
         assert (mesh.points[nodes, 2] == tubes.LENGTH).all()

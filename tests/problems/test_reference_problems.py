@@ -29,8 +29,8 @@ def test_a_block_pushed_uphill(polish, family):
     slides = ~history.contact.sticking.any(axis=1)
     assert slides[-1]
     # The certificate bounds energies; reactions follow them loosely.
-    assert ratio[slides] == pytest.approx(incline.impending(), rel=1e-5 if polish else 1e-6)
-    assert incline.impending() == pytest.approx(0.412371, abs=5e-7)
+    assert ratio[slides] == pytest.approx(incline.critical_ratio(), rel=1e-5 if polish else 1e-6)
+    assert incline.critical_ratio() == pytest.approx(0.412371, abs=5e-7)
     assert (np.diff(ratio) > -1e-6).all()
     contact = history.contact
     law = np.linalg.norm(contact.traction[-1], axis=1) - incline.FRICTION * contact.pressure[-1]
@@ -47,7 +47,7 @@ def test_hertz(solver):
     contact = history.contact
     for step in range(1, 4):
         P = 2 * history.force("bottom")[step][1]
-        half_width, peak = hertz.fitted(contact.points[:, 0], contact.pressure[step])
+        half_width, peak = hertz.fit_half_ellipse(contact.points[:, 0], contact.pressure[step])
         a = np.sqrt(4 * P * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
         if step == 3:
             assert half_width == pytest.approx(a, rel=0.02)
@@ -65,7 +65,7 @@ def test_cattaneo_and_mindlin(drag):
     """The stick half-width within three per cent of sqrt(1 - Q / mu P), for little and for much drag."""
     history = vx.simulate(cattaneo_mindlin.scene(drag=drag), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8))
     Q, P = np.abs(history.force("bottom")[-1])
-    a, _ = hertz.fitted(history.contact.points[:, 0], history.contact.pressure[-1])
+    a, _ = hertz.fit_half_ellipse(history.contact.points[:, 0], history.contact.pressure[-1])
     stuck, _ = cattaneo_mindlin.stick_half_width(history)
     assert stuck / a == pytest.approx(np.sqrt(1 - Q / (cattaneo_mindlin.FRICTION * P)), rel=0.03)
     assert history.certificate.max() < 1e-8
@@ -92,7 +92,9 @@ def test_creep():
     free = vx.simulate(creep.scene(bound=0.0), creep.mesh(3), times)
     elastic = creep.PULL * (1 - creep.POISSON**2) / creep.YOUNG * 4.0
     end = free.mesh.points[:, 0] == 4.0
-    assert free.displacement[:, end, 0].mean(axis=1) == pytest.approx(creep.share(times) * elastic, rel=1e-9, abs=1e-15)
+    assert free.displacement[:, end, 0].mean(axis=1) == pytest.approx(
+        creep.creep_fraction(times) * elastic, rel=1e-9, abs=1e-15
+    )
     held = vx.simulate(creep.scene(), creep.mesh(3), times)
     assert held.displacement[-1, end, 0].mean() < 0.8 * elastic
     assert (np.diff(held.dissipated) > 0).all()

@@ -42,7 +42,7 @@ def returned():
     """The condensed step with degenerate terms by Clarabel, asked for 1e-10, without and with an active-set step."""
     exact = study.reference("return", "condensed", 16)
     return [
-        study.measured(exact, name, study.solvers()[name](accuracy=1e-10), 1)
+        study.measure(exact, name, study.solvers()[name](accuracy=1e-10), 1)
         for name in ("Clarabel", "Clarabel, polished")
     ]
 
@@ -63,18 +63,18 @@ def test_the_true_error_is_that_of_whole_simulations(rows):
         for solver in (vx.Newton(accuracy=1e-15), vx.Clarabel(accuracy=1e-2))
     ]
     apart = ends[0].state[-1] - ends[1].state[-1]
-    own = study.length(exact.system.K, ends[0].state[-1] - exact.answer.full)
-    assert own <= 4 * study.bound(exact.answer)
-    claimed = np.sqrt(2 * ends[1].gap).sum() + np.sqrt(2 * ends[1].floor).sum() + study.bound(exact.answer)
-    assert 0 < study.length(exact.system.K, apart) <= claimed
+    own = study.energy_norm(exact.system.K, ends[0].state[-1] - exact.answer.full)
+    assert own <= 4 * study.error_bound(exact.answer)
+    claimed = np.sqrt(2 * ends[1].gap).sum() + np.sqrt(2 * ends[1].floor).sum() + study.error_bound(exact.answer)
+    assert 0 < study.energy_norm(exact.system.K, apart) <= claimed
 
 
 def test_a_broken_bound_is_printed_and_fails(returned, monkeypatch, capsys):
     worst = max(returned, key=lambda row: row.true)
     liar = replace(worst, certified=0.1 * worst.true)
     assert not liar.kept
-    assert "WRONG: true error above bound" in study.printed([liar])
-    monkeypatch.setattr(study, "loops", lambda: "")
+    assert "WRONG: true error above bound" in study.format_rows([liar])
+    monkeypatch.setattr(study, "run_loops", lambda: "")
     for told, code in (([worst], 0), ([worst, liar], 1)):
         monkeypatch.setattr(study, "sweep", lambda *_, told=told, **__: told)
         monkeypatch.setattr(sys, "argv", ["solver_accuracy.py"])
@@ -85,7 +85,7 @@ def test_a_broken_bound_is_printed_and_fails(returned, monkeypatch, capsys):
 @pytest.mark.long
 def test_the_chain_marches_through_degenerate_steps():
     """Certified as it is printed; and the active-set step takes Clarabel from there to rounding."""
-    lines = {line[:20].strip(): line[20:].split() for line in study.loops(asked=(1e-6,)).splitlines()[1:]}
+    lines = {line[:20].strip(): line[20:].split() for line in study.run_loops(asked=(1e-6,)).splitlines()[1:]}
     assert set(lines) == set(study.OURS)
     for name in ("Clarabel", "OSQP"):
         certified, all_steps, true = map(float, lines[name][1:4])

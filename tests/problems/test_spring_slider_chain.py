@@ -33,7 +33,7 @@ def test_plays_compose_and_stay_within_reach():
 @pytest.mark.long
 def test_the_chain_adds_up_plays(marched):
     system, trajectory = marched
-    u, friction = lesson.chain_in_closed_form(FORCE)
+    u, friction = lesson.chain_exactly(FORCE)
     allowed = bounds(system, trajectory)
     assert (np.abs(trajectory.state - u) <= allowed.state).all()
     assert (np.abs(admissible(system, trajectory)[:, :, 0] - friction) <= allowed.multipliers).all()
@@ -44,7 +44,7 @@ def test_the_chain_adds_up_plays(marched):
 @pytest.mark.long
 def test_loss_and_energy(marched):
     system, trajectory = marched
-    u, _ = lesson.chain_in_closed_form(FORCE)
+    u, _ = lesson.chain_exactly(FORCE)
     allowed = bounds(system, trajectory)
     loss = np.append(0.0, np.cumsum(np.abs(np.diff(u[:, 1:], axis=0)) @ lesson.BOUNDS))
     energy = 0.5 * np.einsum("ni,ni->n", u, (system.K @ u.T).T)
@@ -104,9 +104,9 @@ def test_congruency():
 @pytest.mark.long
 @pytest.mark.parametrize("solver", lesson.SOLVERS, ids=lambda solver: solver.name)
 def test_elements_in_parallel_are_stops_and_invert_the_chain(solver):
-    u, _ = lesson.chain_in_closed_form(FORCE)
+    u, _ = lesson.chain_exactly(FORCE)
     E_0, E, y = lesson.inverse()
-    system = lesson.under_strain(u[:, 0], E, y)
+    system = lesson.pose_under_strain(u[:, 0], E, y)
     trajectory = lesson.march(system, FORCE, solver)
     allowed = bounds(system, trajectory)
     p = lesson.play(y / E, u[:, 0])
@@ -115,7 +115,7 @@ def test_elements_in_parallel_are_stops_and_invert_the_chain(solver):
     assert (np.abs(stops - E * (u[:, :1] - p)) <= allowed.multipliers).all()
     stress = E_0 * u[:, 0] + stops.sum(axis=1)
     assert (np.abs(stress - FORCE) <= allowed.multipliers.sum(axis=1)).all()
-    under_stress = lesson.under_stress(FORCE, E_0, E, y)
+    under_stress = lesson.pose_under_stress(FORCE, E_0, E, y)
     back = lesson.march(under_stress, FORCE, solver)
     limit = bounds(under_stress, back)
     assert (np.abs(back.state - np.column_stack([u[:, 0], p])) <= limit.state).all()

@@ -13,7 +13,7 @@ import pack_of_blocks as pack
 import press_fit as fit
 import two_blocks_in_series as blocks
 import vemcvx as vx
-from hertz_contact import fitted
+from hertz_contact import fit_half_ellipse
 
 FEW_SETS = 20
 """Systems of sets that a step takes at most where each begins on the sets of the one before."""
@@ -24,7 +24,7 @@ def test_two_blocks_make_one_loop(family):
     """Exact on every mesh: friction, slip and loss of the two halves of the loop."""
     mesh, times = blocks.mesh(3, family), blocks.times(20)
     history = vx.simulate(blocks.scene(), mesh, times)
-    contact, (q, a) = history.contact, blocks.closed_form(times)
+    contact, (q, a) = history.contact, blocks.exact_solution(times)
     assert np.abs(contact.traction[:, :, 0] - q[:, None]).max() < 1e-10
     assert np.abs(contact.slip[:, :, 0] + a[:, None]).max() < 1e-10
     # Steps of 1/4 end at the turns t = 1, 3, 5: from the first turn on it is one closed loop.
@@ -38,10 +38,10 @@ def test_a_pack_of_blocks_slides_one_by_one(family):
     """Exact on every mesh: tractions, slips, the force on the plate by Masing's rule, when each begins to slide."""
     mesh, times = pack.mesh(2, family), pack.times(40)
     history = vx.simulate(pack.scene(), mesh, times)
-    contact, (q, a), one = history.contact, pack.closed_form(times), pack.bearing(history.contact.points)
+    contact, (q, a), one = history.contact, pack.exact_solution(times), pack.bearing(history.contact.points)
     assert np.abs(contact.traction[:, :, 0] - q[:, one]).max() < 1e-10
     assert np.abs(contact.slip[:, :, 0] + a[:, one]).max() < 1e-10
-    assert np.abs(pack.pulled(history) - pack.force(times)).max() < 1e-10
+    assert np.abs(pack.plate_force(history) - pack.force(times)).max() < 1e-10
     # None of these instants is that of a start, to rounding.
     first = times <= 1
     assert np.array_equal(contact.sticking[first], pack.plate(times[first])[:, None] < pack.STARTS[one])
@@ -146,9 +146,9 @@ def test_a_pad_brakes_a_disc():
     history = vx.simulate(brake.scene(), brake.mesh(4), brake.times(3 * brake.CYCLE), initial=brake.initial)
     assert history.certificate.max() < 1e-8
     assert history.iterations[1:].max() <= FEW_SETS
-    contact, torque, P = history.contact, brake.torque(history), brake.pressed(history.times)
+    contact, torque, P = history.contact, brake.torque(history), brake.pad_pressure(history.times)
     # Both are known to what forces are certified to, a few digits fewer than energies.
-    near = {"abs": 1e-7 * brake.torque_of_slip(brake.PRESSURE)}
+    near = {"abs": 1e-7 * brake.slip_torque(brake.PRESSURE)}
     rubbed, pushed = contact.traction * contact.friction_lengths[:, None], contact.pressure * contact.lengths
     fx, fy = np.moveaxis(rubbed - pushed[:, :, None] * contact.normals, 2, 0)
     x, y = contact.points.T
@@ -164,7 +164,7 @@ def test_a_pad_brakes_a_disc():
     assert (np.abs(np.abs(torque) - around)[slips] < ends[slips]).all()
     assert (ends < 0.02 * around).all()
     # p of an elastic pad is not quite that of a worn one: 1.1 per cent at most, on this mesh.
-    assert np.abs(torque[slips]) == pytest.approx(brake.torque_of_slip(P[slips]), rel=0.02)
+    assert np.abs(torque[slips]) == pytest.approx(brake.slip_torque(P[slips]), rel=0.02)
     assert (np.diff(history.dissipated) >= 0).all()
     assert (np.diff(contact.wear, axis=0) >= 0).all()
     added = np.diff(contact.wear[:: brake.CYCLE], axis=0)
@@ -179,7 +179,7 @@ def test_two_cylinders_press_as_hertz_says():
     contact, force = history.contact, cylinders.force(history)[-1]
     x, p = contact.points[:, 0], contact.pressure[-1]
     half_width, peak = cylinders.hertz(force)
-    assert fitted(x, p) == pytest.approx((half_width, peak), rel=0.02)
+    assert fit_half_ellipse(x, p) == pytest.approx((half_width, peak), rel=0.02)
     assert p.max() == pytest.approx(peak, rel=0.02)
     # Contact ends within a cell of either mesh.
     assert x[p > 0].max() == pytest.approx(half_width, abs=cylinders.HALF_WIDTH / 12)

@@ -5,7 +5,6 @@ import pytest
 from scenes import mostly_long
 
 import vemcvx as vx
-from plate_with_hole import polar
 from vemcvx.vem import Space
 
 INNER, JOINT, OUTER = 1.0, 1.6, 2.4
@@ -14,7 +13,7 @@ INNER, JOINT, OUTER = 1.0, 1.6, 2.4
 def ring(inside, outside, cells, turn):
     """A ring, or a part of it that ends on the axes."""
     radii = np.geomspace(inside, outside, max(1, round(cells / turn * np.log(outside / inside))) + 1)
-    return polar(radii, np.linspace(0, turn, cells + 1))
+    return vx.meshes.ring(radii, cells, angles=(0.0, turn))
 
 
 def rings(cells, others, turn=2 * np.pi, order=("inner", "outer"), interfaces=None):

@@ -8,7 +8,6 @@ from scenes import mostly_long, moved, rotation
 from tubes import ring
 
 import vemcvx as vx
-from plate_with_hole import polar
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, bodies
 from vemcvx.vem import Space
 
@@ -223,8 +222,7 @@ def test_blocks_meet_at_an_edge_or_a_point(layers, friction):
 
 def turned_in(sides):
     """A ring turned inside another that is held, both with so many sides; only the contact joins them."""
-    angles = np.linspace(0, 2 * np.pi, sides + 1)
-    mesh = bodies({"a": polar(np.array([1.0, 2.0]), angles), "b": polar(np.array([2.0, 3.0]), angles)})
+    mesh = bodies({"a": vx.meshes.ring([1.0, 2.0], sides), "b": vx.meshes.ring([2.0, 3.0], sides)})
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: 0.1 * t * np.column_stack([-x[:, 1], x[:, 0]]), on="a.inner"),
@@ -247,8 +245,7 @@ def test_bodies_slide_along_a_curve_but_not_around_corners():
 
 def test_constant_pressure_passes_a_curve():
     """A disc in a ring, pressed uniformly: as much passes each node as pushes its chords; nothing rubs."""
-    angles = np.linspace(0, 2 * np.pi, 17)
-    disc, rim = polar(np.array([0.5, 2.0]), angles, centre=True), polar(np.array([2.0, 3.0]), angles)
+    disc, rim = vx.meshes.ring([0.0, 0.5, 2.0], 16), vx.meshes.ring([2.0, 3.0], 16)
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: -0.01 * t * x, on="b.outer"),

@@ -8,7 +8,6 @@ from scenes import mostly_long, moved, rotation
 
 import hertz_contact as hertz
 import vemcvx as vx
-from plate_with_hole import polar
 from vemcvx.scene import pose_scene
 
 STEEL = vx.Elasticity(100.0, 0.3)
@@ -92,13 +91,13 @@ def test_half_of_a_block_shows_what_the_whole_shows(contact, holder):
     assert one.pressure[-1].argmax() == 0 or contact != "rigid"
 
 
-def rings(angles, order):
+def rings(sectors, turn, order):
     """Two rings that touch at r = 1.6, one inside the other."""
     radii = {"inner": np.geomspace(1.0, 1.6, 3), "outer": np.geomspace(1.6, 2.4, 3)}
-    mesh = vx.meshes.bodies({name: polar(radii[name], angles) for name in order})
+    mesh = vx.meshes.bodies({name: vx.meshes.ring(radii[name], sectors, angles=(0.0, turn)) for name in order})
     mesh = mesh.with_boundary("bore", lambda x: np.hypot(*x.T) < 1.1)
     mesh = mesh.with_boundary("rim", lambda x: np.hypot(*x.T) > 2.2)
-    return mesh if angles[-1] > 6 else mesh.with_boundary("cut", lambda x: np.abs(x).min(axis=1) < 1e-9)
+    return mesh if turn > 6 else mesh.with_boundary("cut", lambda x: np.abs(x).min(axis=1) < 1e-9)
 
 
 @pytest.mark.long
@@ -117,7 +116,7 @@ def test_a_quarter_of_a_press_fit_shows_no_more_friction_than_the_ring(n, law, o
     whole, quarter = (
         vx.simulate(
             vx.Scene(*effects, *more),
-            rings(np.linspace(0, turn, cells + 1), order),
+            rings(cells, turn, order),
             [0, 0.5, 1],
             solver=vx.Newton(1e-7),
         )
@@ -281,7 +280,7 @@ def test_what_is_held_otherwise_mirrors_nothing(support):
 
 def test_a_partner_that_is_held_altogether_lies_on_every_plane():
     """The end of one ring is clamped, that of the other on a plane of symmetry: the normals are along the axes."""
-    mesh = rings(np.linspace(0, np.pi / 2, 5), ("inner", "outer"))
+    mesh = rings(4, np.pi / 2, ("inner", "outer"))
     mesh = mesh.with_boundary("of inner", lambda x: (np.abs(x).min(axis=1) < 1e-9) & (np.hypot(*x.T) < 1.6))
     mesh = mesh.with_boundary("of outer", lambda x: (np.abs(x).min(axis=1) < 1e-9) & (np.hypot(*x.T) > 1.6))
     for clamped, slides in (("of inner", "of outer"), ("of outer", "of inner")):

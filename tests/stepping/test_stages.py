@@ -63,7 +63,7 @@ def test_a_law_of_slip_reads_the_way_of_both_stages():
     scene, mesh, times = weak.scene(), weak.mesh(3), weak.times(40)
     first = vx.simulate(scene, mesh, times[:17])
     second = vx.simulate(scene, mesh, times[16:], initial=first)
-    q, _ = weak.closed_form(times)
+    q, _ = weak.exact_solution(times)
     moved = -second.contact.traction[1:, :, 0]
     np.testing.assert_allclose(np.abs(moved), np.abs(q[17:])[:, None] * np.ones(moved.shape[1]), rtol=1e-6)
 
@@ -110,7 +110,7 @@ def test_stages_joined_are_one_run_in_closed_form(tmp_path):
     mesh, ((press, before), (shear, after)) = pressed.mesh(2), pressed.stages()
     first = vx.simulate(press, mesh, before)
     second = vx.simulate(shear, mesh, after, initial=first)
-    both, (gamma, a) = vx.joined([first, second]), pressed.closed_form()
+    both, (gamma, a) = vx.joined([first, second]), pressed.exact_solution()
     assert both.times.tolist() == [*before, *after[1:]]
     assert both.stored.tolist() == list(range(len(both.times)))
     y, begun = mesh.points[:, 1], len(before) - 1

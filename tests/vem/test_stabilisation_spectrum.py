@@ -73,7 +73,7 @@ def test_triangles_need_none():
 def test_short_edges_cost_a_logarithm():
     """1 / (least ratio) grows by the same amount a decade; the greatest ratio stays."""
     ratios = [1e-2, 1e-3, 1e-4, 1e-5]
-    found = np.array([lesson.spectrum(lesson.cut_corner(ratio)) for ratio in ratios])
+    found = np.array([lesson.spectrum(lesson.square_without_corner(ratio)) for ratio in ratios])
     growth = np.diff(1 / found[:, 0])
     assert growth == pytest.approx(growth.mean(), rel=0.15)
     assert found[:, 1].max() < 3

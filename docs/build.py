@@ -84,7 +84,7 @@ def run_code(sources: Path, folder: Path) -> None:
         page = sources / "_static" / "live" / f"{name}.html"
         if not page.is_file():
             command = [sys.executable, "-m", "vemcvx", "app", name, "--step", str(LIVE[name]), "--html", str(page)]
-            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            subprocess.run(command, check=True, capture_output=True)
             report(f"wrote the live page of {name}")
 
     cache, uris = get_cache(folder), []

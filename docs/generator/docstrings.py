@@ -15,7 +15,7 @@ PIECE = re.compile(
     r"(?P<verbatim>``[^`]+``|::\n(?:\n+ +.*)+(?:\n(?: .*)?)*|^ *>>> (?:.*\n)+?(?=\s*(?:\n|\Z)))"
     r"|(?:^(?P<indent> *))?\$\$(?P<display>[^$]+)\$\$|\$(?P<formula>[^$]+)\$"
     r"|(?P<role>:(?:\w+:)+)?`[~.]*(?P<name>[^`]+)`"
-    r"|(?P<mark>\||(?<=\w)_(?!\w)|(?<![\w*])\*\*(?=\w)(?!.*\w[.:]?\*\*))",
+    r"|(?P<mark>\||(?<= )\.(?= )|(?<=\w)_(?!\w)|(?<![\w*])\*\*(?=\w)(?!.*\w[.:]?\*\*))",
     re.MULTILINE,
 )
 
@@ -35,7 +35,7 @@ def _translate(piece: re.Match[str]) -> str:
         return f":math:`{' '.join(piece['formula'].split())}`"
     if piece["name"]:
         return _refer(" ".join(piece["name"].split()), bool(piece["role"]))
-    return f"\\{piece['mark']}" if piece["mark"] else piece.group()
+    return {".": "·", None: piece.group()}.get(piece["mark"], f"\\{piece['mark']}")
 
 
 def _refer(words: str, is_role: bool) -> str:

@@ -118,7 +118,8 @@ def test_docstrings_are_translated():
     from generator.docstrings import prepare
 
     typed = {
-        "|v| of lam_ and **style": r"\|v\| of lam\_ and \**style",
+        "|v| of lam_ . n and **style": r"\|v\| of lam\_ · n and \**style",
+        "**Theorem 2.** For x": "**Theorem 2.** For x",
         "``|v| of lam_``": "``|v| of lam_``",
         "$|v|$ is": ":math:`|v|` is",
         "a\n\n    $$ a \\\\\n b $$\n\nb": "a\n\n\n    .. math::\n\n       a \\\\\n       b\n\n\nb",

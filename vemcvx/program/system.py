@@ -75,7 +75,7 @@ class Rows(ArrayRecord):
 
 @dataclass(frozen=True, repr=False)
 class Norms(Rows):
-    """The terms w_i |B_i v|: rows i * block ... (i + 1) * block of B make the vector B_i v.
+    """The terms w_i |B_i v|: rows i * block to (i + 1) * block of B make the vector B_i v.
 
     Parameters
     ----------

@@ -51,28 +51,28 @@ MARKS = {"printed": "*", "exact": "o", "projected": "s", "nodal": "^", "consiste
 DPI = 110
 DEVIATIONS = (
     (
-        "S_K(v, w) = sum_i chi_i(v) chi_i(w), a number without a unit, in (3.13)",
-        "2 mu times that",
+        "S_K(v, w) = sum_i chi_i(v) chi_i(w), without a unit, in (3.13)",
+        "2 mu S_K",
         '`Elasticity(..., stabilisation="unit")`',
     ),
     (
-        "j(v) = int g abs(v_tau), of a trace that may change its sign on an edge",
-        "sum_i g(x_i) abs(v_tau(x_i)) int phi_i: no less for constant g, of order h^2 more",
-        'none; `TrescaFriction(..., quadrature="integral")`, sum_i abs(v_tau(x_i)) int g phi_i, is j(v) itself of slip '
-        "that keeps its sign along each edge, as in the example",
+        "j(v) = int g abs(v_tau), also if v_tau changes its sign on an edge",
+        "sum_i g(x_i) abs(v_tau(x_i)) int phi_i: at least j(v) for constant g; the difference is O(h^2)",
+        'none; `TrescaFriction(..., quadrature="integral")`, sum_i abs(v_tau(x_i)) int g phi_i, equals j(v) if the '
+        "slip keeps its sign along each edge, as in the example",
     ),
     (
         "u_0^hk = P^h u_0, (2.11), (2.14), (3.26)",
-        "u_0 = 0, which the example has",
-        "`simulate(..., initial=vx.projected(u_0, settle=False))`, but for the next row",
+        "u_0 = 0, as in the example",
+        "`simulate(..., initial=vx.projected(u_0, settle=False))`, except for the next row",
     ),
     (
         "a^h(P^h u_0, v) = a(u_0, v), (2.11)",
-        "`projected`: C eps(u_0) by its mean over each cell, for v is virtual: of order h off, nothing for linear u_0",
+        "`projected`: the mean of C eps(u_0) over each cell, because v is virtual: an error O(h), zero for linear u_0",
         "none: the right side cannot be computed",
     ),
     (
-        "(2.6), l^h(0) = l(0), from which (2.13) follows; the l^h of Section 3 breaks it where f_1(0) is not 0",
+        "(2.6), l^h(0) = l(0), implies (2.13); the l^h of Section 3 violates it if f_1(0) is not 0",
         "`projected` begins at the end of one step at times[0] from P^h u_0; there (2.13) holds, O(h) from P^h u_0",
         "`vx.projected(u_0, settle=False)` begins at P^h u_0, as (3.26) says",
     ),
@@ -87,28 +87,28 @@ DEVIATIONS = (
         "`Clamp`",
     ),
     (
-        "Fig. 1, four types of meshes: the text names squares (Table 1) and the generator of Talischi et al.",
-        "`squares`; `voronoi`, made as theirs; `hexagons` and `nonconvex`, our choice",
-        "`vx.meshes.voronoi(shortest=0.0)` keeps short edges; `vx.meshes.read` takes any mesh",
+        "Fig. 1 has four types of meshes; the text names squares (Table 1) and the generator of Talischi et al.",
+        "`squares`; `voronoi`, made by the same method; `hexagons` and `nonconvex`, our choice",
+        "`vx.meshes.voronoi(shortest=0.0)` keeps short edges; `vx.meshes.read` reads any mesh",
     ),
     (
-        "f_2 acts on Gamma_F, which is not said to be the left side",
-        '`Traction(..., on="left")`, the side that is left',
+        "f_2 acts on Gamma_F; the text does not say that this is the left side",
+        '`Traction(..., on="left")`, the remaining side',
         'none; `on="left"` is a name of the mesh',
     ),
     (
         "norm(v)_E = (int C eps : eps / 2)^(1/2)",
-        "`Measured.absolute` is without the half",
+        "`Measured.absolute` has no factor 1/2",
         "`absolute / sqrt(2)`; relative errors are the same",
     ),
     (
         "norm(u_ref - u_h)_E of the virtual functions",
-        '`measures.energy_distance`: of Pi u_h, `kind="projected"`',
+        '`measures.energy_distance` of Pi u_h, `kind="projected"`',
         '`kind="exact"` on squares, where virtual functions are bilinear; none on other polygons',
     ),
     (
         "h = max h_K, the diameter",
-        "h = 1/n in the tables, the side of n x n squares: 1/sqrt(2) of that; orders are the same",
+        "h = 1/n in the tables, the side of n x n squares, which is 1/sqrt(2) times the diameter; orders are the same",
         "`mesh.diameters.max()`",
     ),
     (
@@ -376,7 +376,7 @@ def describe_run(run: vx.History) -> str:
 
 def deviations() -> str:
     """Return the deviations of the package from the text of the paper as a table of Markdown."""
-    rows = [("the paper", "the package, by default", "the word that restores it"), ("---",) * 3, *DEVIATIONS]
+    rows = [("the paper", "the package, by default", "the option that restores the paper"), ("---",) * 3, *DEVIATIONS]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 

@@ -15,7 +15,7 @@ import pytest
 import vemcvx as vx
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = "vemcvx", "problems", "tests", "docs", ".ci"
+FOLDERS = "vemcvx", "problems", "tests", "docs", ".ci", ".github"
 FILES = "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "pyproject.toml"
 PART = "tests/vem/test_patch.py", "tests/whole/test_structure.py", "tests/cli/test_cli_supplied.py"
 

@@ -30,9 +30,9 @@ free, friction g per area. Friction reduces the tension T = -du/dx along x: the 
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
-On first loading the zone x < q/g slips, u = (q - g x)_+^2 / 2g. A reversal by dq reverses slip in the zone x < dq/2g,
-and u changes by (dq - 2 g x)_+^2 / 4g; further out the friction of the first loading stays locked in. A closed loop of
-swing dq dissipates dq^3 / 12 g per unit width. Only the second derivative of u jumps, so that the energy error is O(h).
+On first loading the zone x < q/g slips, $u = (q - g x)_+^2 / 2g$. A reversal by dq reverses slip in the zone x < dq/2g,
+and u changes by $(dq - 2 g x)_+^2 / 4g$; further out the friction of the first loading stays locked in. A closed loop
+of swing dq dissipates dq^3 / 12 g per unit width. Only the second derivative of u jumps: the energy error is O(h).
 
     python problems/membrane_with_friction.py --picture membrane_with_friction.png
 """

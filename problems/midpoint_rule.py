@@ -5,8 +5,8 @@ whose forces friction can balance, u_l(t) the displacement of the body without f
 
 $$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}), $$
 
-with the projection P_C on C in |.|_a, one convex program per step. The midpoint rule requires the inequality at the
-mean m = (u_{n-1} + u_n) / 2 of a step, with the load at its middle. With e = m - u_{n-1} = d / 2 and j(d) = 2 j(e),
+with the projection P_C on C in $|.|_a$, one convex program per step. The midpoint rule requires the inequality at the
+mean $m = (u_{n-1} + u_n) / 2$ of a step, with the load at its middle. With e = m - u_{n-1} = d / 2 and j(d) = 2 j(e),
 
 $$
 \min_d \; a(d, d) / 4 + a(u_{n-1}, d) - l(d) + j(d) \\

@@ -53,7 +53,8 @@ def build_page(path: Path) -> str:
         f'<section tabindex="-1"><div>{slide}</div><p class="where">{foot}</p></section>'
         for slide, foot in zip(made, feet, strict=True)
     )
-    return PAGE.format(title=escape(title), slides=slides)
+    unbroken = re.sub(r'(<span class="math[^"]*">[^<]*</span>[.,;:?!]+)', r'<span class="unbroken">\1</span>', slides)
+    return PAGE.format(title=escape(title), slides=unbroken)
 
 
 def readdress(tag: Tag, page: str) -> None:
@@ -96,8 +97,8 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            image = block.find("img")
-            yield f"{heading}{image}<p>{' '.join(fit(text[start:], LINES, first=True))}</p>{answer}"
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # not the start of a formula
+            yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 
 def is_shown(block: Tag) -> bool:

@@ -18,14 +18,15 @@ import numpy as np
 # %% [markdown]
 # ## 1. The inequality
 #
-# The block is at the position $u$, and the spring has the stiffness $K$. A force $f(t)$ pulls the block; friction takes
-# the part $\lambda$ of this force, at most the *friction bound* $w$. **Question:** the block rests, and the pull grows
-# slowly from zero. What is $\lambda$ before the block moves?
+# The block is at the position $u$; at $u = 0$ the spring is relaxed, and its stiffness is $K$. A force $f(t)$ pulls the
+# block; friction takes the part $\lambda$ of this force, at most the *friction bound* $w$. **Question:** the block
+# rests at $u = 0$, and the pull grows slowly from zero. What is $\lambda$ before the block moves?
 #
 # <details><summary>Answer</summary>
 #
-# The spring is not stretched, so friction takes the whole pull: $\lambda = f$. It can do so while $|f| \le w$. At rest
-# the force of friction is therefore not given by the position or the velocity, but by the balance of forces.
+# The block rests at $u = 0$ and the spring carries no force, so friction takes the whole pull: $\lambda = f$. It can do
+# so while $|f| \le w$. At rest the force of friction is therefore not given by the position or the velocity, but by the
+# balance of forces.
 #
 # </details>
 
@@ -94,8 +95,8 @@ block_and_spring()
 # inequality. $\square$
 #
 # The minimum lies at the kink, and the block sticks, or it lies where the derivative on one side of the kink vanishes.
-# To the right of the kink this is $u = (f - w)/K$, to the left $u = (f + w)/K$. In all three cases the new position is
-# the old one, clipped to the interval between these two:
+# To the right of the kink it vanishes at $u = (f - w)/K$, to the left at $u = (f + w)/K$. In all three cases the new
+# position is the old one, clipped to the interval between these two:
 #
 # $$u = \mathrm{clip}\Bigl(u_{prev},\; \frac{f - w}{K},\; \frac{f + w}{K}\Bigr).$$
 

@@ -50,12 +50,13 @@ print("positions", np.round(u.value, 6) + 0.0)
 #
 # How close should the solver come? Clarabel stops at a gap of about 1e-8. The gap bounds the error in the energy norm,
 # by $\sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of $K$ is 0.12, so the error of the positions is
-# at most 4.1e-4. For blocks that should stick, the bound is much better. A slip $s_i$ that should be zero contributes
+# at most 4.1e-4. For blocks that should stick, the bound is much better. If a slip $s_i$ should be zero, the gap is at
+# least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
-# or more to the gap (lesson 6), where $\lambda_i$ is the force of friction in the solution. This term is *linear* in
-# the slip. Here $\lambda_3 = 0.2$ and $\lambda_4 = 0$, so block 3 slips by at most 1e-8/0.3, block 4 by 1e-8/0.5.
+# where $\lambda_i$ is the force of friction in the solution. This bound is *linear* in the slip. Here $\lambda_3 = 0.2$
+# and $\lambda_4 = 0$, so block 3 slips by at most 1e-8/0.3, block 4 by 1e-8/0.5.
 
 # %%
 by_hand = np.array([0.9, 0.2, 0.0, 0.0])

@@ -143,10 +143,10 @@ loop_picture()
 #
 # This balance is exact. The last term is an error of backward Euler: it takes the load at the end of the step, and half
 # of the change of the load is too much. There are $O(1/k)$ steps with slips of $O(k)$, so the sum of these terms is
-# $O(k)$. For our slider it is known. If the load changes by $\delta$ in every step, the slider slips by
-# $s_n = \pm\delta/K$, and it travels $5(f_{\max} - w)/K$ in all. So
+# $O(k)$. For our slider it is known. If the load changes by $\Delta f$ in every step, the slider slips by
+# $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
 #
-# $$\sum_n \tfrac12 K s_n^2 = \tfrac12\, \delta \cdot \frac{5 (f_{\max} - w)}{K} .$$
+# $$\sum_n \tfrac12 K s_n^2 = \tfrac12\, \Delta f \cdot \frac{5 (f_{\max} - w)}{K} .$$
 
 
 # %%

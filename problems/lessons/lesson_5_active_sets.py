@@ -68,8 +68,8 @@ def active_sets(program, gamma, rounds=40):
 # The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
 #
 # **A body.** We take the paper's Section 4 on squares, with 32 nodes on the ground. The package keeps the program of
-# every step. It has eliminated all interior unknowns, so a full matrix for the 32 nodes remains. In the package the
-# program of a step is written for increments, and its load is called `g`.
+# every step. It has eliminated all interior unknowns, so a full matrix for the 32 nodes remains. The package writes the
+# program of a step for the slips, so `b`, which takes the place of $u_{prev}$, is zero here. It calls the load `g`.
 
 
 # %%

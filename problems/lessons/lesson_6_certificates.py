@@ -115,12 +115,12 @@ print(f"certified over true error: {ratio[:8].mean():.0f} for small errors, {rat
 
 # %% [markdown]
 # The bound always holds, but it is far from sharp for small errors. Suppose that a node should stick, and it slips by
-# $s_i$ instead. If $\lambda$ is the force of the solution, this slip contributes at least
+# $s_i$ instead. If $\lambda$ is the force of the solution, the gap is at least
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
-# to the gap. This term is linear in the slip, and the squared error is quadratic. So an error $\varepsilon$ is
-# certified as about $\sqrt\varepsilon$.
+# This bound is linear in the slip, and the squared error is quadratic. So an error $\varepsilon$ is certified as about
+# $\sqrt\varepsilon$.
 #
 # **Question:** Two answers are equally far from $s^*$. In one, all sticking nodes are at rest; in the other, they slip
 # a little. Which answer has the better certificate? And why do active-set methods (lesson 5) reach certificates at
@@ -254,7 +254,8 @@ print(f"the careless check has {careless(exact):.1e} < 0 for the solution; ours 
 # %% [markdown]
 # ## Where is the error?
 #
-# Every term of the gap belongs to one node. Move one sticking node, and the certificate shows where it is:
+# Each term in the second part of the gap belongs to one node. Move one sticking node, and the certificate shows where
+# it is:
 #
 # $$\mathrm{gap} = \tfrac12\, r^T K^{-1} r + \sum_i \mathrm{gap}_i, \qquad
 #   \mathrm{gap}_i = w_i |s_i| - \lambda_i s_i .$$

@@ -146,9 +146,9 @@ work = [run.iterations.sum() for run in solved]
 assert work[-1] < 2 * work[0]
 
 # %% [markdown]
-# Four more digits cost a quarter more iterations: Newton's method, inside the solver, converges fast. Compared with a
-# mesh error of seven per cent, each of these answers is exact. The error of the solver is the *cheapest* of the three
-# to reduce. So make it negligible, and certify that it is (lesson 6).
+# Four more digits cost a quarter more iterations: Newton's method, inside the solver, converges fast. The mesh error
+# here is seven per cent, and the true errors of all three answers are far below it. The error of the solver is the
+# *cheapest* of the three to reduce. So make it negligible, and certify that it is (lesson 6).
 #
 # ## 4. Estimates instead of references
 #

@@ -98,6 +98,7 @@ def run_code(sources: Path, folder: Path) -> None:
         live = pool.map(write_live, LIVE)
         for bundle in pool.map(run_page, pages):
             if bundle.traceback:
+                pool.shutdown(cancel_futures=True)
                 sys.exit(f"{bundle.uri}\n{bundle.traceback}\nsite: a cell failed.")
             cache.cache_notebook_bundle(bundle, check_validity=False, overwrite=True)
         list(live)

@@ -17,8 +17,7 @@ NO_PROBLEMS = "gallery", "live_page"  # the file that draws all pictures, and th
 GROUP = re.compile(r"^```\{problems\}\n(.*?)```\n", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
 IMPORT = re.compile(r"^ *(?:import (\w+)(?: as (\w+))?|from (\w+) import (\w+))", re.MULTILINE)
-LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}
-"""Problems with a page on which time moves, and the step at which it opens."""
+LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # problems with a live page, and the step that it opens at
 PICTURES = {"paper_figures": tuple(f"paper_figure_{name}" for name in ("1", "2_unit", "2_shear", "3", "4"))}
 STEP_BY_STEP = """## Step by step
 

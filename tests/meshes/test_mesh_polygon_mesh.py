@@ -187,6 +187,8 @@ def test_draws_cells_or_faces_in_their_places_and_colours(mesh):
             np.testing.assert_array_equal(polygon[: len(row)], points[row])
     if dim == 3:
         assert len(drawn(mesh.plot(on="top"))) == len(mesh.boundaries["top"])
+    else:
+        assert [text.get_text() for text in mesh.plot().texts] == ["left", "right", "bottom", "top"]
     shown = mesh.measures if dim == 2 else mesh.measures[mesh.face_cells[mesh.boundaries["boundary"], 0]]
     for values in ("size", mesh.measures):
         ax = mesh.plot(values, cmap="plasma", ec="black", lw=2.0)

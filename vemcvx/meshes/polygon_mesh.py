@@ -183,7 +183,7 @@ class PolygonMesh(Mesh):
         displacement: ArrayLike | None = None,
         **style: object,
     ) -> Axes:
-        """Draw the cells, coloured by ``values`` if given.
+        """Draw the cells, coloured by ``values`` if given; on new axes without values, label the named boundaries.
 
         Parameters
         ----------
@@ -209,14 +209,14 @@ class PolygonMesh(Mesh):
             ``values`` or ``displacement`` do not fit the mesh.
         """
         values = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
-        return draw_cells(
-            points_to_plot(self.points, displacement),
-            self.offsets,
-            vertices=self.vertices,
-            values=values,
-            ax=ax,
-            style=style,
-        )
+        points = points_to_plot(self.points, displacement)
+        labels = [name for name in self.boundaries if ax is None and values is None and name != WHOLE]
+        ax = draw_cells(points, self.offsets, vertices=self.vertices, values=values, ax=ax, style=style)
+        for name in labels:
+            middles = points[self.boundaries[name]].mean(axis=1)
+            at = middles[np.linalg.norm(middles - middles.mean(axis=0), axis=1).argmin()]
+            ax.annotate(name, at, ha="center", va="center", bbox={"facecolor": "white", "linewidth": 0, "pad": 1})
+        return ax
 
 
 NAMES_IN_SPACE = {"bottom": "front", "top": "back"}

@@ -2,9 +2,9 @@
 """# Lesson 10, the hypercircle: two admissible fields, the solution on the circle between them, and error bars"""
 
 # %% [markdown]
-# *You need:* energy norms and weak forms; the gap of a step (lesson 6); error estimates (lesson 7). *You will see:* an
-# exact error bound without the solution, from any two admissible fields, good or bad; the effect of friction; and
-# bounds for a body, its energy, and a displacement that one may measure.
+# *You need:* energy norms and weak forms; the gap of a step (lesson 6); error estimates (lesson 7). *You will see:* a
+# bound of the error from any two admissible fields, good or bad, without the solution. Friction changes the bound, and
+# `vx.error_bound` computes it for a body and for a displacement that one may measure.
 #
 # A certificate (lesson 6) bounds the distance of an answer to the best one *on its mesh*. A residual estimate measures
 # the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is needed.
@@ -143,8 +143,8 @@ _figure
 # ## 3. A number that one may measure
 #
 # We are interested in one quantity, the displacement of one node, $Q(u) = u_i$. Let $z$ be the solution of the same net
-# under a unit force at this node, with admissible fields $v_z$ and $\tau_z$ and a circle of its own. Products of forces
-# are $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
+# under a unit force at this node. It has admissible fields $v_z$ and $\tau_z$, and a circle of its own. Products of
+# forces are $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
 # $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$ is a product of two forces, one on each
 # circle. Let $\delta_z$ be the difference $\delta$ for $z$. The centres of both circles give a value $m$, and the radii
 # bound the deviation:

@@ -2,9 +2,9 @@
 """# Lesson 4, the quasistatic problem: why k drops out, hysteresis, and where the energy goes"""
 
 # %% [markdown]
-# *You need:* lessons 1 and 2. *You will see:* that the length $k$ of the time step cancels from the program, that the
-# answer depends on the *path* of the load and not on its end alone, and that every step has an exact energy balance, in
-# which backward Euler itself loses a part of order $O(k)$.
+# *You need:* lessons 1 and 2. *You will see:* that the time step $k$ cancels from the program, that the answer depends
+# on the whole *path* of the load, and that every step has an exact energy balance. In this balance backward Euler
+# itself loses a part of order $O(k)$.
 #
 # Lessons 1 and 2 took one step; here many steps follow each other. Equation numbers are those of Feng, Han and Huang.
 

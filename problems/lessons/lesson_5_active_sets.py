@@ -2,9 +2,9 @@
 """# Lesson 5, active sets and semismooth Newton: how they converge, how they cycle, and a safeguard"""
 
 # %% [markdown]
-# *You need:* lessons 1 and 2; Newton's method. *You will see:* a step solved by guessing which nodes stick, which takes
-# five or six guesses on a body; superlinear convergence in the plane; two blocks on which the guesses cycle for ever;
-# and a safeguard that always converges.
+# *You need:* lessons 1 and 2; Newton's method. *You will see:* a step solved by guessing which nodes stick. A body
+# takes five or six guesses, and in the plane the convergence is superlinear. On two blocks the guesses cycle for ever,
+# and a safeguard prevents this.
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
 # this lesson guesses these sets, solves the system, checks the guess, and guesses again. This is Newton's method for an

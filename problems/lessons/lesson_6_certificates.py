@@ -12,7 +12,7 @@
 #
 # $$\min_s\; P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i\,|s_i| .$$
 #
-# Here $s = u - u_{prev}$ are the slips of the step at the contact nodes, $K$ is the stiffness of the body at these
+# Here $s = u - u_{prev}$ are the slips of the step at the contact nodes. $K$ is the stiffness of the body at these
 # nodes, and $w_i$ are the friction bounds. The load $f$ is the part of the load that the stresses at the start of the
 # step do not balance: insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package
 # calls $s$ and $f$ `d` and `g`. We take the last of eight steps of the paper's block, with eight contact nodes.

@@ -245,9 +245,9 @@ _figure
 # ## Tests for every effect
 #
 # `tests/effects/test_conformance_effects.py` states in fifteen sentences what *every* effect must do. It returns equal
-# arrays when called twice, remembers no mesh, refuses unknown names, can be copied to another process, and does not
-# depend on the order of the scene. `tests/effects/test_lesson_8.py` applies all fifteen tests to the dashpots of this
-# lesson. CONTRIBUTING.md has a recipe for adding an effect to the library.
+# arrays when called twice, remembers no mesh, and refuses unknown names. It can be copied to another process, and does
+# not depend on the order of the scene. `tests/effects/test_lesson_8.py` applies all fifteen tests to the dashpots of
+# this lesson. CONTRIBUTING.md has a recipe for adding an effect to the library.
 
 # %%
 for _wrong in (-1.0, np.nan, lambda x: np.where(x[:, 1] > 0.5, 1.0, -1.0)):

@@ -264,8 +264,8 @@ _figure
 # Newton's method needs the entries of $K$: it solves with the block of the slipping nodes, another block in every
 # iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every iteration. So it is the
 # better choice where $K$ is too large to be factorised and an iterative solver is used, which starts from the last
-# solution. It also works where an existing elastic code is a black box that returns displacements for loads, or where
-# flexibilities were measured and there is no $K$ at all.
+# solution. It also works with an elastic code that is a black box and returns displacements for loads. And it works
+# with measured flexibilities, where there is no $K$ at all.
 #
 # </details>
 #

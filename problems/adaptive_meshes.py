@@ -3,12 +3,12 @@
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
 There are two scenes: the paper's, singular where supports meet loads, and an L-shaped bracket, also singular in its
-re-entrant corner. True errors are projected energy distances to a reference. The reference is the finest adaptive
-mesh, refined until it is nowhere coarser than the finest uniform mesh, and twice more where the estimator marks cells.
-An adaptive run starts from a coarse mesh and two instants, and its seconds include all passes. Its target is lowered
-until its true error is no larger than that of the compared uniform run. The table also has the optimum for cells of
-equal sides. For an error with e_K^2 = c |K|^2 on each cell, sides proportional to c^-1/4 make (sum e_K)^2 / E^2 cells
-for the error E.
+re-entrant corner. True errors are projected energy distances to a reference. The reference is the finest adaptive mesh,
+refined until it is nowhere coarser than the finest uniform mesh. The cells that the estimator marks are then refined
+twice more. An adaptive run starts from a coarse mesh and two instants, and its seconds include all passes. Its target
+is lowered until its true error is no larger than that of the compared uniform run. The table also has the optimum for
+cells of equal sides. For an error with e_K^2 = c |K|^2 on each cell, sides proportional to c^-1/4 make (sum e_K)^2 /
+E^2 cells for the error E.
 """
 
 from __future__ import annotations

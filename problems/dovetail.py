@@ -11,8 +11,8 @@ Friction is at most mu N, so that N stays between the lines of full slip,
 
 $$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
-N is on the first line while the root slides out and on the second while it slides in, as far as places slip straight
-along the flank. Between the lines the root sticks, and N hardly falls with the pull. (This wears the roots of turbine
+N is on the first line while the root slides out, and on the second while it slides in, if all nodes slip straight along
+the flank. Between the lines the root sticks, and N hardly falls with the pull. (This wears the roots of turbine
 blades.)
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot

@@ -6,10 +6,9 @@ With --page nothing is run: the page README.md of all pictures in the folder is 
 
 This folder has two kinds of problem:
 
-- A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery it also defines
-  SMALL = {"n": .., "steps": ..}, the setting that runs in seconds (with "accuracy" if 1e-8 cannot be reached), and
-  picture(history), which returns a matplotlib figure of the history in this setting. The defaults are 8 cells,
-  8 steps and the deformed mesh.
+- A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery it also defines a setting that runs
+  in seconds, SMALL = {"n": .., "steps": ..} (with "accuracy" if 1e-8 cannot be reached). Its picture(history) returns a
+  matplotlib figure of the history in this setting. The defaults are 8 cells, 8 steps and the deformed mesh.
 - A *program* has a function main(path) that draws its own picture: those of `PROGRAMS`.
 
 A picture is PROBLEM.png, drawn by plain matplotlib in the style `STYLE`: in it C0, C1, ... are the colours of

@@ -8,11 +8,11 @@ polygons and triangles (Fig. 4). The paper's printed numbers are listed beside o
 letter, then with our default factor 2 mu. Nothing is tuned to the printed numbers. The notes below the tables state the
 differences and their known causes.
 
-In these units S_K to the letter has an effect: 1 in place of 2 mu = 154 makes the remainder of Pi so soft that loads
-bend the cells on which they act, and little of them reaches the contact. With n = 96 and k = 1/8 the largest slips at
-t = 1 are .0114 to .0115 mm on all meshes with 2 mu. With 1 they are .0114 on squares, .0113 on Voronoi cells and
-hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other units, N for daN, the same text
-gives other numbers.
+In these units S_K to the letter has an effect. The factor 1 in place of 2 mu = 154 makes the remainder of Pi so soft
+that loads bend the cells on which they act. Little of the load reaches the contact. With n = 96 and k = 1/8 the largest
+slips at t = 1 are .0114 to .0115 mm on all meshes with 2 mu. With 1 they are .0114 on squares, .0113 on Voronoi cells
+and hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other units, N for daN, the same
+text gives other numbers.
 
 The deviations of the package from the text of the paper, and the options that restore the text, are printed too; alone
 with

@@ -1,8 +1,8 @@
 r"""A ring pressed over another ring that is too large for it: the pressure between them is Lame's.
 
 Two rings a < r < b and b < r < c are in plane stress; a quarter of them is computed. The outer radius of the inner ring
-exceeds the inner radius of the outer ring by the interference delta, which is modelled as the gap -delta t between
-them. Under the pressure p the inner ring shrinks and the outer ring widens at r = b by (Lame 1852; Timoshenko and
+exceeds the inner radius of the outer ring by the interference delta. It is modelled as the gap -delta t between the
+rings. Under the pressure p the inner ring shrinks and the outer ring widens at r = b by (Lame 1852; Timoshenko and
 Goodier, *Theory of Elasticity*, 28)
 
 $$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2), $$

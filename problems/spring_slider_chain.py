@@ -35,9 +35,9 @@ loading is the inverse curve: under the displacement of the chain, the elements 
 Backward Euler makes no error here as long as the input is monotone between instants.
 
 Sums of plays have three properties. *Return-point memory* (wiping out): when the input returns to an earlier turning
-point, and no larger excursion has passed since, the state is the earlier one, and the loop between is forgotten.
-*Congruency*: closed loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop
-with inputs dF apart dissipates, for the force and the displacement of the chain, the area
+point without a larger excursion, the state is the earlier one. The loop between is forgotten. *Congruency*: closed
+loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop with inputs dF apart
+dissipates, for the force and the displacement of the chain, the area
 
 $$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 

@@ -1,7 +1,7 @@
 r"""The stabilisation over the energy that it replaces, cell by cell: a robustness chart.
 
-On the virtual functions with Pi v = 0, whose components are harmonic in the cell and linear on its edges, a_K^h
-consists of the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
+The components of virtual functions with Pi v = 0 are harmonic in the cell and linear on its edges. For them a_K^h is
+the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
 
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 

@@ -24,7 +24,7 @@ from vemcvx.plots import (
 )
 from vemcvx.plots.contact import contact_line, directions, pressures
 from vemcvx.plots.pictures import draw_pictures
-from vemcvx.plots.style import OPEN_AREA, SIGNED, SLIP_AREA, STICK_AREA, rounded_down
+from vemcvx.plots.style import OPEN_AREA, SIGNED, SLIP_AREA, STICK_AREA, round_down
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)
@@ -107,11 +107,11 @@ def test_arrows_are_the_friction_forces_to_scale(history):
 
 def test_magnification_is_a_round_number_that_shows_something():
     for largest in np.logspace(-9, 9, 200):
-        factor = rounded_down(0.15 * 3, largest)
+        factor = round_down(0.15 * 3, largest)
         assert 0.15 * 3 / 2.5 * (1 - 1e-8) <= factor * largest <= 0.15 * 3 * (1 + 1e-8)
         digits = f"{factor:e}"
         assert digits.startswith(("1.000000", "2.000000", "5.000000"))
-    assert rounded_down(0.15 * 3, 0.0) == 1.0
+    assert round_down(0.15 * 3, 0.0) == 1.0
 
 
 @pytest.mark.parametrize("step", [-1, 3, 9])
@@ -492,7 +492,7 @@ def test_forces_over_time_are_the_resultants_and_the_largest_comes_first(rubbed)
 
 @pytest.mark.long
 def test_a_loop_needs_something_that_moves(history, rubbed, tmp_path):
-    words = r"hysteresis_loop: nothing here says what moves; name a boundary, on=, of '"
+    words = r"hysteresis_loop: no driven boundary is known; give on=, one of '"
     assert "Load of left along $x_1$" in hysteresis_loop(history).axes[0].get_title()
     loaded = vx.read_history(history.write(tmp_path / "loaded"))
     with pytest.raises(vx.HistoryError, match=words):

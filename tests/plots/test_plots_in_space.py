@@ -14,7 +14,7 @@ import vemcvx as vx
 from vemcvx.base.canvas import new_figure
 from vemcvx.plots import contact_face, deformed_body, friction_disc, write_plots
 from vemcvx.plots.faces import contact_faces
-from vemcvx.plots.pictures import draw_pictures, left_out
+from vemcvx.plots.pictures import draw_pictures, omissions
 from vemcvx.plots.style import SLIP_AREA, STICK_AREA
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -161,7 +161,7 @@ def test_contact_all_round_is_left_out_and_said():
             draw(around, on="bottom")
         with pytest.raises(vx.SceneError, match=f"{draw.__name__}: .*'lid'"):
             draw(around, on="lid")
-    assert set(left_out(around)) >= {"contact_face", "friction_disc"}
+    assert set(omissions(around)) >= {"contact_face", "friction_disc"}
     assert "contact_face" not in draw_pictures(around, None)
 
 
@@ -200,7 +200,7 @@ def test_interfaces_that_lie_over_each_other_have_a_panel_each(stacked):
 def test_without_pyvista_bodies_are_left_out_and_said(history, without_pyvista, tmp_path):
     with pytest.raises(vx.VemcvxError, match=r"needs PyVista, which is not installed: pip install 'vemcvx\[view\]'$"):
         deformed_body(history)
-    assert list(left_out(history)) == ["deformed_body"]
+    assert list(omissions(history)) == ["deformed_body"]
     names = {path.stem for path in write_plots(history, tmp_path)}
     assert names == {"contact_face", "friction_disc", "energy_ledger", "forces_over_time", "hysteresis_loop"}
 

@@ -26,7 +26,7 @@ from vemcvx.cli.supplied import problem_path
 from vemcvx.effects.effect import amount, where
 from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh, PolygonMesh, PolyhedralMesh, read
-from vemcvx.plots.style import checked_units
+from vemcvx.plots.style import check_units
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
@@ -248,7 +248,7 @@ class Problem:
     @property
     def units(self) -> dict[str, str] | None:
         """The names of units of the data, if the file defines UNITS."""
-        return dict(checked_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
+        return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
         """Return the parameters of scene or stages; by default of stages, if the file has them."""

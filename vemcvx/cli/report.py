@@ -30,7 +30,7 @@ from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.quantities import with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
-from vemcvx.plots.pictures import draw_pictures, left_out
+from vemcvx.plots.pictures import draw_pictures, omissions
 
 TEMPLATE = Path(__file__).with_name("page.html")
 MARK = '<meta name="generator" content="vemcvx">'
@@ -101,7 +101,7 @@ def _pictures(history: History, problem: Problem) -> str:
         words, data = name.replace("_", " "), base64.b64encode(as_png(drawn, 130)).decode()
         figures += f'<figure><img src="data:image/png;base64,{data}" alt="{words}"><figcaption>{words}</figcaption>'
         figures += "</figure>"
-    return figures + "".join(f"<p>Left out: {escape(why)}.</p>" for why in dict.fromkeys(left_out(history).values()))
+    return figures + "".join(f"<p>Left out: {escape(why)}.</p>" for why in dict.fromkeys(omissions(history).values()))
 
 
 def _budget(history: History) -> str:

@@ -139,11 +139,11 @@ class Run:
             if rows is not None:
                 rows.clear()
         if self.plot:
-            from vemcvx.plots.pictures import left_out, write_plots
+            from vemcvx.plots.pictures import omissions, write_plots
 
             drawn = write_plots(history, drawings, units=problem.units)
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
-            lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
+            lines += [f"left out    {why}" for why in dict.fromkeys(omissions(history).values())]
         if self.report:
             from vemcvx.cli.report import write_report
             from vemcvx.cli.show import mesh_name

@@ -1,6 +1,6 @@
-"""The deformed body: in the plane coloured by displacement or stress with the forces of contact, in space by stress.
+"""The deformed body: in the plane in colours of displacement or stress with contact forces, in space of stress.
 
-In space PyVista, which needs no display, renders the surface to an image; this is the one picture file that knows it.
+In space, PyVista renders the surface to an image and needs no display; only this picture file imports it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
-from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, named, unit, within
+from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, label_axes, unit, within
 from vemcvx.results import Results, last_of_largest
 from vemcvx.vem import component_names
 
@@ -37,11 +37,11 @@ EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
     "min_principal": ("smallest principal stress", lambda on: on["principal_stresses"][:, -1]),
     "mean": ("mean of normal stresses", lambda on: on["stress"][:, : on["principal_stresses"].shape[1]].mean(axis=1)),
 }
-"""Stresses that are no components: words, and how they come from the fields of a step on cells."""
+"""Invariants of stress: their names, and their values from the fields of a step on cells."""
 UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
-FORCES = ("contact", "friction", "none")
-CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
-NO_GAPS = "gaps given as data are not drawn: open where not bold"
+FORCES = {"contact": "contact force", "friction": "friction", "none": ""}
+CLOSED = "closed contact bold or hatched"
+NO_GAPS = "initial gaps given as data are not drawn: contact is open where not bold"
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
 
 
@@ -56,21 +56,27 @@ def deformed_mesh(
 ) -> Figure:
     """Draw the mesh deformed at a stored step.
 
-    Magnification, colours, arrows and the part of the plane that is shown are the same at all steps.
+    Magnification, colours, arrows and the visible part of the plane are the same at all steps.
 
     Parameters
     ----------
-    history, step, ax, units : as of `friction_traction`
+    history, step, ax, units : as for `friction_traction`
     magnify : float, optional
-        How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
+        Magnification of displacements; by default 1, 2 or 5 times a power of ten.
     limits : (low, high), optional
         Ends of the colour scale; by default 0 and the largest |u| of all stored steps.
 
     Returns
     -------
     matplotlib Figure
-        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows and
-        marks of contact are those of `stressed_body` with the friction alone.
+        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows of
+        friction and marks of contact are those of `stressed_body` with ``forces="friction"``.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.deformed_mesh(history, units={"length": "mm"})
     """
     units = history.units if units is None else units
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
@@ -114,37 +120,46 @@ def stressed_body(
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
+    history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last one whose largest stress, of those drawn, is within a percent of that of all.
+        A stored step; by default the last step at which the largest drawn stress is within a percent of that of all
+        steps.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
-        Arrows of pressure and friction together, their heads on the body; of friction alone, beside it; or none. Blue
-        and thick where contact sticks, orange and thin where it slips, grey without friction.
+        Arrows of pressure and friction together, with their heads on the body; of friction only, beside the body; or
+        none. They are blue and thick where contact sticks, orange and thin where it slips, grey without friction.
     window : ((x0, x1), (y0, y1)), optional
-        Draw this part only, in units of length.
+        Draw only this part, in units of length.
     stretch : float
-        How many times longer lengths along x_2 are drawn: of slender bodies.
+        Factor on lengths along x_2, for slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
-        Signs of x_1 and x_2 in the images to be drawn, without mesh, of a body that is the half or quarter of a whole.
-    magnify, limits : as of `deformed_mesh`; by default the same for all stored steps
+        Signs of x_1 and x_2 in mirror images, drawn without mesh, if the body is half or a quarter of a whole.
+    magnify, limits : as for `deformed_mesh`; by default the same for all stored steps
 
     Returns
     -------
     matplotlib Figure
-        Displacements are magnified, and forces (per length, on the body) at most, as the title says. Where contact is
-        closed the boundary is bold; what displacements so magnified draw apart, or one in the other, is hatched. Where
-        the colour bar is pointed some stresses lie beyond its end: one cell in a hundred may.
+        The title gives the magnification of displacements and the largest force (per length, on the body). Arrows
+        longer than 1.5 times those of 9 of 10 nodes are cut, with a note in the title. The boundary is bold where
+        contact is closed; closed contact that magnified displacements draw apart or overlapping is hatched. A pointed
+        end of the colour bar means stresses beyond it, in at most one cell in a hundred.
 
     Raises
     ------
     HistoryError
-        There is no stress, or are no forces, of that name.
+        There is no stress, or are no forces, of this name.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.stressed_body(history, stress="von_mises", forces="friction")
     """
     units = history.units if units is None else units
     _check_stress(stress, history, "stressed_body")
-    choice(forces, "stressed_body", "forces", FORCES, HistoryError)
+    choice(forces, "stressed_body", "forces", list(FORCES), HistoryError)
     mesh = plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     window, stretch = style.window_of(window), style.positive(stretch, "stretch: found", "a positive number")
     images = as_real_array(mirrors, "mirrors", "pairs of signs, 1 or -1")
@@ -166,7 +181,7 @@ def stressed_body(
 
 @dataclass(frozen=True)
 class _Field:
-    """What colours cells: values (n_cells,) at all stored steps, a label, and colours."""
+    """A coloured field: values (n_cells,) at all stored steps, a label, and colours."""
 
     values: Sequence[Floats]
     label: str
@@ -175,7 +190,7 @@ class _Field:
 
 @dataclass(frozen=True, kw_only=True)
 class _View:
-    """How a plane body is drawn: see `stressed_body`."""
+    """The options for drawing a plane body: see `stressed_body`."""
 
     forces: str = field(kw_only=False)
     window: Window | None = None
@@ -198,19 +213,19 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:
-        # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
+        # Drawing needs no checks of the mesh, and they would refuse bodies in contact, whose nodes coincide.
         image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
-    touching = _closed_contact(history, row, places)
+    touching = _outline_closed(history, row, places)
     if touching:
         canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *view.images)])
-    largest = _arrows(ax, at, (factor, size), view)
+    largest, cut = _arrows(ax, at, (factor, size), view)
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     if largest:
-        what = "forces of contact" if view.forces == "contact" else view.forces
-        title += f", {what} at most {largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-    told = [*marks, *[CLOSED] * bool(touching), *[ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))]
-    title += "\n" * bool(told) + "; ".join(told)
+        words = FORCES[view.forces].replace("force", "forces")
+        title += f", {words} at most {largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+    notes = [*marks, *[CLOSED] * bool(touching), *[f"arrows cut at {cut:.3g}"] * (largest > cut)]
+    title += "\n" * bool(notes) + "; ".join(notes)
     if _gaps_not_drawn(history, row, factor):
         title += f"\n{NO_GAPS}"
     ax.tick_params(labelsize="small")
@@ -219,21 +234,22 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
         for signs in ((1, 1), *view.images):
             ax.update_datalim(extent(history, factor) * signs)
         ax.autoscale_view()
+    canvas.legend_below(ax)
     drawn = "" if view.stretch == 1.0 else f",\n× {view.stretch:g}"
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
-    return named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=view.stretch)
+    return label_axes(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=view.stretch)
 
 
 def _check_stress(name: object, history: Results, picture: str) -> None:
-    """Raise HistoryError unless there is a stress of that name."""
+    """Raise HistoryError unless there is a stress of this name."""
     components = component_names(history.mesh.points.shape[1])
     choice(name, picture, "stress", [*components, *EQUIVALENT], HistoryError)
 
 
 def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
-    """Return the stress of that name in words, and in all cells at the stored steps."""
+    """Return the stress of this name in words, and in all cells at the stored steps."""
     if name == "von_mises":
-        history.von_mises(int(history.stored[0]))  # which says where a material does not give it
+        history.von_mises(int(history.stored[0]))  # This raises an error if a material does not give it.
     every = [history.on_cells(int(step)) for step in history.stored]
     if name in EQUIVALENT:
         words, value = EQUIVALENT[name]
@@ -243,20 +259,20 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
 
 
 def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
-    """Return the row of a step, by default of the largest of the stresses that are drawn, (S,) of (k,)."""
+    """Return the row of a step, by default of the largest stress that is drawn; `stresses` are S arrays (k,)."""
     return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for the stresses of all steps and its ends: of both signs about zero, or of one.
+    """Return a colour map for the stresses of all steps and its ends: symmetric about zero, or of one sign.
 
-    The corner of a clamp has no largest stress, so colours end where all but one cell in a hundred are. Stresses whose
-    other sign stays below a tenth of the largest are drawn as of one sign.
+    Colours cover 99 of 100 cells, because stress at the corner of a clamp is unbounded. Stresses count as of one sign
+    if the other sign stays below a tenth of the largest.
     """
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
     if max(float(np.ptp(s)) for s in stresses) < 0.02 * top:
-        # The end of a colour map is its darkest, or brightest: one stress everywhere is drawn in its middle.
+        # The ends of a colour map are its darkest and brightest colours: draw a constant stress in its middle.
         top *= 2.0
     if name in UNSIGNED:
         return style.SIZE, (0.0, top)
@@ -265,11 +281,11 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
     return (style.COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (canvas.blend_colours(style.SIGNED), (-top, top))
 
 
-def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Outlines (k, 2) of what is between bodies drawn at `places` where contact is closed; flat where they touch there.
+def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
+    """Return outlines (k, 2) of the areas between bodies in closed contact, drawn at `places`; flat where they touch.
 
-    Gaps and interferences are no part of the mesh, and bodies turn and slip: what presses is drawn apart, or one in the
-    other, by as much as displacements are magnified.
+    Gaps and interferences are no part of the mesh, and bodies rotate and slip. Magnified displacements therefore draw
+    bodies in contact apart, or overlapping.
     """
     contact = history.contact
     if not contact.closed[row].any():
@@ -282,7 +298,7 @@ def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
-    """Return True if open contact is drawn as closed or overlapping, as initial gaps are no part of the mesh."""
+    """Return True if open contact is drawn as closed or overlapping, because initial gaps are no part of the mesh."""
     contact, u = history.contact, history.displacement[row]
     between = np.flatnonzero((contact.partners >= 0) & ~contact.closed[row])
     apart = u[contact.nodes[between]] - u[contact.partners[between]]
@@ -290,11 +306,10 @@ def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
     return bool((factor * nearer > 1e-3 * _size(history.mesh.points)).any())
 
 
-def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> float:
-    """Draw forces per length at up to 26 contact nodes; return the largest of all nodes seen, 0 if there are none.
+def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
+    """Draw forces per length at up to 26 contact nodes; return the largest visible force, and the longest arrow's.
 
-    The magnification and the size of what is shown are the scale. Arrows have one length for all steps: the largest
-    force of all steps is as long as may be.
+    `scale` is the magnification and the size of the visible part. Arrows have one scale for all steps.
     """
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
@@ -302,34 +317,39 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
     sizes = np.linalg.norm(every[:, seen], axis=2)
     if not sizes.any() or view.forces == "none":
-        return 0.0
-    # Along the boundary, so that what is left out is left out evenly.
+        return 0.0, 0.0
+    # Forces at corners are unbounded: the longest arrow is 1.5 times the 90 % quantile of the forces of a step.
+    loaded = [row[row > 1e-6 * sizes.max()] for row in sizes]
+    cut = min(float(sizes.max()), 1.5 * max(float(np.quantile(row, 0.9)) for row in loaded if len(row)))
+    # Select nodes evenly along the boundary.
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
     shown = order[np.unique(np.linspace(0, len(order) - 1, 26).round().astype(int))]
     points, longest, flat = history.mesh.points, 0.13 * size, [1.0, view.stretch]
     if not together:
         between = np.linalg.norm(np.diff(points[contact.nodes[shown]], axis=0), axis=1)
         longest = min(longest, 0.8 * between.min(initial=longest))
-    lengths = every[:, shown] * longest / float(sizes.max()) / flat
+    lengths = every[:, shown] * longest / np.maximum(np.linalg.norm(every[:, shown], axis=2), cut)[:, :, None] / flat
     tips = (points + factor * history.displacement)[:, contact.nodes[shown]]
     places, sticks = points + factor * history.displacement[row], contact.sticking[row, shown]
     heads, arrows = tips[row], lengths[row]
     beside, joined = 0.03 * size * contact.normals[shown] / flat, contact.partners[shown] >= 0
     if not together:
-        # Between bodies friction is just inside both of them, and opposite.
+        # Between two bodies, draw friction just inside both of them, with opposite directions.
         heads = heads + np.where(joined, -1.0, 1.0)[:, None] * beside
         heads = np.concatenate([heads, places[contact.partners[shown[joined]]] + beside[joined]])
         arrows, sticks = np.concatenate([arrows, -arrows[joined]]), np.append(sticks, sticks[joined])
-    kinds = [(sticks, style.STICK, 0.008), (~sticks, style.SLIP, 0.004)]
+    kinds = [(sticks, style.STICK, 0.008, ", sticking"), (~sticks, style.SLIP, 0.004, ", slipping")]
     if not contact.bound.any():
-        kinds = [(np.ones_like(sticks), style.PUSH, 0.005)]
-    for chosen, colour, width in kinds:
+        kinds = [(np.ones_like(sticks), style.PUSH, 0.005, "")]
+    for chosen, colour, width, state in kinds:
         look: dict[str, Any] = {"colour": colour, "width": width, "pivot": "tip" if together else "mid"}
         canvas.draw_arrows(ax, heads[chosen], arrows[chosen], **look).set_in_layout(False)
-    # Beside the body there is the same room at all steps.
+        marks: dict[str, Any] = {"markersize": 14, "markeredgewidth": 250 * width, "linestyle": "none", "color": colour}
+        ax.plot([], [], marker="$\\rightarrow$", label=FORCES[view.forces] + state, **marks)
+    # Leave the same room beside the body at all steps.
     room = [*tips, *(tips - lengths)] if together else [end + 2.0 * beside for end in extent(history, factor)]
     ax.update_datalim(np.concatenate(room))
-    return float(sizes[row].max(initial=0.0))
+    return float(sizes[row].max(initial=0.0)), cut
 
 
 def deformed_body(
@@ -345,23 +365,34 @@ def deformed_body(
 ) -> Figure:
     """Draw a body in space deformed at a stored step, each face of its surface in the stress of its cell.
 
-    Magnification, colours and what is shown are the same at all steps. No display is needed.
+    Magnification, colours and the visible part are the same at all steps. No display is needed.
 
     Parameters
     ----------
-    history, step, ax, units : as of `stressed_body`
+    history, step, ax, units : as for `stressed_body`
     stress : {"xx", "yy", "zz", "xy", "yz", "xz", "shear", "von_mises", "max_principal", "min_principal", "mean"}
         Tension is red and compression blue.
     view : (3,) vector
-        From where the body is looked at, with x_3 upwards.
-    magnify, limits : as of `deformed_mesh`; by default the same for all stored steps
+        Direction from the body to the viewer; x_3 points upwards.
+    magnify, limits : as for `deformed_mesh`; by default the same for all stored steps
+
+    Returns
+    -------
+    matplotlib Figure
+        The image, with a colour bar.
 
     Raises
     ------
     HistoryError
-        The body is plane, or there is no stress of that name.
+        The body is plane, or there is no stress of this name.
     VemcvxError
         PyVista or matplotlib is not installed.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, 0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.deformed_body(history, stress="von_mises")  # doctest: +SKIP
     """
     units = history.units if units is None else units
     mesh = history.mesh
@@ -376,7 +407,7 @@ def deformed_body(
     scale = style.value_range(limits, ends)
     points = mesh.points + factor * history.displacement[row]
     surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
-    image = _rendered(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
+    image = _render(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
     height, width = image.shape[:2]
     across = canvas.usual_page()[0]
     ax = canvas.axes_or_new(ax, across, 0.5 + 0.8 * across * height / width)
@@ -384,7 +415,7 @@ def deformed_body(
     ax.imshow(image)
     ax.set_axis_off()
     canvas.colour_bar(ax, canvas.scale_of(colours, scale), label(words, "force per area", units), beyond)
-    return named(ax, "", "", f"{instant(history.times[row], units)}, displacements × {factor:g}", size="small")
+    return label_axes(ax, "", "", f"{instant(history.times[row], units)}, displacements × {factor:g}", size="small")
 
 
 def _direction(view: ArrayLike) -> Floats:
@@ -396,17 +427,17 @@ def _direction(view: ArrayLike) -> Floats:
 
 
 def has_pyvista() -> bool:
-    """Return True if there is something to draw bodies in space with."""
+    """Return True if PyVista, which draws bodies in space, is installed."""
     return find_spec("pyvista") is not None
 
 
-def _rendered(
+def _render(
     surface: tuple[Floats, Ints, Ints], values: Floats, colours: Colours, frame: Floats, towards: Floats
 ) -> NDArray[np.uint8]:
-    """Draw polygons in space, with one value each, in parallel projection: (height, width, 3).
+    """Draw polygons in space, with one value each, in parallel projection; return the image (height, width, 3).
 
-    Polygon i has the corners ``points[vertices[offsets[i]:offsets[i + 1]]]``; colours are a map and its ends; the
-    image is filled by the box between the corners `frame` (2, 3), looked at from the direction `towards`, x_3 upwards.
+    Polygon i has the corners ``points[vertices[offsets[i]:offsets[i + 1]]]``; `colours` are a map and its ends. The box
+    with the corners `frame` (2, 3) fills the image; `towards` points to the viewer, and x_3 upwards.
     """
     if not has_pyvista():
         raise VemcvxError(MISSING)
@@ -419,7 +450,7 @@ def _rendered(
     right = np.cross(up, towards)
     across = np.stack([right, np.cross(towards, right)]) / np.linalg.norm(right)
     size = 1.03 * np.abs(across) @ np.ptp(frame, axis=0)
-    # Where there is no display, VTK says so and draws in memory.
+    # Without a display VTK prints a message and draws in memory.
     with pyvista.vtk_verbosity("off"):
         width, height = np.maximum(np.round(1000 * size / size.max()).astype(int), 1).tolist()
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height])

@@ -1,7 +1,7 @@
 """Contact in the plane along a line: friction between its bounds, stick, slip, pressure, wear.
 
-The contact nodes are laid out on a line: an axis where all of them lie along it, otherwise the arc length of
-:mod:`vemcvx.results.arc`, piece after piece; a node owns the halves of its edges.
+The line is a coordinate axis if all contact nodes lie along it, or else the arc length of :mod:`vemcvx.results.arc`,
+one piece after the other. A node owns half of each of its edges.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import plane_mesh
 from vemcvx.plots import style
-from vemcvx.plots.style import Units, idle, instant, label, named, unit, value_range
+from vemcvx.plots.style import Units, idle, instant, label, label_axes, unit, value_range
 from vemcvx.results import Contact, Results, contact_path
 
 if TYPE_CHECKING:
@@ -33,48 +33,48 @@ class ContactLine:
     """Contact nodes of a plane body in the order of a line."""
 
     order: Ints  # (m,) rows of the contact arrays
-    position: Floats  # (m,) places on the line
-    limits: Floats  # (m, 2) the part of the line that each node owns
+    position: Floats  # (m,) positions on the line
+    limits: Floats  # (m, 2) the interval of the line that each node owns
     tangents: Floats  # (m, 2) unit vectors towards larger positions
-    symbol: str  # what the line measures
+    symbol: str  # the symbol of the position
 
     @property
     def label(self) -> str:
-        """The name of what the line measures."""
+        """The name of the position on the line."""
         return "arc length $s$" if self.symbol == ARC else self.symbol
 
     def along(self, vectors: Floats) -> Floats:
-        """(..., m) components along the line of vectors (..., m, 2) at the contact nodes, in the line's order."""
+        """Return the components (..., m) along the line, in its order, of vectors (..., m, 2) at contact nodes."""
         return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
 
     @property
     def gaps(self) -> Ints:
-        """Nodes between which and their predecessors the line is broken."""
+        """The nodes before which the line is interrupted."""
         return 1 + np.flatnonzero(self.limits[1:, 0] - self.limits[:-1, 1] > SAME * np.abs(self.limits).max())
 
-    def broken(self, values: Floats) -> tuple[Floats, Floats]:
-        """Positions and values (m,), with NaN where the line is broken."""
+    def interrupt(self, values: Floats) -> tuple[Floats, Floats]:
+        """Return positions and values (m,), with NaN inserted where the line is interrupted."""
         return np.insert(self.position, self.gaps, np.nan), np.insert(values, self.gaps, np.nan)
 
     def spans(self, chosen: Bools) -> Floats:
-        """(k, 2) stretches of the line that the chosen nodes (m,), in the line's order, own together."""
+        """Return the intervals (k, 2) of the line that the chosen nodes (m,), in the line's order, own together."""
         starts = chosen & ~np.append(False, chosen[:-1])
         starts[self.gaps] |= chosen[self.gaps]
         ends = np.append(starts[1:] | ~chosen[1:], True) & chosen
         return np.column_stack([self.limits[starts, 0], self.limits[ends, 1]])
 
-    def framed(
+    def finish(
         self, ax: Axes, y: str, title: str, units: Units | None, ends: tuple[float, float], size: str = "medium"
     ) -> Figure:
-        """Return the figure of axes along the line, which go from end to end, with labels, a title and a legend."""
+        """Set labels, title, legend and the window of axes along the line, and return their figure."""
         whole = (self.limits.min(), self.limits.max())
-        named(ax, label(self.label, "length", units), y, title, size=size, window=(whole, ends))
+        label_axes(ax, label(self.label, "length", units), y, title, size=size, window=(whole, ends))
         canvas.legend_below(ax)
         return canvas.figure_of(ax)
 
 
 def contact_line(history: Results, picture: str) -> ContactLine:
-    """Return the contact nodes of a plane history laid out, or raise HistoryError if there are none."""
+    """Return the contact nodes of a plane history along a line; raise HistoryError if there are none."""
     mesh = plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
     contact = with_nodes(history, picture)
     path = contact_path(mesh, contact)
@@ -92,7 +92,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     flat = spread <= SAME * max(float(spread.max()), float(np.abs(contact.points).max()))
     if not flat.any():
         return ContactLine(order, arc, limits, tangents, ARC)
-    axis = int(np.argmax(spread if spread.any() else np.abs(tangents[0])))  # One node has no spread.
+    axis = int(np.argmax(spread if spread.any() else np.abs(tangents[0])))  # A single node has no spread.
     position, sign = contact.points[order, axis], 1 if tangents[:, axis].sum() >= 0 else -1
     owned = np.sort(position[:, None] + sign * (limits - arc[:, None]), axis=1)
     turn = slice(None, None, sign)
@@ -100,7 +100,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
 
 
 def with_nodes(history: Results, picture: str) -> Contact:
-    """Return the contact of a history, or raise HistoryError if it has no nodes."""
+    """Return the contact of a history; raise HistoryError if it has no nodes."""
     if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     return history.contact
@@ -114,13 +114,13 @@ def friction_traction(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the friction traction on the body against +-g at a stored step: at g it slips, inside it sticks.
+    """Draw the friction traction on the body and its bound +-g at a stored step: nodes slip at g, and stick below.
 
     Parameters
     ----------
     history : History
     step : int, optional
-        A stored step; negative ones count from the end. By default `history.peak`, that of the largest energy.
+        A stored step; negative numbers count from the end. By default `history.peak`, the step of the largest energy.
     ax : Axes, optional
         Where to draw; by default on a new figure.
     limits : (low, high), optional
@@ -128,10 +128,22 @@ def friction_traction(
     units : mapping of str to str, optional
         Names of units: see :mod:`vemcvx.plots.style`. By default `history.units`.
 
+    Returns
+    -------
+    matplotlib Figure
+        The line is the traction; blue areas stick and hatched orange areas slip.
+
     Raises
     ------
     HistoryError
         The history has no contact.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.friction_traction(history)
     """
     units = history.units if units is None else units
     row, contact = history.row(step), history.contact
@@ -143,7 +155,7 @@ def friction_traction(
     ax = canvas.axes_or_new(ax, 6.4, 3.6)
     for chosen, colour, _, state in kinds:
         for start, stop in line.spans(chosen):
-            # Hatched, for print in grey.
+            # Hatching shows in grey print.
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
     top, bound, far = _reach(contact), contact.bound[row, line.order], ""
     ends = value_range(limits, (-top, top))
@@ -151,8 +163,8 @@ def friction_traction(
         far = f" off the axis, {bound.min():.3g} {unit(units, 'force per length') if units else ''}".rstrip()
         far += " or more" * bool(np.ptp(bound) > 0)
     for side, name in ((bound, f"bound $\\pm g${far}"), (-bound, None)):
-        ax.plot(*line.broken(side), color="black", linestyle="--", linewidth=1.2, label=name)
-    ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
+        ax.plot(*line.interrupt(side), color="black", linestyle="--", linewidth=1.2, label=name)
+    ax.plot(*line.interrupt(traction), color="0.35", linewidth=1.0, zorder=1.5)
     marks = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
     for chosen, colour, marker, word in kinds:
         if chosen.any():
@@ -162,20 +174,20 @@ def friction_traction(
     did = f"{sticks.sum()} contact nodes stick, {slips.sum()} slip" if rubs(history) else "there is no friction"
     title = f"{instant(history.times[row], units)}: {did}{gone}"
     words = label("friction on the body\n", "force per length", units)
-    return line.framed(ax, words, title, units, ends, size="large")
+    return line.finish(ax, words, title, units, ends, size="large")
 
 
 def _reach(contact: Contact) -> float:
-    """The end of an axis of friction: beyond bound and friction; beyond friction alone where bounds are far larger."""
+    """Return the end of an axis of friction: beyond bound and friction, or beyond friction if bounds are far larger."""
     friction = float(np.abs(contact.traction).max(initial=0.0))
     bound = float(np.abs(contact.bound).max(initial=0.0))
-    # Within a fifth of the axis friction is still seen, and rounding is not to be.
+    # Friction is still visible in a fifth of the axis; friction at the level of rounding should not fill it.
     far = 1e-8 * bound < friction < 0.2 * bound
     return 1.2 * (friction if far else max(bound, friction)) or 1.0
 
 
 def rubs(history: Results) -> bool:
-    """Return True if there is friction, or a bound on it, at some stored instant."""
+    """Return True if friction, or its bound, is nonzero at some stored instant."""
     contact = history.contact
     return bool(contact.bound.any() or contact.traction.any())
 
@@ -188,19 +200,31 @@ STATES = (
 
 
 def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw, for every contact node and stored step, whether it sticks or slips and which way.
+    """Draw stick, and slip with its direction, for every contact node and stored step.
 
-    A step fills the time from the stored instant before it to its own. Where steps between the two were not stored, the
-    band still shows its last step alone, and the title says so.
+    A band spans the time from the stored instant before to that of its step. If steps in between were not stored, the
+    band still shows its last step only, and the title says so.
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
+    history, ax, units : as for `friction_traction`
+
+    Returns
+    -------
+    matplotlib Figure
+        The horizontal axis is the position along contact, the vertical axis time.
 
     Raises
     ------
     HistoryError
         The history has no contact, or no step.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.stick_slip_map(history)
     """
     units = history.units if units is None else units
     line, steps = contact_line(history, "stick_slip_map"), _later(history, "stick_slip_map")
@@ -208,7 +232,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     ax = canvas.axes_or_new(ax, 6.4, 4.2)
     edges = history.trajectory.times[np.concatenate([[0], steps])]
     colours = canvas.distinct([colour for _, colour, _ in STATES])
-    # What no node owns, between the columns, is left blank.
+    # Gaps between columns, which no node owns, stay blank.
     drawn = np.insert(states, range(1, states.shape[1]), np.nan, axis=1)
     ax.pcolormesh(line.limits.ravel(), edges, drawn, cmap=colours, vmin=-1.5, vmax=1.5)
     for state, colour, words in STATES:
@@ -219,11 +243,11 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     missing = history.steps - len(steps)
     bands = f"\neach band: its last step ({missing} of {history.steps} steps not stored)" if missing else ""
     title = f"Stick and slip on the contact boundary{bands}"
-    return line.framed(ax, label("t", "time", units), title, units, (edges[0], edges[-1]))
+    return line.finish(ax, label("t", "time", units), title, units, (edges[0], edges[-1]))
 
 
 def _later(history: Results, picture: str) -> Ints:
-    """Stored steps after the initial instant, of which there must be some."""
+    """Return the stored steps after the initial instant; raise HistoryError if there are none."""
     steps = history.stored[history.stored > 0]
     if len(steps) == 0:
         raise HistoryError(f"{picture}: this history has no step after the initial instant.")
@@ -231,12 +255,10 @@ def _later(history: Results, picture: str) -> Ints:
 
 
 def directions(history: Results, line: ContactLine) -> Floats:
-    """0 where a node sticks, 1 or -1 where it slips towards larger or smaller positions; a row a stored step > 0.
+    """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0.
 
-    NaN where contact is open, and nothing rubs.
-
-    Friction opposes the slip of its step, whether or not the step before is stored; where there is no friction
-    the slip since the last stored step tells.
+    Open contact without friction is NaN. The direction is opposite to friction, which does not need the step before;
+    without friction it is that of the slip since the last stored step.
     """
     contact = history.contact
     against = line.along(contact.traction)
@@ -247,9 +269,9 @@ def directions(history: Results, line: ContactLine) -> Floats:
 
 
 def pressures(history: Results) -> Floats:
-    """(S, m) the contact pressure that all pictures show, without the ripple of nodal forces.
+    """Return the contact pressure (S, m) of all pictures, without the ripple of nodal forces.
 
-    It is zero where all of it is rounding beside the stresses: a picture would fill its axis with 1e-14.
+    It is set to zero if all of it is rounding relative to the stresses; else an axis would show 1e-14.
     """
     found, keys = history.contact.pressure_recovered, ("largest_principal_stress", "smallest_principal_stress")
     stress = max((abs(one.value) for one in history.extremes if one.key in keys), default=0.0)
@@ -257,7 +279,7 @@ def pressures(history: Results) -> Floats:
 
 
 def slips(history: Results) -> Floats:
-    """(S, m, dim) the slip, zero where all of it is rounding beside the displacements."""
+    """Return the slip (S, m, dim), set to zero if all of it is rounding relative to the displacements."""
     slip, largest = history.contact.slip, float(np.abs(history.displacement).max(initial=0.0))
     return slip if np.abs(slip).max(initial=0.0) > 1e-10 * largest else np.zeros_like(slip)
 
@@ -268,7 +290,7 @@ PROFILES: dict[str, tuple[str, str, str, Along]] = {
     "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda h, on: on.along(slips(h))),
     "wear": ("energy per length", "friction work", "Wear, as friction work", lambda h, on: h.contact.wear[:, on.order]),
 }
-"""Along the contact boundary: quantity, label, title, and values (S, m) in the order of the line."""
+"""Curves along the contact boundary: quantity, label, title, and values (S, m) in the order of the line."""
 
 
 def along_contact(
@@ -284,37 +306,49 @@ def along_contact(
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
+    history, ax, units : as for `friction_traction`
     show : {"pressure", "slip", "wear"}
         Pressure and slip at these instants, or the friction work per length until then.
     steps : int or sequence of int, optional
-        Stored steps, at most four; by default ``history.telling(4)``: the first and the last turns of the motion and
-        the last step, or where nothing turns back steps evenly apart, and the peak.
+        Stored steps, at most four; by default ``history.telling(4)``: the peak, the first and the last turns of the
+        motion and the last step, or evenly spaced steps if the motion never reverses.
     limits : (low, high), optional
         Ends of the axis of values; by default from 0, or less, to a little more than the largest of all steps.
+
+    Returns
+    -------
+    matplotlib Figure
+        One curve per step.
 
     Raises
     ------
     HistoryError
-        The history has no contact, or no step; or too many steps are asked for, or what there is no picture of.
+        The history has no contact or no step, there are too many `steps`, or `show` is none of these names.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.along_contact(history, show="slip")
     """
     units = history.units if units is None else units
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
     picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
     line, _ = contact_line(history, picture), _later(history, picture)
-    asked = history.telling(most).tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
-    rows = [history.row(step) for step in asked]
+    chosen = history.telling(most).tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
+    rows = [history.row(step) for step in chosen]
     if not 0 < len(rows) <= most:
         raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
     quantity, words, title, found = PROFILES[show]
     values, ax = found(history, line), canvas.axes_or_new(ax, 6.4, 3.6)
     for row, colour, mark in zip(rows, style.EARLY_TO_LATE[-len(rows) :], style.MARKERS, strict=False):
-        (drawn,) = ax.plot(*line.broken(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
+        (drawn,) = ax.plot(*line.interrupt(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
         drawn.set(label=instant(history.times[row], units), markevery=max(1, len(line.order) // 30))
     low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
     canvas.light_grid(ax)
     ends = value_range(limits, (1.05 * low, 1.05 * high if high > low else 1.0))
-    return line.framed(ax, label(f"{words.format(line.symbol)}\n", quantity, units), title, units, ends)
+    return line.finish(ax, label(f"{words.format(line.symbol)}\n", quantity, units), title, units, ends)
 
 
 def wear(
@@ -325,5 +359,22 @@ def wear(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the friction work until some steps, as `along_contact`: wear is in proportion to it (Archard 1953)."""
+    """Draw the friction work up to some steps along contact: wear is proportional to it (Archard 1953).
+
+    Parameters
+    ----------
+    history, steps, ax, limits, units : as for `along_contact`
+
+    Returns
+    -------
+    matplotlib Figure
+        One curve per step.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.wear(history)
+    """
     return along_contact(history, "wear", steps, ax=ax, limits=limits, units=units)

@@ -1,6 +1,6 @@
-"""Contact in space on its faces, each seen along its mean normal: what sticks and slips, pressure, friction, wear.
+"""Contact in space on its faces, each seen along its mean normal: stick and slip, pressure, friction, wear.
 
-Of every face at it a node owns the quadrilateral between itself, the middles of the two edges there and the centre.
+In every face, a node owns the quadrilateral between itself, the midpoints of its two edges, and the centroid.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
 from vemcvx.plots.contact import pressures, with_nodes
-from vemcvx.plots.style import Units, Window, idle, instant, label, named, unit, value_range, within
+from vemcvx.plots.style import Units, Window, idle, instant, label, label_axes, unit, value_range, within
 from vemcvx.results import ALONG, Contact, Results
 from vemcvx.scene import pair_numbers
 from vemcvx.vem import Part, Space
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HIDDEN = (
-    "contact goes round the body, and no view shows all of it; name one of its boundaries, on=, or look at the VTU "
+    "contact goes round the body, and no view shows all of it; name one of its boundaries, on=, or open the VTU "
     "files of the history"
 )
 
@@ -37,26 +37,27 @@ HIDDEN = (
 class ContactFace:
     """Contact nodes on a face of contact in space, in the plane of the picture."""
 
-    history: Results  # with these contact nodes alone
+    history: Results  # with only these contact nodes
     frame: Floats  # (2, 3) unit vectors to the right and up
-    labels: tuple[str, str]  # what they measure
+    labels: tuple[str, str]  # the names of the coordinates along these vectors
     corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
-    owners: Ints  # (k,) rows of the contact arrays, of the nodes that own them
+    owners: Ints  # (k,) the owner of each quadrilateral, a row of the contact arrays
 
     @property
     def places(self) -> Floats:
-        """(m, 2) of the contact nodes."""
+        """The coordinates (m, 2) of the contact nodes in the picture."""
         return self.flat(self.history.contact.points)
 
     def flat(self, vectors: Floats) -> Floats:
-        """Return vectors (..., 3) in the picture, (..., 2)."""
+        """Return the components (..., 2) in the picture of vectors (..., 3)."""
         return vectors @ self.frame.T
 
 
 def contact_faces(history: Results, on: str | None = None, picture: str = "contact_face") -> dict[str, ContactFace]:
-    """Return the faces of contact that one view shows each: interfaces by their names, and all "obstacles" as one.
+    """Return the faces of contact that are visible in one view: interfaces by name, and all "obstacles" as one.
 
-    `on` picks one of them, or the obstacles of a boundary. HistoryError of plane bodies, and without contact there.
+    `on` selects one of them, or the obstacles of a boundary. Raise HistoryError if the body is plane, or if there is no
+    contact there.
     """
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
@@ -70,14 +71,17 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
         rows[on] = _facing(mesh, contact, Space(mesh).part(on, picture, contact=True))
     if on is not None and not rows[on].any():
         raise HistoryError(f"{picture}: there is no contact on {on!r}.")
-    # One view shows what is on one side: else the mean of the unit normals is short.
+    # A face is visible in one view if its normals agree; else their mean is short.
     normals = {name: contact.normals[some] for name, some in rows.items() if some.any() and on in (None, name)}
     means = {name: every.mean(axis=0) for name, every in normals.items()}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
 
 
 def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
-    """Return which contact nodes, of obstacles, face as the sides of a part do at them: none that it has by an edge."""
+    """Return True for contact nodes of obstacles whose normals agree with the sides of a part at them.
+
+    A node that belongs to the part only by an edge has another normal.
+    """
     row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
     row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
     met = np.flatnonzero(row[part.ends.nodes] >= 0)
@@ -87,7 +91,7 @@ def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
 
 
 def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
-    """Return the face of some of the contact nodes, seen along a normal."""
+    """Return the face of the contact nodes in `rows`, seen along a normal."""
     kept = {
         name: getattr(history.contact, name).compress(rows, axis=of.sizes.index("m"))
         for name, of in array_fields(Contact).items()
@@ -100,7 +104,7 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
 
 
 def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Right and up, across the mean normal: axes where it is one, then as if looked at from inside the body."""
+    """Return vectors to the right and up, orthogonal to the mean normal, and their names; axes if it is an axis."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
     if abs(mean[axis]) > (1 - SAME) * length:
@@ -111,10 +115,10 @@ def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
 
 
 def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
-    """Quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
+    """Return the quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
     normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
     normal[contact.nodes] = contact.normals
-    # Nodes at the rim of an interface own parts of its faces, not of those beside it.
+    # Nodes at the rim of an interface own parts of its faces only, not of adjacent faces.
     rows = np.full((2, mesh.n_nodes), -1)
     rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
     inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
@@ -154,28 +158,35 @@ def contact_face(
 
     Parameters
     ----------
-    history, step, ax, units : as of `friction_traction`
+    history, step, ax, units : as for `friction_traction`
     on : str, optional
-        Draw the face of this interface, or of the obstacles of this boundary, only; by default there is a panel for
+        Draw only the face of this interface, or of the obstacles of this boundary; by default there is a panel for
         each interface and one for all obstacles.
     show : {"states", "pressure", "friction", "wear"}
-        What colours say: what nodes do, or how large these are.
+        The meaning of colours: stick, slip and open contact, or the size of a field.
     window : ((low, high), (low, high)), optional
-        Draw this part only, in units of length.
+        Draw only this part, in units of length.
     limits : (low, high), optional
-        Ends of the colour scale of what has one; by default the same for all stored steps.
+        Ends of the colour scale of a field; by default the same for all stored steps.
 
     Returns
     -------
     matplotlib Figure
-        Colours are those of the part of the face that each node owns; arrows are the slip since the last
-        stored step, the longest as the title says: at interfaces that of the first body against the second.
+        Each node colours the part of the face that it owns. Arrows are the slip since the last stored step (at
+        interfaces, of the first body against the second); the title gives the largest.
 
     Raises
     ------
     HistoryError
-        The body is plane, has no contact there, or contact goes round it; there are several faces for one `ax`; or
-        nothing of that name can be shown.
+        The body is plane or has no contact there; contact goes round the body; there are several faces for one `ax`; or
+        `show` is none of these names.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, 0.0, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.contact_face(history, show="pressure")
     """
     units = history.units if units is None else units
     row = history.row(step)
@@ -196,33 +207,33 @@ def contact_face(
         if window is None:
             panel.autoscale_view()
         x, y = (label(words, "length", units) for words in face.labels)
-        figure = named(panel, x, y, title, size="small", window=window, aspect="equal")
+        figure = label_axes(panel, x, y, title, size="small", window=window, aspect="equal")
     return figure
 
 
 def _panels(
     history: Results, on: str | None, ax: Axes | None, picture: str, size: tuple[float, float]
 ) -> Iterator[tuple[Axes, str, ContactFace]]:
-    """Yield axes, the beginning of a title and what to draw for each face of contact."""
+    """Yield axes, the beginning of a title and the face for each face of contact."""
     faces = contact_faces(history, on, picture)
     if not faces:
         raise HistoryError(f"{picture}: {HIDDEN}.")
     if ax is not None and len(faces) > 1:
         names = ", ".join(map(repr, faces))
-        raise HistoryError(f"{picture}: one of the faces of contact goes on one pair of axes; give on=, of {names}.")
+        raise HistoryError(f"{picture}: given axes show one face of contact only; select one by on=, of {names}.")
     panels = [ax] if ax is not None else canvas.row_of_axes(len(faces), *size)
     for panel, (name, face) in zip(panels, faces.items(), strict=True):
         yield panel, f"{name}, " * (len(faces) > 1), face
 
 
 def _states(face: ContactFace, row: int) -> Ints:
-    """Return what contact nodes do, numbers (m,) of `AREAS`."""
+    """Return the state of each contact node (m,), a number in `AREAS`."""
     contact = face.history.contact
     return np.where(idle(face.history)[row], 2, np.where(contact.sticking[row], 0, 1))
 
 
 def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:
-    """Colour a face by what its nodes do."""
+    """Draw a face in the colours of its nodes' states."""
     states, colours = _states(face, row), list(AREAS.values())
     canvas.draw_polygons(ax, face.corners, [colours[state] for state in states[face.owners]])
     for state, (words, colour) in enumerate(AREAS.items()):
@@ -232,16 +243,16 @@ def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:
 
 
 def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, units: Units | None) -> str:
-    """Draw the slip since the last stored step where nodes slip; return the largest in words, "" without any."""
+    """Draw the slip since the last stored step at slipping nodes; return the largest in words, "" if there is none."""
     contact, stored, places = face.history.contact, face.history.stored, face.places
     shown = np.flatnonzero((_states(face, row) == 1) & within(places, window) & (row > 0))
     moved = face.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
     size = float(np.ptp(places if window is None else np.transpose(window), axis=0).max())
-    size = size or float(np.ptp(face.corners, axis=(0, 1)).max())  # One node alone.
+    size = size or float(np.ptp(face.corners, axis=(0, 1)).max())  # A single node has no extent.
     places, largest = places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
     if largest == 0.0:
         return ""
-    # One in each square of a grid of 14, so that what is left out is left out evenly.
+    # Draw one arrow in each square of a grid of 14 x 14.
     _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
     arrows = moved[kept] * 0.085 * size / largest
     canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)
@@ -257,17 +268,29 @@ def friction_disc(
     ax: Axes | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the friction on the body at every contact node over its bound, as points in the unit disc.
+    """Draw the friction on the body divided by its bound, for every contact node a point in the unit disc.
 
     Parameters
     ----------
-    history, step, on, ax, units : as of `contact_face`
+    history, step, on, ax, units : as for `contact_face`
+
+    Returns
+    -------
+    matplotlib Figure
+        One panel per face of contact.
 
     Raises
     ------
     HistoryError
-        The body is plane, has no contact or no friction at that step, or contact goes round it; or there are several
+        The body is plane, has no contact or no friction at that step; contact goes round the body; or there are several
         faces for one `ax`.
+
+    Examples
+    --------
+    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, 0.0, -0.01), on="top")
+    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.friction_disc(history)
     """
     units = history.units if units is None else units
     row = history.row(step)
@@ -292,5 +315,5 @@ def friction_disc(
         x, y = f"friction on the body / bound, along {face.labels[0]}", f"along {face.labels[1]}"
         disc: Window = ((-1.15, 1.15), (-1.15, 1.15))
         title = f"{name}{instant(history.times[row], units)}: {did}"
-        figure = named(panel, x, y, title, size="small", window=disc, aspect="equal")
+        figure = label_axes(panel, x, y, title, size="small", window=disc, aspect="equal")
     return figure

@@ -2,7 +2,7 @@
 
     work - (stored - stored at the start) - dissipated = numerical dissipation = sum over steps of 1/2 a(du, du) >= 0
 
-is what backward Euler loses beside friction; it goes to zero with the step.
+is the energy that backward Euler loses in addition to friction; it goes to zero with the step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear
-from vemcvx.plots.style import Units, instant, label, named, positive, unit, value_range
+from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, value_range
 from vemcvx.results import Results, loop_of
 
 if TYPE_CHECKING:
@@ -43,16 +43,27 @@ def energy_ledger(
 
     Parameters
     ----------
-    history, units : as of `friction_traction`
+    history, units : as for `friction_traction`
     ax : Axes, or two of them, optional
         Where to draw the energies, and the certificates if there are two; by default on a new figure.
     limits : (low, high), optional
         Ends of the axis of energies.
 
+    Returns
+    -------
+    matplotlib Figure
+        Work, stored energy, dissipated energy and the loss of time stepping; certificates in the second panel.
+
     Raises
     ------
     HistoryError
         The history has no step.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.energy_ledger(history)
     """
     units = history.units if units is None else units
     if history.steps == 0:
@@ -89,7 +100,7 @@ def _energies(ax: Axes, history: Results, words: str) -> None:
 
 
 def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
-    """Draw intervals (k, 2) that the exact value is in; none where they are NaN or infinite."""
+    """Draw intervals (k, 2) that contain the exact value, except those with NaN or infinite ends."""
     known = np.isfinite(between).all(axis=1)
     low, high = between[known].T
     bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
@@ -97,19 +108,30 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
 
 
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw where the error of the mesh may be: the parts of cells in its guaranteed bound, per area.
+    """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
 
-    Colours are of the root of each cell's part of the square of the bound over its area, on a logarithmic scale: where
-    they are darkest a finer mesh gains most.
+    The colour is the root of the cell's part of the squared bound divided by its area, on a logarithmic scale: refining
+    the darkest cells gains most.
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
+    history, ax, units : as for `friction_traction`
+
+    Returns
+    -------
+    matplotlib Figure
+        The title gives the relative bound of the step.
 
     Raises
     ------
     HistoryError
-        The history has no bound: it is one of bodies in space, or of ``simulate(..., bound=False)``.
+        The history has no bound: its body is in space, or it was made by ``simulate(..., bound=False)``.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled", bound=True)
+    >>> figure = vx.plots.error_map(history)
     """
     units = history.units if units is None else units
     if history.cell_bounds is None or history.bound is None:
@@ -121,14 +143,16 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
     line = float(np.clip(9.0 / np.sqrt(mesh.n_cells), 0.0, 0.5))
     mesh.plot(ax=ax, linewidth=line, edgecolor="0.35")
     cells = ax.collections[0]
-    # Three decades: below a thousandth of the largest a cell is of no account.
+    # Three decades: cells below a thousandth of the largest do not matter.
     cells.set_array(np.log10(np.maximum(density / top, 1e-3)))
     cells.set(cmap="magma_r", clim=(-3.0, 0.0))
     bar = bar_beside(ax, cells)
     bar.set_ticks([-3.0, -2.0, -1.0, 0.0], labels=["≤ .001", ".01", ".1", "1"])
     bar.set_label("error bound of a cell per root of area, over the largest", fontsize="small")
     title = f"error of the mesh at most {history.bound['relative']:.2%}, in step {history.bound['step']:.0f}"
-    return named(ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="small", aspect=1.0)
+    return label_axes(
+        ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="small", aspect=1.0
+    )
 
 
 def _certificates(ax: Axes, history: Results) -> None:
@@ -149,73 +173,92 @@ def hysteresis_loop(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the force on what is driven against its mean motion, along the axis on which its way to and fro is longest.
+    """Draw the force on a driven boundary against its mean motion, along the axis of its longest path.
 
-    It is the reaction of a boundary that a support moves, else the total of a load. The loop of a cycle encloses the
-    work that it takes, if all nodes of the boundary move alike.
+    The force is the reaction of a boundary that a support moves, or else the total of a load. If all nodes of the
+    boundary move alike, the area enclosed by a cycle is its work.
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
+    history, ax, units : as for `friction_traction`
     on : str, optional
-        The boundary; by default that of the prescribed displacements which has the longest way, or else that of the
-        load whose total changes most, axis by axis.
+        The boundary; by default that of the prescribed displacement with the longest path, or else of the load whose
+        total changes most along an axis.
     between : (S, 2) array, optional
         Bounds on the force at the stored instants, drawn as bars: `low` and `high` of ``vx.error_bound(history, step,
-        of=...)`` with the PrescribedDisplacement of the boundary along that axis; NaN where nothing is known. By
-        default `force_bounds` of the history, if they are of this boundary and axis.
+        of=...)`` with the PrescribedDisplacement of the boundary along this axis; NaN if unknown. By default
+        `force_bounds` of the history, if they belong to this boundary and axis.
     limits : (low, high), optional
         Ends of the axis of forces.
+
+    Returns
+    -------
+    matplotlib Figure
+        The loop, with marks at its first and last instant.
 
     Raises
     ------
     HistoryError
-        `between` is no such array; or no boundary is named, and no support moves and no load changes.
+        `between` is no such array; or `on` is None, and nothing is driven: no support moves and no load changes.
+
+    Examples
+    --------
+    >>> move = vx.PrescribedDisplacement(lambda x, t: (0.01 * np.sin(t), 0.0) + 0 * x, on="top")
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), move, vx.Clamp(on="bottom"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0, 2.0, 3.0])
+    >>> figure = vx.plots.hysteresis_loop(history, on="top")
     """
     units = history.units if units is None else units
     if (loop := loop_of(history, on)) is None:
         names = ", ".join(map(repr, history.mesh.boundaries))
-        raise HistoryError(f"hysteresis_loop: nothing here says what moves; name a boundary, on=, of {names}.")
+        raise HistoryError(f"hysteresis_loop: no driven boundary is known; give on=, one of {names}.")
     name, axis, u, force = loop.on, loop.axis, loop.motion, loop.force
     ax = axes_or_new(ax, 6.0, 4.4)
     ax.plot(u, force, ".-", color=style.DISSIPATED, linewidth=1.4, markersize=4)
     if between is None and history.force_bounds is not None and history.bounded_force == {name: axis}:
         between = history.force_bounds[history.stored]
     if between is not None:
-        wanted = "bounds, two a stored instant"
+        wanted = "bounds, two per stored instant"
         _bars(ax, u, as_shaped_array(between, "hysteresis_loop: between", wanted, (len(u), 2)), style.NUMERICAL)
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)
     light_grid(ax)
-    ax.locator_params(axis="x", nbins=6)  # small motions have long labels
+    ax.locator_params(axis="x", nbins=6)  # Small motions have long labels.
     if limits is not None:
         ax.set_ylim(value_range(limits, ()))
     legend_below(ax)
     thickness = ", per thickness" if _plane(history) else ""
     x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label(loop.kind, "force", units)
-    return named(
+    return label_axes(
         ax, x, f"{y}{thickness}", f"{loop.kind.capitalize()} of {name} along $x_{axis + 1}$ against its motion"
     )
 
 
 def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw the forces on named boundaries over time, one curve a component.
+    """Draw the forces on named boundaries over time, one curve per component.
 
-    The curves are the eight largest of `History.resultants`; those below a hundredth of the largest are left out.
+    The curves are the eight largest components of `History.resultants`, without those below a hundredth of the largest.
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
+    history, ax, units : as for `friction_traction`
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib Figure
+        One curve per boundary and component.
 
     Raises
     ------
     HistoryError
         No force acts on a named boundary.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> figure = vx.plots.forces_over_time(history)
     """
     units = history.units if units is None else units
     curves = {
@@ -226,7 +269,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     sizes = {name: float(np.abs(values).max()) for name, values in curves.items()}
     most = max(sizes.values(), default=0.0)
     if most == 0:
-        raise HistoryError("forces_over_time: no force acts on a boundary that has a name.")
+        raise HistoryError("forces_over_time: no force acts on a named boundary.")
     shown = [name for name in sorted(sizes, key=lambda one: -sizes[one]) if sizes[name] > 0.01 * most]
     ax = axes_or_new(ax, 6.0, 4.4)
     for name, colour, mark in zip(shown, style.SERIES, style.MARKERS, strict=False):
@@ -234,11 +277,13 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     light_grid(ax)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
     thickness = ", per thickness" if _plane(history) else ""
-    return named(ax, label("t", "time", units), f"{label('force', 'force', units)}{thickness}", "Forces on boundaries")
+    return label_axes(
+        ax, label("t", "time", units), f"{label('force', 'force', units)}{thickness}", "Forces on boundaries"
+    )
 
 
-def _stressed_page(history: Results, units: Units | None = None) -> Figure:
-    """Von Mises' stress on the deformed body, or the largest shear stress where the material does not say it."""
+def _draw_stress(history: Results, units: Units | None = None) -> Figure:
+    """Draw von Mises' stress on the deformed body, or the largest shear stress if the material does not give it."""
     stress = "shear" if history.out_of_plane is None else "von_mises"
     return stressed_body(history, stress=stress, units=units)
 
@@ -261,7 +306,7 @@ def _along(history: Results) -> bool:
 
 PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.bool_]]] = {
     "deformed_mesh": (deformed_mesh, _plane),
-    "stressed_body": (_stressed_page, _plane),
+    "stressed_body": (_draw_stress, _plane),
     "contact_pressure": (partial(contact.along_contact, show="pressure"), lambda h: _along(h) and pressures(h).any()),
     "contact_slip": (partial(contact.along_contact, show="slip"), lambda h: _along(h) and slips(h).any()),
     "friction_traction": (contact.friction_traction, lambda h: _plane(h) and rubs(h)),
@@ -275,17 +320,17 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "forces_over_time": (forces_over_time, lambda h: _moves(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _moves),
 }
-"""By the names of their files: what draws them in given units, and whether a history has something to show for it."""
+"""Pictures by the names of their files: the function that draws them, and a test that a history has content for it."""
 MARKS = {
     ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
     ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
     ".pdf": ({"Creator": "vemcvx"}, b"/Creator (vemcvx)"),
 }
-"""Our mark, in the file: what is said to matplotlib, and what it writes."""
+"""Marks of our files by suffix: the metadata for matplotlib, and the bytes that it writes."""
 
 
-def left_out(history: Results) -> dict[str, str]:
-    """Pictures that there would be, by name, and why there are not."""
+def omissions(history: Results) -> dict[str, str]:
+    """Return the pictures that cannot be drawn, by name, with the reason."""
     if _plane(history):
         return {}
     around = len(history.contact.nodes) > 0 and not _faces(history)
@@ -296,13 +341,13 @@ def left_out(history: Results) -> dict[str, str]:
 def write_plots(
     history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
 ) -> list[Path]:
-    """Write the pictures that a history has something to show for; without contact or steps there are fewer.
+    """Write all pictures for which a history has content; without contact or steps there are fewer.
 
     Parameters
     ----------
     history : History
     folder : str or Path
-        Made if need be.
+        Created if it does not exist.
     suffix : {".png", ".svg", ".pdf"}
         The kind of file.
     units : mapping of str to str, optional
@@ -311,14 +356,21 @@ def write_plots(
     Returns
     -------
     list of Path
-        The files written; those of an older run that this one does not write are removed.
+        The written files; other pictures of an older run are removed.
 
     Raises
     ------
     HistoryError
-        The folder cannot be written to, or pictures of others are there by those names.
+        The folder cannot be written to, or foreign files have these names.
     VemcvxError
         matplotlib is not installed.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> [path.stem for path in vx.plots.write_plots(history, "pictures")]
+    ['deformed_mesh', 'stressed_body', 'forces_over_time', 'energy_ledger']
     """
     folder = path_of(folder, "write_plots")
     suffix = choice(suffix, "write_plots", "suffix", list(MARKS), HistoryError)
@@ -336,12 +388,12 @@ def write_plots(
 
 
 def draw_pictures(history: Results, units: Units | None) -> dict[str, Figure]:
-    """The pictures that a history has something to show for, by name."""
+    """Draw all pictures for which a history has content; return them by name."""
     return {name: draw(history, units=units) for name, (draw, shows) in PICTURES.items() if shows(history)}
 
 
 def check_pictures(folder: Path, suffix: str = ".png") -> None:
-    """Raise HistoryError where a picture of a name of ours is there that was not drawn by us."""
+    """Raise HistoryError if a file has the name of a picture, but was not drawn by this package."""
     for path in (folder / f"{name}{suffix}" for name in PICTURES):
         if os.path.lexists(path) and not _ours(path):
             raise HistoryError(
@@ -367,17 +419,17 @@ def animate(
 ) -> Path:
     """Write a film of the deformed mesh through all stored steps.
 
-    Magnification, colours, arrows and view are those of `deformed_mesh`, in space of `deformed_body`, the same in all
-    frames.
+    Magnification, colours, arrows and view are those of `deformed_mesh` (in space, `deformed_body`), and the same in
+    all frames.
 
     Parameters
     ----------
     history : History
     path : str or Path
-        ``.gif`` (written by pillow, which comes with matplotlib) or ``.mp4`` (where ffmpeg is installed). A file of
-        that name is replaced.
+        ``.gif`` (written by pillow, which comes with matplotlib) or ``.mp4`` (if ffmpeg is installed). An existing file
+        is replaced.
     seconds : float
-        How long the film takes, with 1 to 50 frames a second, a whole number of them.
+        Duration of the film; frames per second are a whole number from 1 to 50.
     magnify, limits, units
         See `deformed_mesh`, or `deformed_body`.
 
@@ -389,9 +441,15 @@ def animate(
     Raises
     ------
     HistoryError
-        The suffix is another, or the file cannot be written.
+        The suffix is unknown, or the file cannot be written.
     VemcvxError
-        matplotlib, or what writes such a film, is not installed.
+        matplotlib, or the writer of such films, is not installed.
+
+    Examples
+    --------
+    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
+    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    >>> path = vx.plots.animate(history, "film.gif", seconds=1.0)
     """
     path = path_of(path, "animate")
     kinds = {".gif": "pillow", ".mp4": "ffmpeg"}
@@ -402,7 +460,7 @@ def animate(
     figure = new_figure(*size_of_page(history))
     writer = film_writer(kinds[path.suffix], rate)
     frames = _frames(history, figure, magnify=magnify, limits=limits, units=units)
-    # The first frame tells whether all is as it should be before a file of that name is replaced.
+    # Errors occur in the first frame, before an existing file is replaced.
     next(frames)
     try:
         with writer.saving(figure, path, 110):

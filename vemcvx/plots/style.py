@@ -1,8 +1,8 @@
-"""The ground of all pictures: colours by their meaning, names of axes and units, and one scale for all stored steps.
+"""The common style of all pictures: colours by meaning, labels with units, and one scale for all stored steps.
 
-Colours are apart for colour-blind eyes (after Okabe and Ito) and, as areas, in grey print. Labels name the unit of a
-quantity where the reader has given one, and else the quantity itself. Magnifications, colour scales and frames do not
-depend on the step, so that pictures of several steps can be laid side by side, or be the frames of a film.
+Colours differ for colour-blind eyes (after Okabe and Ito) and, as areas, in grey print. Labels give the unit of a
+quantity if the user has named one, or else the quantity itself. Magnifications, colour scales and frames are the same
+at all steps, so that pictures of several steps can be compared, or be the frames of a film.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 STICK, SLIP = "#0072B2", "#D55E00"
 STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
-"""Areas: light, middle, dark; slip towards larger and towards smaller positions."""
+"""Colours of areas (light, middle, dark): stick, slip towards larger and slip towards smaller positions."""
 SLIP_AREA, OPEN_AREA = "#E59866", "#F7F7F7"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, EXACT = "#0072B2", "#000000"
 SECOND, THIRD = "#D55E00", "#009E73"
-"""Marks of what was computed, the line of a closed form, and further curves beside these."""
+"""Colours of computed marks, of the line of a closed form, and of further curves."""
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
 MARKERS = "osD^vPX*"
-"""Many series: colours, and marks for print without them."""
+"""Colours of many series, and their markers for grey print."""
 TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
-"""Colour maps: tension red and compression blue, one or both; and of what has no sign. From the largest compression to
-the largest tension it gets darker, so that in grey print, too, no stress looks like its opposite."""
-EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves of ever later instants: ever darker.
+"""Colour maps of tension (red), of compression (blue), of unsigned fields, and of both signs. The last gets darker from
+compression to tension, so that also in grey print no stress looks like its opposite."""
+EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves get darker with time.
 
 Units = Mapping[str, str]
 Window = tuple[tuple[float, float], tuple[float, float]]
@@ -57,9 +57,9 @@ BY_STRESS = {
     "energy per length": "{stress} {length}²",
     "energy per area": "{stress} {length}",
 }
-"""Units made of force and length, or of stress and length where only that is given."""
+"""Units derived from force and length, or from stress and length if there is no unit of force."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""What is per length of a contact boundary in the plane is per unit of thickness, too."""
+"""In the plane, a quantity per length of a contact boundary is per unit of thickness, and therefore per area."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",
@@ -67,13 +67,13 @@ WORDS = {
     "energy/length": "energy per length",
     "energy/length²": "energy per area",
 }
-"""Quantities by the products of units that tables have for them."""
+"""Quantities by the products of units that tables use for them."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 
 
 def unit(units: Units | None, quantity: str) -> str:
-    """Return the name of the unit of a quantity: as given, made of those of others, or the quantity itself."""
-    given = checked_units(units)
+    """Return the name of the unit of a quantity: as given, derived from other units, or the quantity itself."""
+    given = check_units(units)
     if quantity not in given and THICKNESS.get(quantity) in given:
         quantity = THICKNESS[quantity]
     if quantity not in given and quantity in DERIVED and {"force", "length"} <= set(given):
@@ -84,22 +84,22 @@ def unit(units: Units | None, quantity: str) -> str:
 
 
 def in_units(product: str, units: Units | None) -> str:
-    """Return the unit of a table, such as "force/length²", by the names that are given; without any as it is."""
+    """Return the unit of a table, such as "force/length²", in the given names; unchanged without units."""
     return unit(units, WORDS.get(product, product)) if units else product
 
 
 def label(words: str, quantity: str, units: Units | None) -> str:
-    """Return words, which may end a line, and in brackets the unit of what they name."""
+    """Return `words`, which may end a line, followed by the unit of the quantity in brackets."""
     return f"{words}{'' if words.endswith(chr(10)) else ' '}({unit(units, quantity)})"
 
 
 def instant(t: float, units: Units | None) -> str:
-    """Return an instant in words, with the name of its unit if it has one."""
-    return f"t = {t:.4g} {checked_units(units).get('time', '')}".rstrip()
+    """Return an instant in words, with its unit if one is given."""
+    return f"t = {t:.4g} {check_units(units).get('time', '')}".rstrip()
 
 
-def checked_units(units: Units | None, subject: str = "units") -> Units:
-    """Return units as given, none for None; HistoryError if they are no mapping from known quantities to words."""
+def check_units(units: Units | None, subject: str = "units") -> Units:
+    """Return the units, {} for None; raise HistoryError unless they map known quantities to words."""
     if units is None:
         return {}
     known = ", ".join(map(repr, QUANTITIES))
@@ -111,10 +111,10 @@ def checked_units(units: Units | None, subject: str = "units") -> Units:
     return units
 
 
-def named(
+def label_axes(
     ax: Axes, x: str, y: str, title: str, *, size: str = "large", window: Window | None = None, **more: Any
 ) -> Figure:
-    """Return the figure of axes that now have labels and a title; a window is the part of the plane that they show."""
+    """Set labels, title and the visible window of axes, and return their figure."""
     ax.set(xlabel=x, ylabel=y, **more)
     ax.set_title(title, fontsize=size)
     if window is not None:
@@ -123,7 +123,7 @@ def named(
 
 
 def window_of(raw: ArrayLike | None) -> Window | None:
-    """Return the part of the plane that a picture shows, as asked; HistoryError if it is none. None is all of it."""
+    """Return the visible part of the plane, None for all of it; raise HistoryError unless it is two intervals."""
     if raw is None:
         return None
     wanted = "((low, high), (low, high)), the parts of both axes"
@@ -135,25 +135,25 @@ def window_of(raw: ArrayLike | None) -> Window | None:
 
 
 def within(points: Floats, window: Window | None) -> Bools:
-    """(k,) bool, true of the points (k, 2) that a window shows."""
+    """Return True (k,) for points (k, 2) inside a window."""
     low, high = np.transpose(window if window is not None else [[-np.inf, np.inf]] * 2)
     return np.all((points >= low) & (points <= high), axis=1)
 
 
 def idle(history: Results) -> Bools:
-    """(S, m) bool, true where contact is open and nothing rubs but for rounding: nothing sticks or slips there."""
+    """Return True (S, m) where contact is open and friction is zero to rounding: the node neither sticks nor slips."""
     contact = history.contact
     friction = np.linalg.norm(contact.traction, axis=2)
     return np.asarray(~contact.closed & (friction <= ROUNDING * friction.max(initial=0.0)))
 
 
-def rounded_down(wanted: float, largest: float) -> float:
-    """Return the largest 1, 2 or 5 times a power of ten that keeps `largest` times it within `wanted`; 1 of nothing."""
+def round_down(wanted: float, largest: float) -> float:
+    """Return the largest f = 1, 2 or 5 times a power of ten with f * largest <= wanted; 1 if `largest` is not > 0."""
     if not largest > 0.0 or not np.isfinite(wanted / largest):
         return 1.0
     factor = wanted / largest
     power = 10.0 ** np.floor(np.log10(factor))
-    # Powers of ten are rounded: SAME keeps a wanted 5 from becoming 2.
+    # Powers of ten are rounded: without SAME a wanted 5 could become 2.
     return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + SAME)))
 
 
@@ -165,13 +165,13 @@ def positive(raw: object, found: str, wanted: str) -> float:
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
-    """Return how far to magnify the displacements of all stored steps: as asked, or by a round number.
+    """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None.
 
-    By that number `nodes` move by about 0.15 of the size of the body at most, and the ends of all edges but one in a
-    hundred by at most half the edge's length, beyond which cells turn inside out.
+    With this number, `nodes` move by at most about 0.15 of the size of the body. The ends of 99 of 100 edges move
+    apart by at most half the edge's length; beyond that cells turn inside out.
     """
     if magnify is not None:
-        return positive(magnify, "magnify: found", "a positive number, or None for one that suits all steps")
+        return positive(magnify, "magnify: found", "a positive number, or None for an automatic one")
     u, kept = history.displacement, slice(None) if nodes is None else nodes
     largest = max(float(np.linalg.norm(row[kept], axis=1).max(initial=0.0)) for row in u)
     if largest == 0.0:
@@ -181,17 +181,17 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
-    return min(rounded_down(0.15 * size, largest), rounded_down(0.5, strain))
+    return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 
 
 def extent(history: Results, factor: float) -> Floats:
-    """(2, dim) lowest and highest corner of all that the body fills, undeformed and at all stored steps."""
+    """Return the lowest and the highest corner (2, dim) of the body, undeformed and at all stored steps together."""
     places = [history.mesh.points, *(history.mesh.points + factor * u for u in history.displacement)]
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])
 
 
 def value_range(limits: ArrayLike | None, default: Iterable[float]) -> tuple[float, float]:
-    """Return the ends of a range of values, as asked or the default; HistoryError if they are not two that grow."""
+    """Return the ends of a range of values, given or default; raise HistoryError unless they are two in order."""
     try:
         low, high = (float(end) for end in (default if limits is None else np.asarray(limits)))
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""What is driven, and the loop of its force and its motion: a boundary that a support moves, or a load."""
+"""The loop of force and motion of a driven boundary: one that a support moves, or one under a load."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vemcvx.results.results import Results
 
 @dataclass(frozen=True)
 class Loop:
-    """What is driven, `on` a boundary or at points, along `axis`: the mean motion there and the force, (S,)."""
+    """The mean motion (S,) and the force (S,) along `axis`, `on` a driven boundary or at points."""
 
     on: str
     axis: int
@@ -25,27 +25,27 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of a boundary along the axis on which its way to and fro is longest.
+    """Return the loop of a boundary along the axis of its longest path to and fro.
 
-    By default of the prescribed displacements that of the longest way; else of the loads the largest, where the scene
-    is known; None where none is driven.
+    By default the boundary is the one of the prescribed displacement with the longest path, or else of the load whose
+    total changes most, if the scene is known. Return None if nothing is driven.
     """
-    ways = _driven(history) if on is None else {on: _motion(history, on)}
+    ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
-        return _loaded(history)
+        return _find_load_loop(history)
     lengths = {name: np.abs(np.diff(way, axis=0)).sum(axis=0) for name, way in ways.items()}
     name = max(ways, key=lambda one: float(lengths[one].max()))
     axis = int(np.argmax(lengths[name]))
     if name in history.mesh.boundaries:
         kinds = {"reaction": history.reaction(name)[:, axis], "force": history.force(name)[:, axis]}
     else:
-        kinds = {"reaction": history.force(next(one for one in _moved(history) if name in _names(one)))[:, axis]}
+        kinds = {"reaction": history.force(next(one for one in _movers(history) if name in _names(one)))[:, axis]}
     kind = "reaction" if kinds["reaction"].any() else "force"
     return Loop(name, axis, ways[name][:, axis], kinds[kind], kind)
 
 
-def _loaded(history: Results) -> Loop | None:
-    """Return the loop of the load whose total changes most, of those on boundaries and at points."""
+def _find_load_loop(history: Results) -> Loop | None:
+    """Return the loop of the load on a boundary or at points whose total changes most; None if there is none."""
     if history.scene is None:
         return None
     changes = np.ptp(history.acting.loads, axis=0)
@@ -77,18 +77,18 @@ def _names(effect: PrescribedDisplacement | Rigid) -> Sequence[str]:
     return [effect.on] if isinstance(effect.on, str) else effect.on
 
 
-def _moved(history: Results) -> list[PrescribedDisplacement | Rigid]:
+def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
     """Return the effects whose motion is prescribed."""
     kinds = PrescribedDisplacement, Rigid
     return [one for one in history.scene or () if isinstance(one, kinds) and getattr(one, "motion", ()) is not None]
 
 
-def _driven(history: Results) -> dict[str, Floats]:
+def _find_driven(history: Results) -> dict[str, Floats]:
     """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name.
 
-    Files and joined stages have no scene: there a boundary is driven along the axes of its reaction.
+    Files and joined stages have no scene: for these, a boundary is driven along the axes of its reaction.
     """
-    names, along = [name for effect in _moved(history) for name in _names(effect)], {}
+    names, along = [name for effect in _movers(history) for name in _names(effect)], {}
     if history.scene is None:
         held = {
             name.removeprefix("reaction of "): R for name, R in history.resultants.items() if "reaction of " in name

@@ -109,3 +109,15 @@ def test_slip_that_is_rounding_is_drawn_as_none(held):
 def test_energies_have_a_unit_where_stresses_have_one(opened):
     assert energy_ledger(opened, units=PASCAL).axes[0].get_ylabel() == "energy (Pa m³), per thickness"
     assert "reaction (Pa m²)" in hysteresis_loop(opened, units=PASCAL).axes[0].get_ylabel()
+
+
+def test_arrows_at_a_corner_are_cut_and_have_a_legend():
+    history = pressed()
+    contact = history.contact
+    assert "arrows cut at" not in stressed_body(history).axes[0].get_title()
+    sharp = replace(
+        history, contact=replace(contact, pressure=contact.pressure * np.where(contact.nodes % 7, 1, 100.0))
+    )
+    axes = stressed_body(sharp).axes[0]
+    assert "arrows cut at" in axes.get_title()
+    assert [line.get_label() for line in axes.lines if line.get_marker() == "$\\rightarrow$"] == ["contact force"]

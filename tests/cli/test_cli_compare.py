@@ -208,7 +208,7 @@ def test_options_reach_solvers_and_are_told():
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, *options)
     # A step that missed is asked again, and once more where that was better.
     assert 2 * 5 <= int(rows(done.output)["Clarabel", "default"][6]) <= 3 * 5
-    assert "max_iter = 5 (asked for)" in done.output
+    assert "max_iter = 5 (by --option)" in done.output
     refused = invoke(PROBLEM, "--n", 4, "--steps", 2, "--option", "clarabel.speed=9", "--solvers", "newton,clarabel")
     assert re.search(r"Clarabel \(tuned\): refused: refused the options \{'speed': 9\}", refused.output)
     assert rows(refused.output)["Newton", "own"][2] == "yes"

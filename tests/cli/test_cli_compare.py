@@ -332,7 +332,7 @@ def test_where_the_sum_bounds_nothing_it_says_so(tmp_path):
     done = invoke(tmp_path / "pressed.py", "--n", 4, "--steps", 2, "--solvers", "newton,clarabel")
     assert done.exit_code == 0, done.output
     assert rows(done.output)["Clarabel", "tuned"][5] == "-"
-    assert "no bound here: friction follows pressure or slip" in done.output
+    assert "no bound here: friction depends on pressure or slip" in done.output
 
 
 def test_what_bounds_a_distance():

@@ -79,8 +79,8 @@ def find_blocks(section: Tag) -> Iterator[Tag]:
 
 def build_slides(blocks: list[Tag]) -> Iterator[str]:
     """Yield the title with the opening paragraph, then a slide for every formula, picture, table and short list."""
-    heading = str(blocks[0])
-    yield heading + "".join(f"<p>{part}</p>" for part in fit(split_sentences(blocks[1]), LINES, first=True))
+    heading = str(blocks[0]).replace("h1>", "h2>")  # for formulas before the first section
+    yield str(blocks[0]) + "".join(f"<p>{part}</p>" for part in fit(split_sentences(blocks[1]), LINES, first=True))
     for at, block in enumerate(blocks):
         following = blocks[at + 1 : at + 3]
         if block.name == "h2":

@@ -116,8 +116,8 @@ def write(path: Path, opens: int | None = None) -> str:
     at = {n: f"step {n} of {history.steps}, t = {history.times[history.row(n)]:.4g}" for n in steps}
     shown = "".join(
         f'<section aria-label="{at[n]}"{"" if n == first else " hidden"}>'
-        f"{module.told(module.numbers_of(history, n))}"
-        f"{module.shown(module.pictures(history, n, course, units))}</section>"
+        f"{module.format_numbers(module.numbers_of(history, n))}"
+        f"{module.format_pictures(module.pictures(history, n, course, units))}</section>"
         for n in steps
     )
     slider = (

@@ -341,8 +341,8 @@ def test_show_says_the_scene_in_words(tmp_path):
     assert unused == sorted(unused)
     assert {"BodyForce", "CoulombFriction"} <= set(unused)
     assert "left out" not in rows
-    assert rows["solvers"] == "Newton, OSQP, Clarabel; the smallest is Newton"
-    assert rows["not"] == "Direct (no absolute values)"
+    assert rows["solvers"] == "Newton, OSQP, Clarabel; the default is Newton"
+    assert rows["not accepting"] == "Direct (no absolute values)"
     assert rows["mesh"] == "squares, n = 8: 64 cells, 81 nodes, h = 0.1768"
     assert rows["shapes"] == "star 0.35 to 0.35, edge 0.71 to 0.71 (good above 0.05 and 0.0001)"
     assert rows["linear solve"].startswith("SuperLU on 136 x 136 with ")
@@ -355,9 +355,9 @@ def test_show_says_the_scene_in_words(tmp_path):
     loose = invoke("show", written(tmp_path, MINIMAL), "--n", 3).output
     assert "quadratic, no convex terms" in loose
     assert "none; no cones" in loose
-    assert "Direct, Newton, OSQP, Clarabel; the smallest is Direct" in loose
+    assert "Direct, Newton, OSQP, Clarabel; the default is Direct" in loose
     assert "Direct (no" not in loose
-    assert "mesh           its own, n = 3: 9 cells" in loose
+    assert "mesh           the problem's own, n = 3: 9 cells" in loose
 
 
 def test_resuming_needs_something_to_resume(tmp_path):

@@ -148,7 +148,7 @@ def test_what_is_written_is_confirmed(tmp_path, capsys):
     assert (tmp_path / "confirm.py").read_text() == SCRIPT.read_text()
     assert confirm.main(tmp_path) == 0
     said = capsys.readouterr().out
-    assert f"{len(every)} of {len(every)} are confirmed: {len(rows)} optima, 2 proofs that there is none" in said
+    assert f"{len(every)} of {len(every)} are confirmed: {len(rows)} optima, 2 proofs that no optimum exists" in said
     assert f"certified by themselves: {len(rows)} to 0.001" in said
 
 
@@ -217,4 +217,4 @@ def test_the_whole_collection_is_confirmed(tmp_path):
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
     assert "optima.csv agrees with that of version 5" in " ".join(done.output.split())
-    assert "141 of 141 are confirmed: 135 optima, 6 proofs that there is none" in run.stdout
+    assert "141 of 141 are confirmed: 135 optima, 6 proofs that no optimum exists" in run.stdout

@@ -216,7 +216,7 @@ def test_what_springs_do_not_feel_floats():
     for mesh, effect, says in (
         (one, vx.ElasticFoundation(normal=10.0, on="bottom"), r"1 rigid motion meets .* the translation \(1, 0\)"),
         (two, first, "part 2 of 2 of the body floats: 3 rigid motions"),
-        (two, links, "3 rigid motions .* a motion of pieces that are joined"),
+        (two, links, "3 rigid motions .* a motion of several connected pieces"),
     ):
         with pytest.raises(vx.SceneError, match=f"^supports: .*{says}"):
             pose_scene(vx.Scene(STEEL, effect), mesh)

@@ -286,7 +286,7 @@ def test_partners_are_stored_and_probes_tell_the_first_body(tmp_path):
                 vx.Symmetry(on="boundary"),
             )
         ),
-        ([vx.BilateralContact(on=JOINT)], r"the first the translation \(1, 0, 0\) of upper"),
+        ([vx.BilateralContact(on=JOINT)], r"the first is the translation \(1, 0, 0\) of upper"),
         ([PRESSED, vx.TrescaFriction(1.0, on="upper|lower")], r"this interface is named 'lower\|upper'"),
         ([vx.TrescaFriction(1.0, on=JOINT, ground=lambda x, t: (t, 0.0, 0.0))], "found ground= on an interface"),
     ],

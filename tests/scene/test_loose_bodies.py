@@ -22,10 +22,10 @@ def blocks():
 @pytest.mark.parametrize(
     ("effects", "says"),
     [
-        ((FOOT, BOND), r"the body floats: 1 .* the first the translation \(1, 0\) of upper\. Add Clamp"),
+        ((FOOT, BOND), r"the body floats: 1 .* friction: the translation \(1, 0\) of upper\. Add Clamp"),
         ((FOOT,), r"part 2 of 2 of the body floats: 3 rigid motions .* of upper\. "),
         ((BOND,), r"the body floats: 1 rigid motion .* of (lower|upper)\. "),
-        ((vx.Clamp(on="upper.top"), BOND), r"the body floats: 1 .* the first the translation \(1, 0\) of lower\. "),
+        ((vx.Clamp(on="upper.top"), BOND), r"the body floats: 1 .* friction: the translation \(1, 0\) of lower\. "),
     ],
 )
 def test_what_floats_is_named(effects, says):

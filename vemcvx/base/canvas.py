@@ -51,7 +51,7 @@ def usual_page() -> tuple[float, float]:
 
 @cache
 def _figure_class() -> type[Figure]:
-    """Return a class of figures that Jupyter shows at the end of a cell, which Figure requires pyplot for."""
+    """Return a subclass of Figure that Jupyter shows at the end of a cell; Figure itself needs pyplot for this."""
     from matplotlib.figure import Figure
 
     class NotebookFigure(Figure):
@@ -237,7 +237,7 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     from matplotlib.ticker import MaxNLocator
 
     # The default number of ticks depends on the height of the bar, and the layout depends on the ticks: labels may
-    # be cut off. On flat bodies six labels in the size for narrow screens would overlap.
+    # be cut off. On flat bodies six labels, in the font size for narrow screens, would overlap.
     flat = 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim())
     ticks = MaxNLocator(2 if flat else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)

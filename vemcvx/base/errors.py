@@ -44,7 +44,7 @@ class SceneWarning(UserWarning):
     """The scene has an answer that deserves a second look."""
 
 
-WORTH_A_WORD = 0.05  # Relative deviation above which a warning is issued; of small strains the strain itself.
+WARNING_FRACTION = 0.05  # A warning is issued above this relative deviation, or above this principal strain.
 
 
 class NotAccepted(VemcvxError):
@@ -64,7 +64,7 @@ class ProgramError(VemcvxError):
 
 
 class ProblemError(VemcvxError):
-    """A problem file, or an option of the command line, does not make a run."""
+    """A problem file, or an option of the command line, is not valid."""
 
 
 class NotCertified(VemcvxError):

@@ -87,5 +87,5 @@ def in_a_line(value: object) -> str:
 
 
 def coordinates(point: Iterable[float], digits: int = 4) -> str:
-    """Return a point in words, such as (0.3, 1.25), with `digits` significant digits."""
+    """Return a point as text, such as (0.3, 1.25), with `digits` significant digits."""
     return f"({', '.join(f'{x:.{digits}g}' for x in point)})"

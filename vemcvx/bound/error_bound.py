@@ -1,6 +1,6 @@
 """Guaranteed bounds on the error of mesh and steps.
 
-A step: :mod:`.hypercircle`; a whole history: :mod:`.whole_history`; a quantity: :mod:`.quantity`.
+For a step see :mod:`.hypercircle`, for a whole history :mod:`.whole_history`, for a quantity :mod:`.quantity`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ log = logging.getLogger("vemcvx")
 class ErrorBound(Outlined):
     """The bounds on the distance |u - v|_a of the exact displacement u from the computed displacement v.
 
-    v is a conforming function. It has the nodal values of the history, is linear on the edges of cells, and has inside
-    a cell the least energy among functions of degree two on a fine split. For a step, u is the exact answer of the step
-    on the continuum, given the displacement before it. For a history, u is the exact history. It begins with v at
+    v is a conforming function with the nodal values of the history, linear on the edges of cells. Inside a cell, v has
+    the least energy among functions of degree two on a fine split. For a step, u is the exact answer of the step on the
+    continuum, given the displacement before the step. For a history, u is the exact history. It begins with v at
     times[0], or, like the run, at rest under the loads (initial="equilibrium" or "settled").
 
     Attributes
@@ -48,15 +48,15 @@ class ErrorBound(Outlined):
         Bounds on the minimum of the step: energy minus the work of loads, plus the cost of friction; infinite for whole
         histories.
     cells : (n_cells,)
-        Parts of the square of the (largest) upper bound.
+        Contributions of the cells to the square of the largest upper bound.
     parts : mapping of str to (S,)
         Parts of `upper`. "mesh": the difference of stress and strain. "contact": the defect in the laws of friction and
         contact. "data": the estimate for data that are not linear on edges, in cells, or in time between instants; zero
-        if they are. "algebra": the certified error of the solver, which the other parts contain. For whole histories
-        also "steps": y.
+        for linear data. "algebra": the certified error of the solver, which the other parts contain. For whole
+        histories also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
     bends : (k,)
-        For whole histories instants inside steps at which data are not linear in time; more steps, or
-        :func:`vemcvx.instants`, make the bound sharper.
+        For whole histories: instants inside steps at which data are not linear in time. More steps, or steps that end
+        at :func:`vemcvx.instants`, make the bound sharper.
     kind : str
         "bound": a theorem, for data that are linear on edges and in cells at all examined points
         (:mod:`vemcvx.bound.reading`). "bound for data as read at points" for other data: `upper`, `lower`, `energy` and
@@ -87,7 +87,7 @@ class ErrorBound(Outlined):
     bends: Floats = field(default_factory=lambda: np.zeros(0))
 
     def at(self, k: int) -> ErrorBound:
-        """Return the bound of the k-th of the steps only."""
+        """Return the bound of the k-th examined step alone."""
         one = {name: getattr(self, name)[k] for name in ("steps", "upper", "lower")}
         (low, high), (least, most) = self.energy, self.potential
         parts = {name: part[k] for name, part in self.parts.items()}
@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The "step" with the largest upper bound: its "upper", "lower", "relative", "kind", and "reading" ("data")."""
+        """The "step" of the largest bound, its "upper", "lower", "relative", "kind", and part "data" as "reading"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
@@ -147,20 +147,20 @@ def error_bound(
     ----------
     history : History
     step : int, optional
-        A stored step whose predecessor was also stored; -1 is the last step. By default the whole history: all its
+        A stored step whose predecessor was also stored; -1 is the last step. The default is the whole history: all its
         steps must be stored, and only friction with a given bound may act (BilateralContact and TrescaFriction). The
-        bound of a history is a theorem for data that are linear in time between its instants. For other data it
-        contains an estimate, and a warning names instants.
+        bound of a history is a theorem for data that are linear in time between its instants. For other data the bound
+        contains an estimate, and a warning lists instants at which data are not linear.
     of : Effect or sequence of Effect, optional
-        A linear quantity, given as a load whose work it is: ``Traction((1.0 / length, 0.0), on="top")`` is the mean
-        displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean displacement of the body, and
-        ``Prestress((-1.0 / area, 0.0, 0.0))`` its mean strain. A PrescribedDisplacement on a support is the work of the
-        force of the support on it: ``(1.0, 0.0)`` is the force along x. A sequence is a sum. This needs a step.
+        A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
+        is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` of the body, and
+        ``Prestress((-1.0 / area, 0.0, 0.0))`` is the mean strain xx of the body. A PrescribedDisplacement on a support
+        is the work of the support force: ``(1.0, 0.0)`` is the force along x. A sequence is a sum. `of` needs `step`.
 
     Returns
     -------
     ErrorBound, or with `of` QuantityBound
-        See there for the displacement, the error, and the conditions under which an interval is a theorem.
+        See these classes for the displacement, the error, and the conditions under which an interval is a theorem.
 
     Raises
     ------
@@ -195,14 +195,14 @@ def error_bound(
 
 
 class Stepped(NamedTuple):
-    """A step and its pair."""
+    """The number of a step and its pair of displacement and stress."""
 
     n: int
     pair: Pair
 
 
 def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Stepped]:
-    """Return the pairs of stored steps, each given the step before."""
+    """Return the pair (displacement and stress) of each stored step, given the step before it."""
     found = []
     for step in steps:
         n = int(history.stored[history.row(step)])
@@ -246,7 +246,7 @@ def bound_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped
 
 
 def _kind(supposed: Mapping[str, bool | np.bool]) -> str:
-    """Return the kind of a bound with these assumptions, if True."""
+    """Return "bound", or "bound for ..." with the names of the assumptions that are made."""
     given = " and ".join(name for name, so in supposed.items() if so)
     return f"bound for {given}" if given else "bound"
 
@@ -303,6 +303,6 @@ def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[St
         dual = Dual.from_effects(circle, moved)
         found = np.array([(np.nan, np.nan), *(dual.interval(Fields(one.pair)) for one in stepped)])
     except SceneError as error:
-        log.info("no bounds of the force of %s: %s", loop.on, error)
+        log.info("no bounds on the force that moves boundary %s: %s", loop.on, error)
         return {}
     return {"force_bounds": found, "bounded_force": {loop.on: loop.axis}} if np.isfinite(found).any() else {}

@@ -4,9 +4,9 @@ A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0),
 x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts
 are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
-A body force is linear in each cell, f = (1, x, y) c about the centre of the fan, with six coefficients c. Stresses and
-displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. Inner unknowns of a
-cell are condensed. A symmetric matrix with 4 n + 6 rows remains, for the outline of the cell and c.
+A body force is linear in each cell: f = (1, x, y) c with six coefficients c, and x, y from the centre of the fan.
+Stresses and displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. Inner
+unknowns of a cell are condensed. A symmetric matrix with 4 n rows for the outline of the cell and 6 for c remains.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Fans:
 
     @cached_property
     def normals(self) -> Floats:
-        """The outward normals (c, n, 2) of the outer edges, with the length of the edge."""
+        """The outward normals (c, n, 2) of the outer edges, each as long as its edge."""
         return right_of(np.roll(self.corners, -1, axis=1) - self.corners)
 
     @cached_property
@@ -136,7 +136,7 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The mean gradients (c, 2 n, 2) in cells of functions that are one at a point of the outline, quadratic."""
+        """The mean gradients (c, 2 n, 2), over cells, of the quadratic Lagrange functions of points of the outline."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         means: Floats = np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None])
         return means
@@ -154,7 +154,7 @@ class Fans:
 
 def condense(M: Floats, first: int) -> Floats:
     """Condense the first unknowns of symmetric matrices (..., m, m): return their Schur complements."""
-    # Solves keep digits: with inverses all but five digits were lost at lambda = 1e6.
+    # Solve instead of multiplying by inverses, which lost all but five digits at lambda = 1e6.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
     symmetric: Floats = 0.5 * (left + left.swapaxes(-1, -2))
@@ -164,7 +164,7 @@ def condense(M: Floats, first: int) -> Floats:
 def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
     """Return the matrices (k, 4 n + 6, 4 n + 6) of cells, given the matrices (k, n, 18, 18) of triangles.
 
-    `slots` (n, 12) are the positions of the unknowns of triangles among those of the cell, inner unknowns first.
+    `slots` (n, 12) are positions of triangle unknowns in the vector of cell unknowns, which begins with inner unknowns.
     """
     inside = int(slots.max()) + 1 - 4 * fans.n
     places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
@@ -178,23 +178,23 @@ def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
 
 
 def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
-    """Return the sum (size,) of values (c, m) of chunks of cells at positions (c, m)."""
+    """Return sums (size,) of values: each chunk of cells has values (c, m) and their positions (c, m) in the result."""
     where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
     return totals(where, what, size)
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """Return the fans of all cells, in chunks of equally many vertices; C (n_cells, 3, 3).
+    """Return the fans of all cells in chunks of equally many vertices, given elastic matrices C (n_cells, 3, 3).
 
     Raises
     ------
     SceneError
-        No point sees all of some cell, or an edge is too short for its cell.
+        A cell is not star-shaped, or an edge is too short for its cell.
     """
     found = []
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
-        # Flat triangles make bounds larger, but not invalid: a better centre is found for such cells.
+        # Bounds are valid but large if triangles are flat, so cells with flat triangles get a better centre.
         for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < LEAST_STAR):
             centres[k] += _find_centre(chunk.corners[k] - centres[k], int(chunk.cells[k]))
         fans = Fans(
@@ -223,7 +223,7 @@ def _least_height(corners: Floats) -> Floats:
 
 
 def _find_centre(corners: Floats, cell: int) -> Floats:
-    """Return the point of a cell (n, 2) that is farthest inside the lines of all its edges."""
+    """Return the point of a cell, with corners (n, 2), whose smallest distance to the lines of the edges is largest."""
     # Few meshes need linprog, and its import takes a tenth of a second.
     from scipy.optimize import linprog
 
@@ -250,6 +250,6 @@ def _refuse_short_edges(fans: Fans) -> None:
         cell, side = int(fans.cells[worst]), int(np.argmin(lengths[worst]))
         raise SceneError(
             f"error_bound: an edge of cell {cell}, from node {fans.nodes[worst, side]}, is {ratio[worst]:.2g} of "
-            f"the cell's radius; bounds are useless if it is below {SHORTEST_EDGE:g}. Merge its nodes, or refine the "
-            "cell there."
+            f"the cell's radius; bounds are useless if this ratio is below {SHORTEST_EDGE:g}. Merge the nodes of the "
+            "edge, or refine the cell there."
         )

@@ -59,7 +59,7 @@ def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, n
 
 def mesh_name(problem: Problem, family: str | None, n: int | None) -> str:
     """Return the name of a mesh: its file, or its family and the number n of cells; n may be None."""
-    name = family or problem.family or "its own"
+    name = family or problem.family or "the problem's own"
     return name if n is None or is_file(name) else f"{name}, n = {n}"
 
 
@@ -83,8 +83,8 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
         "program": _program(operators, posed.system.damping is not None),
         "terms": _terms(operators),
         "certificate": _certificate(posed.system.norms, operators),
-        "solvers": f"{', '.join(solver.name for solver in able)}; the smallest is {able[0].name}",
-        "not": ", ".join(refuse),
+        "solvers": f"{', '.join(solver.name for solver in able)}; the default is {able[0].name}",
+        "not accepting": ", ".join(refuse),
         "linear solve": once + (again if m else "; then a back-substitution for every new shape of the load"),
     }
     return [(name, text) for name, text in rows.items() if text]

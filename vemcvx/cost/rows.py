@@ -1,4 +1,4 @@
-"""Rows of tables: the settings of a run, its status and its figures, by name; and CSV files of such rows."""
+"""Rows of tables: the settings, status and key figures of a run by name; and CSV files of such rows."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of the figures of a run: energies are those at the end, counts those at the peak, others the largest values."""
+"""Names of the key figures of a run: energies at the end, counts at the step of largest energy, else largest values."""
 
 
 def figures(history: Results) -> Row:
-    """Return the figures of a run by name, as far as the run has them."""
+    """Return the key figures of a run by name, without figures that the run does not have."""
     run, touch = history.trajectory, history.contact
     counts = dict(zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True))
     return {
@@ -63,7 +63,7 @@ def _largest_forces(history: Results) -> Row:
 
 
 def labels(history: Results, units: Units | None = None) -> dict[str, str]:
-    """Return the labels of the figures of a run, with their units."""
+    """Return the labels of the key figures of a run, with their units."""
     energy = in_units("energy", units)
     return {
         **{name: f"{name.replace('_second_order', ', of second order')}\n({energy})" for name in ENERGIES},

@@ -1,8 +1,8 @@
 """Cutting a mesh in two along a line, in space along a plane.
 
 In the plane, cells that the line crosses become two polygons, with a new node where the line meets an edge; both cells
-at the edge get this node. To avoid slivers, inner nodes within `NEAR_FRACTION` of their shortest edge from the line
-first move onto it. In space the plane must run along faces: cells are not split.
+at the edge get this node. To avoid slivers, inner nodes first move onto the line if their distance from it is at most
+`NEAR_FRACTION` times their shortest edge. In space the plane must run along faces: cells are not split.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from vemcvx.meshes.polygons import corner_edges, offsets_of, rows_in_order
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 NEAR_FRACTION = 0.1
-"""Relative to the shortest edge at a node, the distance from the line below which the node moves onto it."""
+"""Nodes move onto the line if their distance from it is below this fraction of their shortest edge."""
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
     """Return the parts of a mesh behind and ahead of a line (in space: of a plane) as two meshes.
 
-    :func:`vemcvx.meshes.bodies` joins them again with the cut as an interface, as `Pretension` across a bolt needs it.
-    Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the plane, cells
-    that the line crosses are split; inner nodes within a tenth of their shortest edge from the line move onto it. In
-    space the plane must run along faces.
+    :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface; `Pretension` of a bolt needs such
+    an interface. Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the
+    plane, cells that the line crosses are split. Inner nodes move onto the line if their distance from it is at most a
+    tenth of their shortest edge. In space the plane must run along faces.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _split_cell(
 
 
 def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[tuple[int, int], int]) -> Any:
-    """Return the mesh of some cells, given as pairs of the parent and the vertices or faces."""
+    """Return the mesh of some cells; `own` has pairs: the number of the parent cell, and the vertices or faces."""
     parents, cells = zip(*own, strict=True)
     plane = isinstance(mesh, PolygonMesh)
     used = np.unique(np.concatenate([row for cell in cells for row in ((cell,) if plane else cell)]))

@@ -124,9 +124,9 @@ class Reduced:
 class Condensation:
     """A system reduced to its retained unknowns.
 
-    `operators` are S, dense, and the rows on the `retained` (m,) unknowns; `full` are the operators on all unknowns.
-    Both are equal if the system is kept `whole`: with ``condense=False``, or if the linear solver cannot eliminate.
-    `factor` is the factor of K with the anchors' stiffness.
+    `operators` act on the `retained` (m,) unknowns: the dense S, and the rows of norm terms and limits. `full` are the
+    operators on all unknowns. Both are equal if the system is kept `whole`: with ``condense=False``, or if the linear
+    solver cannot eliminate. `factor` is the factor of K with the anchors' stiffness.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import CHUNK_SIZE, SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole, sum_columns
-from vemcvx.base.errors import WORTH_A_WORD, HistoryError, SceneError, SceneWarning
+from vemcvx.base.errors import WARNING_FRACTION, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import Effect
 from vemcvx.meshes import Mesh, PolyhedralMesh
@@ -532,7 +532,7 @@ def warn_of_lost_work(run: Trajectory) -> None:
     first, second = float(run.work[-1]), float(works[-1])
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
     size = max(float(np.abs(works).max()), float(run.energy.max()))
-    if lost <= SAME * size or abs(first - second) <= WORTH_A_WORD * size:
+    if lost <= SAME * size or abs(first - second) <= WARNING_FRACTION * size:
         return
     log.warning(
         f"time steps: history.work, {first:.6g}, and dissipated, {lost:.6g}, are of first order in the step. Quote "
@@ -554,7 +554,7 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     size = np.abs(principal(tensor)).max(axis=1)
     k, volumes = int(np.argmax(size)), mesh.measures[cells]
     # At a singular corner some strain is large on any fine mesh.
-    if volumes[size > WORTH_A_WORD].sum() > 0.01 * volumes.sum():
+    if volumes[size > WARNING_FRACTION].sum() > 0.01 * volumes.sum():
         place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
         log.warning(
             f"strains are not small: found {size[k]:.2g} at {place}, t = {t:.6g}. "

@@ -46,7 +46,7 @@ class ConnectedPart:
     which: str  #: the part in words
     bodies: tuple[str | None, ...]  #: the names of its pieces
     hinge: str  #: a node at which pieces are joined, in words; empty if there is none
-    axes: Floats  #: (pieces, k, k) takes coefficients of orthonormal motions to motions along and about the axes
+    axes: Floats  #: (pieces, k, k) maps coefficients of orthonormal motions to coefficients along and about the axes
 
     def motion(self, mode: Floats, directed: bool = False) -> str:
         """Describe a motion and its body in words, with its sense if it is `directed`."""
@@ -55,9 +55,9 @@ class ConnectedPart:
         large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
         names = [self.bodies[one] or (self.which if len(self.bodies) == 1 else None) for one in large]
         if self.hinge:
-            return f"a motion about hinges, such as {self.hinge}, of {self.which}"
+            return f"a motion of {self.which} about hinges, such as {self.hinge}"
         if None in names or len(set(names)) < len(names):
-            return f"a motion of pieces that are joined, of {self.which}"
+            return f"a motion of several connected pieces of {self.which}"
         own = zip(large, names, strict=True)
         return " with ".join(f"{_describe_rigid(self.axes[one] @ each[one], directed)} of {name}" for one, name in own)
 
@@ -98,7 +98,7 @@ def _format_vector(components: Floats) -> str:
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 #
 # and the body floats if and only if this vanishes for some c != 0. For a single piece, it is the square of the part of
-# c that supports resist. With springs to the ground of matrix F, the fields v of zero distance with v'Fv = 0 float.
+# c that supports resist. If springs to the ground have the matrix F, a field v of zero distance floats if v'Fv = 0.
 
 
 # A motion is free if supports resist less than this part of it (squared); one clamped node of a million resists 1e-6.
@@ -110,8 +110,8 @@ def floating_motions(
 ) -> tuple[Kernel | None, bool]:
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
-    Return also whether all are motions of named bodies, which interfaces touch: contact usually holds these. `felt`
-    are the matrices (rows, n) of norm terms and limits. Raise SceneError if none of these resists a motion.
+    Return also whether all are motions of named bodies, which contact at an interface usually holds. `felt` are the
+    matrices (rows, n) of norm terms and limits. Raise SceneError if none of these matrices resists some motion.
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
@@ -145,7 +145,7 @@ def floating_motions(
         field = fields @ loose
         rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
         _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
-        # An orthonormal basis of the motions that contact does not resist; if it resists none, all sizes are rounding.
+        # An orthonormal basis of the motions that contact does not resist. If it resists no motion, `size` is rounding.
         least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding * largest)
         unfelt = loose @ rotated[int((size > least).sum()) :].T
         if unfelt.shape[1] > 0:
@@ -164,18 +164,18 @@ def floating_motions(
 def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
     """Raise SceneError for a part of the body whose motions, the columns of `unfelt`, nothing resists."""
     count = unfelt.shape[1]
-    meet = "1 rigid motion meets" if count == 1 else f"{count} rigid motions meet"
+    meet, first = ("1 rigid motion meets", ":") if count == 1 else (f"{count} rigid motions meet", "; the first is")
     raise SceneError(
-        f"supports: {part.which} floats: {meet} neither a support nor friction, the first "
+        f"supports: {part.which} floats: {meet} neither a support nor friction{first} "
         f"{part.motion(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
         "where they stop it; friction resists only sliding along its boundary, and loads hold nothing."
     )
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body with these supports, frictions and obstacles; none if one of them acts on the ground.
+    """Return the pins of a body with these supports, frictions and obstacles; none if one of them needs the ground.
 
-    Pins are on nodes, with the coordinates `points` (n_nodes, dim), at which no part acts.
+    Pins are placed at nodes on which none of `parts` acts. `points` (n_nodes, dim) are the coordinates of all nodes.
     """
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
@@ -232,7 +232,7 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
 def _along_axes(loose: Floats) -> Floats:
     """Return orthonormal columns of the same span, as near as possible to motions of one piece along one axis.
 
-    Rounding mixes the eigenvectors of one eigenvalue.
+    Such columns are needed because rounding mixes the eigenvectors of a multiple eigenvalue.
     """
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
@@ -265,7 +265,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node` i is in `piece` i.
 
     Motions are about a piece's centre, in units of its size: rotations then weigh like translations. Return also the
-    matrices (pieces, k, k) from their coefficients to those of translations along the axes and rotations about them.
+    matrices (pieces, k, k) that map their coefficients to translations along the axes and rotations about the axes.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -279,7 +279,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
-    # One factor for all rotations of a piece keeps the direction of their sum, and their weight.
+    # One factor for all rotations of a piece preserves the axis of a combined rotation.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
     # Rotations about axes other than the principal axes of inertia are not orthogonal; 1e-9 is above rounding.

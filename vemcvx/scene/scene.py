@@ -22,7 +22,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
-    """Return one material for the whole body; raise SceneError if a cell has none or several, or planes are mixed."""
+    """Return one material for the whole body; raise SceneError if a cell has none or several, or plane= differs."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
         raise SceneError(f"Scene: found 0 materials; {words}.")
@@ -103,8 +103,8 @@ class InitialStresses:
         """Return the nodal force (n_u,) at the instant `t`; zero where stresses around a node balance to rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # A node sums about ten products. The rounding error of a uniform stress would violate the condition on initial
-        # states of a held body.
+        # A force sums about ten products. Without this cut, rounding of a uniform stress would leave small forces that
+        # violate the condition on initial states of a held body.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
@@ -120,9 +120,9 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
     """Return each effect with its contribution.
 
-    A plane of symmetry is a side of the body whose nodes supports hold in its plane at all times. A contact curve that
-    ends there continues behind it as its mirror image. Effects of contact are therefore evaluated again once these
-    planes are known: nodes there get the normals of the whole body.
+    A plane of symmetry is a side of the body on which supports keep the nodes in the plane at all times. A contact
+    curve that ends at such a plane continues behind it as its mirror image. Effects of contact are therefore evaluated
+    again once these planes are known: nodes on the planes get the normals of the whole body.
     """
     parts = [(effect, effect.contribute(space)) for effect in effects]
     mirrors = _mirrors([part for _, part in parts], space)
@@ -133,7 +133,7 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
 
 
 def _contact(part: Contribution) -> Ints:
-    """Return the nodes where an effect contributes contact, then their partners, or -1."""
+    """Return the nodes where an effect contributes contact, then the partners of these nodes (-1 for none)."""
     bilateral = [support for support in part.supports if support.contact]
     return np.concatenate(pairs_of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral]))
 
@@ -148,7 +148,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
     fully_held = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
     if not np.isin(held.nodes[~fully_held], touching).any():
         return None
-    # A fully held node lies on planes of all directions.
+    # A fully held node counts as a node on planes of all directions.
     nodes = [np.repeat(held.nodes[fully_held], space.dim)]
     normals = [np.tile(np.eye(space.dim), (int(fully_held.sum()), 1))]
     for of_side, normal in _sides_held_across(space, held):
@@ -226,7 +226,7 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
 
 
 def _drop_still_ground(friction: Friction, times: Sequence[float], notes: list[str]) -> Friction:
-    """Return the friction, without its ground if that never moves along the boundary at any of `times`."""
+    """Return the friction; drop its ground if the ground does not move along the boundary at any of `times`."""
     ground = friction.ground
     if ground is None or len(times) == 0:
         return friction
@@ -348,7 +348,7 @@ def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
 
 def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
     settings = list(vars(effect).values())
-    # Functions are ordered by their place in the source, so that two runs of a script sum alike; addresses break ties.
+    # Functions are ordered by their place in the source, the same in all runs of a script. Addresses break ties only.
     return type(effect).__name__, [_content(v) for v in settings], [id(v) for v in settings if callable(v)]
 
 

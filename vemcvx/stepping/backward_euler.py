@@ -53,7 +53,7 @@ from vemcvx.base.arrays import (
     flag,
     lengths,
 )
-from vemcvx.base.errors import WORTH_A_WORD, SceneError, SolverFailed
+from vemcvx.base.errors import WARNING_FRACTION, SceneError, SolverFailed
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.certificate import Certificate
@@ -445,7 +445,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
         return settled
     jump, norm = energy_norm(K, settled.unknowns - y), settled.ledger.norm
     if isinstance(initial, Balanced):
-        if jump > WARNING_RATIO * energy_norm(K, y - initial.near) + WORTH_A_WORD * norm:
+        if jump > WARNING_RATIO * energy_norm(K, y - initial.near) + WARNING_FRACTION * norm:
             log.warning(
                 f"initial: u_0 violates condition (2.1), or the mesh is too coarse for it: one step at t = {now.t:.6g} "
                 f"moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}. The run begins "

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from vemcvx.base.arrays import Floats
-from vemcvx.base.errors import WORTH_A_WORD
+from vemcvx.base.errors import WARNING_FRACTION
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
@@ -37,7 +37,7 @@ class Course:
         """Return the bends (c,) in steps whose linear interpolant differs from the data by more than a twentieth."""
         known = self.values[np.abs(self.times - times[:, None]).argmin(axis=1)]
         lines = np.column_stack([np.interp(self.times, times, datum) for datum in known.T])
-        far = np.searchsorted(times, self.times[np.abs(self.values - lines).max(axis=1) > WORTH_A_WORD])
+        far = np.searchsorted(times, self.times[np.abs(self.values - lines).max(axis=1) > WARNING_FRACTION])
         inside = inside_steps(times, self.bends)
         found: Floats = inside[np.isin(np.searchsorted(times, inside), far)]
         return found

@@ -6,9 +6,10 @@ Needs numpy, scipy and clarabel only. With d_1, d_2 two answers to one program a
 
     |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),
 
-and the intervals [primal - gap, primal] of both contain the minimum. Both statements are tested, with gaps computed
-here from the numbers of the file; for a sequence in every step. Infeasible and unbounded instances have a vector that
-proves it, which is tested: p >= 0 with D'p = 0 and e'p < 0, or d with K d = 0, D d <= 0, g'd > sum w|Bd|.
+and the interval [primal - gap, primal] of each answer contains the minimum. This script tests both statements, in every
+step of a sequence. It computes the gaps from the numbers in the file. An infeasible or unbounded instance comes with a
+vector as proof, which is tested: p >= 0 with D'p = 0, e'p < 0 (infeasible), or d with K d = 0, D d <= 0, g'd > sum
+w|Bd| (unbounded).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ EPS = float(np.finfo(float).eps)
 
 
 class Program:
-    """The program min 1/2 d'Kd - g'd + sum w|Bd - b|, Dd <= e (or (Dd - e)_+^2 / 2c), of an NPZ file; or a sequence."""
+    """The program min 1/2 d'Kd - g'd + sum w|Bd - b|, Dd <= e (or (Dd - e)_+^2 / 2c), or a sequence, in an NPZ file."""
 
     def __init__(self, path: Path):
         with np.load(path) as file:
@@ -47,7 +48,7 @@ class Program:
         if "d" in kept:
             self.d, self.lam, self.p = kept["d"], kept["lam"].reshape(self.b.shape), kept["p"]
         self.block = self.b.shape[-1] // self.w.shape[-1] if self.w.size else 1
-        """Components of a norm term: one in the plane, two in space."""
+        """Number of components of a norm term: one in the plane, two in space."""
         if self.N.size:
             self.solve: Callable[[Any], Any] = la.pinvh(self.K.toarray()).dot
         elif isinstance(kept["K"], np.ndarray):
@@ -56,7 +57,7 @@ class Program:
             self.solve = splu(self.K).solve
 
     def steps(self) -> list[Program]:
-        """Return the programs of a sequence, whose vectors have one row per step; or the program itself."""
+        """Return the programs of a sequence, whose vectors have one row per step; a program alone is a list of one."""
         if self.g.ndim == 1:
             return [self]
         every = [copy.copy(self) for _ in self.g]
@@ -97,9 +98,9 @@ class Program:
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
     def run_clarabel(self) -> tuple[Any, Any, Any]:
-        """Return d, lam and p by Clarabel, for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e.
+        """Solve with Clarabel for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e; return d, lam and p.
 
-        Absolute values are two inequalities each, which is more accurate than a cone.
+        An absolute value is written as two inequalities, which is more accurate than a cone.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]
@@ -123,7 +124,7 @@ class Program:
         return np.array(found.x)[:n], lam, z[len(right) :]
 
     def confirm(self) -> tuple[bool, float]:
-        """Return True if Clarabel's answer agrees with the optimum, and its certified error relative to |d|_K."""
+        """Return whether Clarabel's answer agrees with the stored one, and Clarabel's certified relative error."""
         d, lam, p = self.run_clarabel()
         d = self.feasible(d)
         stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)
@@ -163,11 +164,10 @@ def main(folder: Path) -> int:
             errors.append(max(error for _, error in found))
     for name in (name for name, known in right.items() if not known):
         print(f"NOT CONFIRMED: {name}")
-    print(
-        f"{sum(right.values())} of {len(right)} are confirmed: {len(errors)} optima, {proofs} proofs that there is none"
-    )
-    counts = ", ".join(f"{sum(error <= one for error in errors)} to {one:g}" for one in (1e-3, 1e-6, 1e-9))
-    print(f"answers of Clarabel by their certified error: {counts}")
+    kinds = f"{len(errors)} optima, {proofs} proofs that no optimum exists"
+    print(f"{sum(right.values())} of {len(right)} are confirmed: {kinds}")
+    counts = ", ".join(f"{sum(error <= one for error in errors)} within {one:g}" for one in (1e-3, 1e-6, 1e-9))
+    print(f"answers of Clarabel, by certified error: {counts}")
     return 0 if all(right.values()) else 1
 
 

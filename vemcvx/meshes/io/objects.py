@@ -34,7 +34,7 @@ HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])
 
 
 def from_skfem(mesh: Any) -> Grid:
-    """Return the grid of a mesh of scikit-fem; named facets become boundaries, subdomains cell data."""
+    """Return the grid of a mesh of scikit-fem; named facets become boundaries, and subdomains become cell data."""
     element = mesh.elem.__name__
     points, cells = np.asarray(mesh.doflocs).T, np.array(mesh.t, dtype=np.int64).T
     if element == "ElementHex1":
@@ -53,7 +53,7 @@ def from_skfem(mesh: Any) -> Grid:
 
 
 def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
-    """Return MeshTri, MeshQuad, MeshTet or MeshHex, and the names of cell data that get lost."""
+    """Return MeshTri, MeshQuad, MeshTet or MeshHex, and the names of cell data that are lost."""
     import skfem.io.meshio
 
     grid, n = grid_of(mesh, data=False), mesh.n_cells

@@ -1,4 +1,4 @@
-r"""The stabilisation over the energy that it replaces, cell by cell: a robustness chart.
+r"""The ratio of the stabilisation to the energy that it replaces, cell by cell: a robustness chart.
 
 The components of virtual functions with Pi v = 0 are harmonic in the cell and linear on its edges. For them a_K^h is
 the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
@@ -11,14 +11,16 @@ cell or on nu. Bounded ratios make a_K^h equivalent to a form that is elastic in
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
 That form does not lock. The last column, the least S / (a_mu + a_lam) at nu = .499999, goes to zero with 1 / lam
-*because* the dilatation within a cell is free. On a rectangle 2a x 2b the only such v are (xy, 0) and (0, xy), and S /
-a_mu = 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2) (by hand: int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab)); on
-a square both are 2. The other virtual functions are computed by linear finite elements on a mesh graded towards the
-vertices, whose energies are a few per cent too high.
+*because* the dilatation within a cell is free.
+
+On a rectangle 2a x 2b the only such v are (xy, 0) and (0, xy). Their ratios S / a_mu are 6ab / (a^2 + 2b^2) and
+6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a square both ratios are 2. On
+other cells, linear finite elements on a mesh graded towards the vertices compute v. Their energies are a few per cent
+too high.
 
 Results: over all families of meshes S / a_mu stays between .5 and 7. An edge of length e h costs a logarithm,
-S / a_mu >= c / log(1 / e). Stretching a cell costs its aspect ratio, downwards and upwards, as it does by hand on
-rectangles. The consistent part, exact on linear fields, is not affected.
+S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls, and the greatest grows, in proportion to the
+aspect ratio. On stretched rectangles both ratios fall. The consistent part, exact on linear fields, is not affected.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """
@@ -194,7 +196,7 @@ def draw(rows, path):
     right.plot(whole, place, "D", color=SECOND, markersize=4)
     right.set_title(
         r"least $S\,/\,(a_\mu + a_\lambda)$ at $\nu = 0.499999$,"
-        "\nor at the row's own",
+        "\nor at the $\\nu$ of the row",
         fontsize="medium",
     )
     left.set_yticks(place, [row[0] for row in rows], fontsize="small")

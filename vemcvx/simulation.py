@@ -78,7 +78,7 @@ def simulate(
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        True: eliminate the unknowns without friction and contact (except with Viscosity). False: solve for all.
+        True: eliminate the unknowns without friction and contact (except with Viscosity). False: keep all unknowns.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the number of unknowns and on what is
         installed.
@@ -86,12 +86,12 @@ def simulate(
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
         A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
-        interrupted. Only one run at a time may write there; foreign files are not changed.
+        interrupted. Only one run at a time may write there; other files in it are not changed.
     resume : bool
         Continue the run in the folder `stream` from its last stored step; False replaces it.
     bound : bool
-        Bound the error of the mesh in every step from both sides (:func:`vemcvx.error_bound`); `history.bound` is the
-        largest bound. All steps must be stored.
+        Compute guaranteed lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`);
+        `history.bound` has the bounds of the step with the largest upper bound. All steps must be stored.
 
     Returns
     -------
@@ -110,8 +110,8 @@ def simulate(
 
     Notes
     -----
-    Backward Euler for Problem 3.9 of the paper, of first order in the step and the mesh size, Theorem 3.10. The
-    certificate bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates those of mesh and steps.
+    Backward Euler for Problem 3.9 of the paper is of first order in step and mesh size (Theorem 3.10). The certificate
+    bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates the errors of mesh and steps.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def simulate(
     bounded = None
     if flag(bound, "bound"):
         if not (isinstance(store, str) and store == "all"):
-            raise SceneError("bound: each step is bounded given the step before; set store='all'.")
+            raise SceneError("bound: the bound of each step needs the step before; set store='all'.")
         from vemcvx.bound.error_bound import bounds_of_runs
 
         bounded = bounds_of_runs(posed)
@@ -175,9 +175,9 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     """Return the instants of a run, with additional instants at which its data bend, turn or jump inside steps.
 
-    Backward Euler evaluates data at the ends of steps. If a load turns back in between, it misses a part, and with
-    friction the answer is wrong from then on. Data are sampled at 256 instants, or at the middles of steps; a change
-    that begins and ends between two samples is not found.
+    Backward Euler evaluates data at the ends of steps. If a load reverses inside a step, backward Euler misses its
+    extreme value, and with friction the answer is wrong from then on. Data are sampled at 256 instants, or at the
+    middles of steps; a change that begins and ends between two samples is not found.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     Returns
     -------
     (N + 1,) array
-        With both sides of a jump, at most a billionth of the run apart.
+        Increasing instants, among them one on either side of each jump, at most a billionth of the run apart.
 
     Examples
     --------
@@ -217,8 +217,8 @@ def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
     apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]
     named = ", ".join(f"{t:.6g}" for t in apart[:6]) + f" and {len(apart) - 6} more" * (len(apart) > 6)
     log.warning(
-        f"instants: loads or other data turn, bend or jump inside steps, at t = {named}, which steps miss. Return "
-        "vemcvx.instants(scene, mesh, times), which includes them, from times(steps); or use --target."
+        f"instants: loads or other data turn, bend or jump inside steps, at t = {named}. The run misses these changes. "
+        "Let times(steps) return vemcvx.instants(scene, mesh, times), which includes them, or use --target."
     )
 
 
@@ -307,7 +307,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
-        u_0, a vector for each of the points x (m, dim), equal to the values of supports there; t is times[0].
+        u_0, a vector for each of the points x (m, dim); t is times[0]. At supports it equals their displacement.
     settle : bool
         False: state 0 is P^h u_0 itself, (3.26) to the letter, which Theorem 3.10 allows. Its certificate is then the
         length of the omitted step. Scenes with Viscosity always begin at P^h u_0.
@@ -315,7 +315,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     Returns
     -------
     Projected
-        A start without a mesh, for simulate, adapt, studies and problem files.
+        An initial state for any mesh, for simulate, adapt, studies and problem files.
 
     Raises
     ------
@@ -349,7 +349,7 @@ def begins(initial: object) -> str:
 def free_unknowns(
     initial: ArrayLike | str | Path | Projected | Results | None, posed: PosedScene, times: Floats
 ) -> Beginning:
-    """Return the initial state of a march at times[0]: free unknowns of a displacement; words pass unchanged."""
+    """Return the initial state of a march at times[0]: the free unknowns of a displacement, or the given word."""
     if isinstance(initial, Path) or (isinstance(initial, str) and Path(initial).is_dir()):
         initial = read_history(initial)
     if isinstance(initial, Results):
@@ -366,9 +366,9 @@ def free_unknowns(
 
 
 def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
-    """Return the end of a history on the same mesh, in the terms of another scene.
+    """Return the last state of a history as the first state of another scene on the same mesh.
 
-    The terms at a node share its wear; each of them takes the accumulated slip of the node.
+    The friction terms at a node share its wear equally; each takes over the accumulated slip of the node.
     """
     mesh, contact, run, terms = posed.space.mesh, history.contact, history.trajectory, posed.terms
     if not all(np.array_equal(getattr(history.mesh, name), getattr(mesh, name)) for name in ("points", "centroids")):
@@ -402,7 +402,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # If supports move later, their motion at t may be rounding.
+    # The tolerance is relative to the whole run: at t alone the motion of supports may be a rounding error.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]

@@ -1,4 +1,4 @@
-"""What every effect must satisfy, in space: the sentences of vemcvx.testing on a cube, laws of slip among them."""
+"""Conformance of every effect in space: the properties of vemcvx.testing on a cube, also for laws of slip."""
 
 from dataclasses import replace
 from functools import partial
@@ -56,7 +56,7 @@ UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, v
 
 
 def in_space(sample):
-    """The sample of a plane body on the cube: vectors have three components, and tensors six."""
+    """Return the sample of a plane body for the cube: vectors have three components, and tensors six."""
     data = {name: {2: 3, 3: 6}.get(count, count) for name, count in sample.data.items()}
     others = {name: (0.0, 0.0, 0.0) if other == (0.0, 0.0) else other for name, other in sample.others.items()}
     beside = tuple(RUBBING if isinstance(effect, vx.TrescaFriction) else effect for effect in sample.beside)

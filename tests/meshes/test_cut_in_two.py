@@ -21,7 +21,7 @@ def test_both_parts_have_the_area_the_names_and_the_data_of_the_whole(family, no
         assert sum(length(part, name) for part in parts if name in part.boundaries) == pytest.approx(whole, abs=1e-14)
     for sign, part in zip((-1, 1), parts, strict=True):
         assert (sign * ((part.points - point) @ normal) > -1e-12).all()
-        # Every cell lies in the one that it comes from.
+        # Every cell lies in the cell from which it was cut.
         old = mesh.centroids[part.cell_data["number"]]
         assert np.linalg.norm(part.centroids - old, axis=1).max() < mesh.h
     joined = vx.meshes.bodies({"behind": parts[0], "ahead": parts[1]})
@@ -44,7 +44,7 @@ def test_in_space_the_plane_runs_along_faces():
         vx.meshes.cut(cubes, (0.0, 0.0, 0.4), (0.0, 0.0, 1.0))
 
 
-def test_what_cannot_be_cut_is_refused():
+def test_impossible_cuts_are_refused():
     mesh = vx.meshes.squares(2)
     two = vx.meshes.bodies(dict(zip("ab", vx.meshes.cut(mesh, (0, 0.5), (0, 1)), strict=True)))
     bad = {

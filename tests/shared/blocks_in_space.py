@@ -1,7 +1,7 @@
 """A block on a rough floor in space, as a System of matrices that scikit-fem assembles on hexahedra or tetrahedra.
 
 The block (0, 1)^3 stands on its face z = 0, in bilateral or one-sided contact with Tresca's or Coulomb's friction. A
-traction that may turn pulls its top; the face x = 1 may be clamped.
+traction whose direction may change pulls its top; the face x = 1 may be clamped.
 """
 
 from __future__ import annotations

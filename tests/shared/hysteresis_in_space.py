@@ -22,7 +22,7 @@ SIZE = np.array([1.0, 1.2, 0.9])
 BOX = tuple((0.0, float(length)) for length in SIZE)
 AXES = np.eye(3)
 REACH = BOUND * SIZE[2] / MU
-"""r: largest displacement of the top relative to the foot while the foot sticks."""
+"""The largest displacement of the top relative to the foot while the foot sticks."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Turn:
     """A path of the top at the instants 0, 1, ..., and the exact solution."""
 
     top: np.ndarray
-    """(N + 1, 2)"""
+    """displacements U (N + 1, 2) of the top"""
     foot: np.ndarray
-    """(N + 1, 2) a"""
+    """displacements a (N + 1, 2) of the foot"""
 
     @classmethod
     def along(cls, top, foot):
-        """Return the solution for a path of the top and the initial place of the foot."""
+        """Return the solution for a path of the top and the initial displacement of the foot."""
         feet = [np.asarray(foot, dtype=float)]
         for place in top[1:]:
             apart = place - feet[-1]

@@ -23,7 +23,7 @@ import vemcvx as vx
 from vemcvx.cli import live_page
 from vemcvx.cli.problem_file import read_problem
 
-pytestmark = needs("marimo")  # which takes half a second to import: most of the default tests need not
+pytestmark = needs("marimo")  # Importing marimo takes half a second, and most default tests do not need it.
 FigureCanvasAgg = pytest.importorskip(
     "matplotlib.backends.backend_agg", reason="the live page needs matplotlib"
 ).FigureCanvasAgg
@@ -70,7 +70,7 @@ def runs_once(ran, monkeypatch):
 
 @pytest.mark.long
 def test_the_page_begins_with_a_cycle_of_the_papers_block(ran):
-    """The same by hand: 0, 1, -1, 1 at thirds of the time."""
+    """Simulate the same cycle directly: the load is 0, 1, -1 and 1 at thirds of the time."""
     app, _, found = ran
     problem = read_problem("feng_han_huang")
     scene = problem.module.scene(course=lambda t: np.interp(t, [0, 1 / 3, 2 / 3, 1], [0, 1, -1, 1]))
@@ -124,7 +124,7 @@ def test_an_accuracy_that_is_missed_is_shown(ran, solver, accuracy, words, monke
 
 @pytest.mark.long
 @pytest.mark.usefixtures("runs_once")
-def test_check_says_so_in_a_line():
+def test_check_prints_one_line():
     code, said = call("app", "--check")
     assert code == 0, said
     line = r"app: all (\d+) cells run, in \S+ s; 30 steps are certified to (\S+)\.\n"
@@ -135,7 +135,7 @@ def test_check_says_so_in_a_line():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("runs_once")
-def test_a_page_without_python_needs_nothing_else(tmp_path, monkeypatch):
+def test_an_exported_page_needs_no_other_file(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, "FRAMES", 2)
     code, said = call("app", "--html", str(tmp_path / "page.html"))
     assert (code, said) == (0, f"{tmp_path / 'page.html'}: 2 of 30 steps\n")
@@ -149,7 +149,7 @@ def test_a_page_without_python_needs_nothing_else(tmp_path, monkeypatch):
 
 
 def opened(text):
-    """The steps that a page shows when it is opened; its slider and the words beside that say the same."""
+    """Return the steps that a page shows when it is opened; check that its slider and labels agree."""
     steps = re.findall(r'<section aria-label="([^"]*)"( hidden)?>', text)
     found = [words for words, hidden in steps if not hidden]
     at = int(re.search(r'<input type="range" max="\d+" value="(\d+)"', text).group(1))
@@ -174,9 +174,9 @@ def test_a_page_opens_at_the_step_that_is_asked_for(tmp_path, monkeypatch):
     ("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (1, ["pressure"]), (0, [])]
 )
 def test_a_problem_file_of_ones_own_is_shown(kinds, names, tmp_path, monkeypatch):
-    """Without a course of the load there is no load path and no hysteresis; nor stick and slip without friction."""
+    """The load path and hysteresis need a course of the load; stick and slip need friction."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
-    monkeypatch.setenv(live_page.GIVEN, "")  # as it was, at the end
+    monkeypatch.setenv(live_page.GIVEN, "")  # monkeypatch restores it at the end
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=kinds))
     code, said = call("app", "own.py", "--html", "page.html")
@@ -268,7 +268,7 @@ def test_wrong_use_is_one_sentence(words, sentence, tmp_path, monkeypatch):
 
 @pytest.fixture
 def address(tmp_path):
-    """The address of the page, token and all, on a server in a process of its own; it ends as Ctrl-C ends it."""
+    """Yield the address of the page, with its token, on a server in its own process; stop the server like Ctrl-C."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "vemcvx", "app", "--no-browser", "--port", str(port)]
@@ -322,14 +322,14 @@ def test_in_a_browser_sliders_change_numbers_and_picture(ran, address, browser):
     from selenium.webdriver.support.wait import WebDriverWait
 
     def shown(after):
-        """The picture and the numbers, once both are others than before."""
+        """Return the picture and the numbers as soon as both have changed."""
         waiting = WebDriverWait(browser, 120, poll_frequency=0.2)
         picture = waiting.until(lambda b: (now := b.execute_script(PICTURE)) != after[0] and now)
         numbers = waiting.until(lambda b: (now := b.execute_script(NUMBERS)) != after[1] and len(now) == 5 and now)
         return picture, numbers
 
     def expected(history, step):
-        """Sticking and loss; what follows is rounding, which may differ from process to process."""
+        """Return the sticking nodes and the loss; the other numbers differ from process to process."""
         return [" ".join(number) for number in app.numbers_of(history, step)][:2]
 
     app, _, found = ran

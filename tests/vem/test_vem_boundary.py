@@ -165,7 +165,7 @@ def test_names_that_are_none_are_refused():
         (space_of(), ["left", "lft"], "Clamp: there is no boundary named 'lft'; this mesh has 'left', "),
         *((space_of(), on, "Clamp: there is no boundary named") for on in (3, None, [7], [["left"]])),
         (space_of(), [], "Clamp: on= names no boundary; this mesh has 'left'"),
-        (Space(empty), "gap", "Clamp: the boundary 'gap' of this mesh has no edges"),
+        (Space(empty), "gap", "Clamp: the boundary 'gap' has no edges"),
     ):
         with pytest.raises(vx.SceneError, match=subject):
             space.part(on, "Clamp")

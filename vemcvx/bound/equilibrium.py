@@ -5,15 +5,15 @@ the boundary, and have continuous tractions between cells. The minimiser of
 
     |tau|^2 / 2 in C^-1  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
 
-belongs to edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells on
-each edge cancel. The forces of a cell are G m + b(f). The sum of the G over the cells is a stiffness matrix, positive
-definite up to rigid motions, with one solve per step (equilibrium elements of B. Fraeijs de Veubeke, 1965; on the split
-triangle they have no spurious motions). The prestress sigma_0 acts as forces on edges: tau - sigma_0 is the stress due
-to m. The unknown is x = m - v with the given displacement v. x is as small as the defect, so rounding is relative to
-the defect, and one solve per step suffices unless a body floats.
+belongs to edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells on each
+edge cancel. The forces of a cell are G m + b, where b is due to body forces. The sum of all G is a stiffness matrix,
+positive definite up to rigid motions. (B. Fraeijs de Veubeke introduced equilibrium elements in 1965; on the split
+triangle they have no spurious motions.) The prestress sigma_0 acts as forces on edges: tau - sigma_0 is due to m. The
+unknown is x = m - v, with the displacement v of the run. x is as small as the equilibrium residual of v, and so are its
+rounding errors. One solve per step suffices unless a body floats.
 
-So no local problem needs compatible data, and no stress of these fans is nearer to the exact stress: tractions
-constructed vertex by vertex gave bounds up to a fifth larger.
+No local problem needs compatible data. Of all admissible stresses on these fans, tau is nearest to the exact stress:
+tractions constructed vertex by vertex gave bounds up to a fifth larger.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 
 HALF_DIGITS = float(np.sqrt(EPS))
-"""Largest difference of the forces of neighbours, relative to the largest force (at lambda = 1e6 it is 1e-9)."""
+"""Largest accepted difference between forces of neighbouring cells, relative to the largest (1e-9 at lambda = 1e6)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Edges:
 
     @cached_property
     def motions(self) -> sp.csr_matrix:
-        """The matrix (4 E, 2 nodes + 2 E) from such values to edge motions with the same work of linear tractions."""
+        """The matrix (4 E, 2 nodes + 2 E) from an `outline` to edge motions with equal work of linear tractions."""
         vertices, edge = int(self.nodes.max()) + 1, np.arange(self.count)
         own, other, middle = self.nodes.ravel(), self.nodes[:, ::-1].ravel(), vertices + np.repeat(edge, 2)
         entries = np.repeat([2.0 / 3.0, -1.0 / 3.0, 2.0 / 3.0], len(own))
@@ -90,24 +90,24 @@ class Equilibrium:
     def solve(self, given: Floats, largest: float) -> Floats:
         """Return the free motions x (4 E,) with the given forces (4 E,), including the forces of springs.
 
-        `largest` is the size of the forces for tolerances.
+        Tolerances are relative to `largest`, the largest force.
 
         Raises
         ------
         SceneError
-            By rounding the forces of neighbours differ too much.
+            Rounding errors make the forces of neighbouring cells differ too much.
         """
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
-        # Correct x as long as this halves the residual: near nu = 1/2 a digit takes several corrections.
+        # Correct x as long as this halves the residual: near nu = 1/2 each digit takes several corrections.
         while ROUNDING * largest < apart <= 0.5 * before:
             before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             left = given - self.forces(x)
             apart = float(np.abs(self.P.T @ left).max(initial=0.0))
         if apart > HALF_DIGITS * largest:
             raise SceneError(
-                f"error_bound: by rounding the forces of neighbouring cells differ by {apart / largest:.1e} of the "
-                "largest; a bound by stresses in equilibrium needs better conditioned data, such as a Poisson ratio "
-                "farther from 1/2, or less contrast."
+                "error_bound: rounding errors make the forces of neighbouring cells differ by "
+                f"{apart / largest:.1e} of the largest force. The bound needs better conditioned data, such as a "
+                "Poisson ratio farther from 1/2, or less contrast between materials."
             )
         return x
 
@@ -149,7 +149,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
     inner, joints, own = np.ones(4 * edges.count, dtype=bool), boundary.edges.joints, boundary.free.copy()
     inner[edges.outer] = False
     alone = np.flatnonzero(inner)
-    # Two edges share the directions in which they are bonded.
+    # The two edges of a joint share the motions in the directions in which they are bonded.
     for side in (joints.first, joints.second):
         own[side] -= boundary.bonds
     (one, axes), (joint, common) = axes_of(own), axes_of(boundary.bonds)

@@ -1,31 +1,31 @@
-"""Bounds of whole histories, for mesh and steps together, if only friction with a given bound acts.
+"""Bounds on the error of whole histories, for mesh and steps together, if friction has a given bound.
 
 Let v and tau be admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v -
-u). By Green's formula, and the dissipation of u and v for the friction q, tau_t = -q, with the bound g,
+u). Let g be the friction bound, and q = -tau_t the friction of tau. Green's formula and Tresca's law for u give
 
     d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| - q s',
 
-with the slip rate s' of v, and both norms in C^-1. All fields are linear in time between two instants of the run. So
+with the slip rate s' of v, and norms in C^-1. All fields are linear in time between two instants of the run. So
 Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 
 C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. v may be replaced by v + w of
-:mod:`.hypercircle`, which is richer inside the body and the same on contact. Then r is smaller; only the last square is
-that of v_n, because X is orthogonal to C eps(w).
+:mod:`.hypercircle`, which is richer inside the body and the same on contact. Then r is smaller. Only the last term
+|r_n|^2 is still computed from v_n itself, because X is orthogonal to C eps(w).
 
-**The start.** If u(0) = v_0, then y_0 = |r_0| for v_0 itself. A run with initial="equilibrium" or "settled" begins with
-a step from zero, and so does the exact history. By theorem 1 of :mod:`vemcvx.bound`, |X|^2 + |u - v_0|^2 <= |r_0|^2 +
-2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run from vx.projected(u_0) is
-refused: its exact history begins at u_0, whose stress is unknown to the run.
+**The start.** If u(0) = v_0, then y_0 = |r_0|, with v_0 in place of v_0 + w. A run with initial="equilibrium" or
+"settled" begins with a step from zero, and so does the exact history. By theorem 1 of :mod:`vemcvx.bound`, |X|^2 +
+|u - v_0|^2 <= |r_0|^2 + 2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run
+from vx.projected(u_0) is refused: its exact history begins at u_0, and the stress of u_0 is not available.
 
-**Sharpness.** y never decreases: it grows equally in each cycle, but the error does not. It grows with the changes of r
-under the load, with the defect in the law of friction within steps, and with long steps.
+**Sharpness.** y never decreases. It grows by the same amount in each load cycle, although the error does not grow. It
+grows with the changes of r under the load, with the defect in the law of friction within steps, and with long steps.
 
 **Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
-steps. The largest difference in the energy norm up to an instant, times SAFETY, is an estimate that is added to the
-bound. (A guaranteed term would be the variation in time of the unread load in the energy norm of an elastic body, which
-is useless over cycles.)
+steps. The largest energy norm of the difference between the two runs up to an instant, times SAFETY, is added to the
+bound; this term is an estimate. (A guaranteed term would be the total variation of the omitted load in the energy norm
+of the elastic response, which over load cycles is useless.)
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_cour
 
 log = logging.getLogger("vemcvx")
 READINGS = 512
-"""Smallest number of instants at which data are read, in the whole run; READINGS_PER_STEP in each step."""
-READINGS_PER_STEP = 8
+"""Smallest number of instants of a whole run at which data are sampled."""
+READINGS_PER_STEP = 8  # Smallest number of such instants in each step.
 SAFETY = 1.5
 """Safety factor of the estimated error between instants."""
 
@@ -73,8 +73,8 @@ def check_history(posed: PosedScene, history: History) -> None:
         )
     if history.begins == "projected":
         raise SceneError(
-            "error_bound: the run begins at vx.projected(u_0), its exact history at u_0, and their distance is not "
-            "known; error_bound(history, step=-1) gives the bound of a step, given the step before. Begin at nodal "
+            "error_bound: the run begins at vx.projected(u_0), the exact history begins at u_0, and their distance is "
+            "not known; error_bound(history, step=-1) gives the bound of a step, given the step before. Begin at nodal "
             "values, which are exact by definition, or with initial='settled'."
         )
 
@@ -83,7 +83,7 @@ def sizes_along(circle: Hypercircle, history: History) -> tuple[Floats, Floats, 
     """Return the terms (N + 1, 7) of the bounds at the instants of a run.
 
     These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates for data between points and between
-    instants. Also return |r|^2 (n_cells,) for the largest y, and instants at which data are not linear.
+    instants. Also return |r|^2 (n_cells,) at the instant of the largest y, and instants at which data are not linear.
     """
     first = instant(history, 0)
     rests = history.begins in ("equilibrium", "settled")
@@ -121,9 +121,9 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     found = bends if len(bends) else off
     log.warning(
         f"error_bound: data bend, turn or jump inside steps, or are not linear there, at t = "
-        f"{', '.join(f'{t:.6g}' for t in found[:5])}{' ...' if len(found) > 5 else ''}; the run ignores this, and the "
-        "bound contains an estimate of it. Simulate at vemcvx.instants(scene, mesh, times), which has bends, or in "
-        "finer steps."
+        f"{', '.join(f'{t:.6g}' for t in found[:5])}{' ...' if len(found) > 5 else ''}. The run ignores data "
+        "between its instants, and the bound contains an estimate of the error that results. Simulate at "
+        "vemcvx.instants(scene, mesh, times), which includes the bends, or in finer steps."
     )
     system, supports, instants = whole.system, whole.supports, np.union1d(times, off)
     own = [

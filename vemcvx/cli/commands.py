@@ -75,7 +75,7 @@ class Problems:
     """The command `vemcvx problems`."""
 
     def __call__(self) -> None:
-        """List the problem files that came with the package; run, show, compare, cost and export take their names."""
+        """List the problem files of the package; run, show, compare, cost and export take their names."""
         typer.echo(Table((), [(name, file.sentence) for name, file in problem_files().items()]).text())
         say(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
 
@@ -86,9 +86,9 @@ class Lesson:
 
     number: Annotated[
         int | None,
-        typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Its number. (default: list all lessons)"),
+        typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Lesson number. (default: list all)"),
     ] = None
-    notebook: Annotated[bool, typer.Option("--notebook", help="Copy them as notebooks, .ipynb.")] = False
+    notebook: Annotated[bool, typer.Option("--notebook", help="Copy the lesson as a notebook, .ipynb.")] = False
     no_solutions: Annotated[
         bool, typer.Option("--no-solutions", help="Copy the lesson without its solutions, for homework.")
     ] = False
@@ -106,9 +106,9 @@ class Lesson:
         for path in copy_lesson(self.number, Path(), self.notebook, not self.no_solutions):
             say(f"{path}")
         say(
-            "Open it in Jupyter or VS Code."
+            "Open the lesson in Jupyter or VS Code."
             if self.notebook
-            else "Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python."
+            else "Open the lesson as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it with Python."
         )
 
 
@@ -129,7 +129,7 @@ app = typer.Typer(
 
 @app.callback()
 def options(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show version.")] = False,
 ) -> None:
     """Handle the options of the program itself."""
 

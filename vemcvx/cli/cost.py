@@ -36,7 +36,7 @@ TABLE, PICTURE = "cost.csv", "cost.png"
 
 
 def pose_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
-    """Read the problem file and return the arguments of `simulate`, with two steps if the point has none."""
+    """Read the problem file and return the arguments of `simulate`, with two steps if the point gives no number."""
     problem, solver = read_problem(path), make_solver(point.solver, point.accuracy)
     return problem.pose(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
@@ -173,7 +173,7 @@ def _describe_reference(found: Sweep) -> list[str]:
     it, instants = found.reference, ", ".join(f"{t:g}" for t in found.instants)
     known = it["estimated_error"]
     own = "without an estimate of its error" if known is None else f"estimated error {known:.2%}"
-    errors = f"in the energy norm, the largest at t = {instants}, relative to the largest norm"
+    errors = f"in the energy norm, the largest over t = {instants}, relative to the largest norm"
     if "value" in it:
         errors = f"of {QUANTITIES[it['of']]} at the end, relative to {it['value']:.6g}, the value of the reference"
     size = f"{it['cells']} cells, {it['unknowns']} unknowns, {count_steps(it['steps'])}"

@@ -21,7 +21,7 @@ import typer
 from vemcvx.base.errors import NotCertified, ProblemError, VemcvxError
 
 T = TypeVar("T")
-COLUMN = 12  # The column at which text begins after the name at the start of a line, also in continuation lines.
+COLUMN = 12  # Width of the name at the start of a line, and indentation of continuation lines.
 
 
 def say(text: str, err: bool = False) -> None:
@@ -39,7 +39,7 @@ def wrap_lines(text: str, width: int) -> str:
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
     """Return the values of an option that takes several, separated by commas, in their order and without repeats.
 
-    `kind` makes a value of a word and raises ValueError if it cannot; `wanted` describes the values in messages.
+    `kind` converts a word to a value, or raises ValueError; `wanted` describes the values in messages.
     """
     try:
         parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
@@ -135,7 +135,7 @@ def limit_log(times: int) -> Iterator[None]:
 
 
 INVALID, NOT_CERTIFIED = 2, 3
-"""Exit codes of commands that fail. SIGTERM and SIGHUP end a command like Ctrl-C: files are left in order."""
+"""Exit codes of commands that fail. SIGTERM and SIGHUP end a command like Ctrl-C: its clean-up code runs."""
 
 
 class Terminated(BaseException):
@@ -160,7 +160,7 @@ def report_errors() -> Iterator[None]:
     except VemcvxError as error:
         raise end(str(error), NOT_CERTIFIED if isinstance(error, NotCertified) else INVALID) from error
     except MemoryError as error:
-        advice = "take a coarser mesh (--n), fewer steps (--steps), or store fewer (--store)"
+        advice = "take a coarser mesh (--n), fewer steps (--steps), or store fewer of them (--store)"
         raise end(f"not enough memory: {error or 'none is left'}; {advice}.", INVALID) from error
     except SystemExit as error:
         raise end(f"the code of the problem file ended the program by SystemExit({error.code!r}).", INVALID) from error

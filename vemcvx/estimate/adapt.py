@@ -1,19 +1,19 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
-Each pass simulates the whole history on its mesh. Friction depends on the path, so a history transferred from another
-mesh would bring the errors of this mesh. Passes grow by factors: all passes cost little more than twice the last one.
+Each pass simulates the whole history on its mesh. Friction depends on the path, so a history transferred from a coarser
+mesh would keep the errors of that mesh. Costs grow geometrically: all passes cost little more than twice the last one.
 
-The smallest set of cells with a given part theta of the squared indicators is refined (Dorfler, *A convergent adaptive
-algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996), or fewer cells if these suffice to reach the target:
-the squared indicator of a cell drops to a quarter when the cell is split in four, like h^2.
+A pass refines the smallest set of cells that contains a given part theta of the squared indicators (Dorfler, *A
+convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If fewer cells suffice to reach
+the target, it refines fewer. This prediction assumes that splitting a cell in four divides its squared indicator by 4.
 
 The error of steps is measured at the instants of the run, so a load that acts only between two instants would be
 invisible. Therefore each bend, extremum and jump of the data inside a step gets an instant at the start
-(:mod:`vemcvx.stepping.course` finds events longer than 1/256 of the run). Then the smallest set of steps with a given
-part of the loss is halved, like cells.
+(:mod:`vemcvx.stepping.course` finds events longer than 1/256 of the run). Then each pass splits the smallest set of
+steps that contains a given part of the time error.
 
 If the target is friction work, work or wear, the errors of mesh and steps are the errors of this quantity
-(:mod:`.quantities`), by two more runs per pass. Cells are still marked by energy indicators, scaled to its error.
+(:mod:`.quantities`), from two more runs per pass. Cells are still marked by energy indicators, scaled to this error.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state,
 from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
 GAIN = 0.75
-"""Fraction of the squared indicator of a smooth cell that a split removes."""
+"""Fraction of the squared indicator that a split removes from a cell in which the solution is smooth."""
 MARGIN = 0.9
 """Fraction of the target at which a pass aims, to save a further pass."""
 SOLVER_FRACTION = 0.01
-"""Accuracy of steps as a fraction of the target: mesh errors are far larger."""
+"""Accuracy of the solver as a fraction of the target; mesh errors are far larger."""
 TIME_FRACTION = 0.3
 """Fraction of the target for the error of time."""
 THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes in which a mesh error that has a limit falls: cells are three to eight times as many then."""
+"""Passes in which the mesh error falls if the quantity has a limit; they multiply the number of cells by 3 to 8."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
@@ -69,7 +69,7 @@ QUANTITIES = {
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return the cells with a part `theta` of the squared indicators (n_cells,), or fewer if these reach the goal."""
+    """Return the cells with a part `theta` of the squared indicators (n_cells,), or fewer if fewer reach the goal."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -84,7 +84,7 @@ class StepLoss:
 
     error: float
     squares: Floats
-    """(N,) additive parts; for energy errors their squares"""
+    """(N,) contributions of the steps that add up: squared errors for the energy norm, else errors"""
     bends: Floats
 
     @classmethod
@@ -109,7 +109,7 @@ def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
         return times
     parts = 2 if lost.error <= 4.0 * allowed else 3
     new = [times]
-    # Split the steps with .8 of the squared loss.
+    # Split the fewest steps that contain .8 of the squared loss.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = lost.bends[(lost.bends > a) & (lost.bends < b)]
@@ -119,7 +119,7 @@ def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One pass: sizes, the parts of its estimated relative error, and its seconds.
+    """One pass: sizes, the parts of its estimated relative error, and its duration in seconds.
 
     `space` and `time` are errors of the target quantity; `algebra` is certified in the energy norm.
     """
@@ -141,7 +141,7 @@ class Pass:
 
 
 def has_stalled(passes: Sequence[Pass]) -> bool:
-    """Return True if the mesh error falls no more: the quantity has no limit, for example at a singular pressure.
+    """Return True if the mesh error no longer falls: the quantity has no limit, for example at a singular pressure.
 
     If there is a limit, a pass that refines half of the squared error removes at least a fifth of the error.
     """
@@ -155,7 +155,7 @@ class Adapted(Outlined):
     Attributes
     ----------
     history : History
-        The run of the last pass; `history.errors` has the three parts of its error, which files keep.
+        The run of the last pass; `history.errors` has the three parts of its error, and written files keep them.
     budget : ErrorBudget
         The budget of the last pass.
     passes : tuple of Pass
@@ -208,9 +208,9 @@ class Adapted(Outlined):
         ]
         met = "met" if self.met else "not met"
         if self.of != "energy" and not self.met and has_stalled(self.passes):
-            met += ", and its error does not fall under refinement: there is no limit, as where stress is singular"
+            met += "; the error does not fall under refinement, because the quantity has no limit, as at a singularity"
         aim = (self.history.quantities or {}).get(self.of)
-        met += f"; the value on this mesh stands {aim.unbounded}" if aim is not None and aim.unbounded else ""
+        met += f"; the largest value is {aim.unbounded}" if aim is not None and aim.unbounded else ""
         return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {QUANTITIES[self.of]}: {met}"])
 
 
@@ -237,10 +237,10 @@ def adapt(
         The coarse initial mesh, in space of tetrahedra; it must have the boundaries that the scene names.
     times : increasing sequence of instants
         The first and the last instant, and instants to store. The history also stores instants at which data bend,
-        turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps lose much.
+        turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
-        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over at most eight of the given
-        instants and eight instants at which data turn; or the relative error of the quantity `of` at the last instant.
+        Allowed relative error. For "energy" it is the largest over at most eight given instants and eight turns of data
+        (:class:`vemcvx.estimate.budget.ErrorBudget`); for other quantities `of` it is the error at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
         The quantity whose error is the target: the displacement in the energy norm; the energy dissipated by friction;
         the work; or the largest wear (:func:`vemcvx.quantities`), which has no limit if pressure is singular. Passes
@@ -250,7 +250,7 @@ def adapt(
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        Largest expected number of unknowns of a pass after the first; beyond it, the target is not met.
+        Passes end before a pass that is expected to have more unknowns, even if the target is not met.
     theta : float
         Fraction of the squared error whose cells are refined in a pass, in (0, 1).
     progress : callable, optional
@@ -258,9 +258,9 @@ def adapt(
     estimate : {"residual", "bound"}
         The measure of the mesh error: residuals are quick, and estimate the error. The guaranteed bound of the error of
         a step, given the step before (:func:`vemcvx.error_bound`), takes longer, and is nearer to the error. It bounds
-        the error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells is up
-        to 1.9 times the bound in 40 random scenes (target 8 %). With "bound" the history also has the steps before the
-        examined steps. The error of time is estimated in either case.
+        the error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells may be larger:
+        up to 1.9 times the bound in 40 random scenes (target 8 %). With "bound" the history also has the steps before
+        the examined steps. The error of time is estimated in either case.
 
     Returns
     -------
@@ -269,8 +269,8 @@ def adapt(
     Warns
     -----
     SceneWarning
-        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse mesh, and a body cannot
-        slide over these.
+        A support or contact in the normal direction acts along a curve. Refined meshes keep the corners of the coarse
+        mesh, over which a body cannot slide.
 
     Raises
     ------
@@ -335,7 +335,7 @@ class _Aim:
     """given instants"""
     solver: Solver | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
-    """instants between these at which data bend, turn or jump"""
+    """instants between the given ones at which data bend, turn or jump"""
 
     @property
     def stored(self) -> Floats:
@@ -347,7 +347,7 @@ class _Aim:
 
         A load that acts only between two given instants is largest where it turns.
         """
-        # Each instant costs a back-substitution per pass, so at most eight of either kind are examined.
+        # Each instant costs a back-substitution per pass, so at most eight of each kind are examined.
         judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)
 
@@ -478,7 +478,7 @@ def _next(
 def _check(target: object, of: object, theta: object, most: object, progress: object) -> None:
     part(target, "adapt", "target", "a relative error,", "0.02")
     if not (isinstance(of, str) and of in QUANTITIES):
-        raise SceneError(f"adapt: found of = {brief(of)}; a target is of {', '.join(map(repr, QUANTITIES))}.")
+        raise SceneError(f"adapt: found of = {brief(of)}; choose one of {', '.join(map(repr, QUANTITIES))}.")
     part(theta, "adapt", "theta", "a part,", "0.6")
     if not (is_real(most) and 1 <= most <= float(np.finfo(float).max)):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
@@ -498,8 +498,8 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     if posed.curves:
         warnings.warn(
             f"adapt: {' and '.join(posed.curves)} acts along a curve, which is a polygon on the coarse mesh. "
-            "Refined meshes keep this polygon: answers converge to the answer for a body with these corners, over "
-            "which nothing slides, and errors are relative to this answer. If something slides there, simulate on "
+            "Refined meshes keep the corners of this polygon, over which nothing can slide. Answers converge to the "
+            "answer for the polygon, and errors are relative to the polygon. If something slides there, simulate on "
             "finer meshes of the curve itself.",
             SceneWarning,
             stacklevel=3,

@@ -40,12 +40,12 @@ class PolygonMesh(Mesh):
         Vertices of each cell, in order around it. Clockwise cells are reversed, with a `MeshWarning`.
     boundaries : mapping of str to (m, 2) array_like of int, optional
         Named sets of boundary edges, in either direction. The name "boundary" is reserved for the whole boundary. By
-        default, the edges where x or y is least or greatest are "left", "right", "bottom" and "top", as in families; an
-        empty mapping names nothing.
+        default, the edges where x or y is least or greatest are "left", "right", "bottom" and "top"; an empty mapping
+        names nothing.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Edges of one body that coincide with edges of another, with nodes of their own.
+        Edges of one body that coincide with edges of another; each body has its own nodes there.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class PolygonMesh(Mesh):
     Raises
     ------
     MeshError
-        The points and cells are no valid mesh; the message names the cell or node and a remedy.
+        The points and cells do not form a valid mesh; the message names the cell or node and a remedy.
 
     Warns
     -----
@@ -149,7 +149,7 @@ class PolygonMesh(Mesh):
         return polygons.positions(parts, self._boundary, self.n_nodes)
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
-        """Return the mesh of prisms over these cells, one layer between each two heights.
+        """Return the mesh of prisms over these cells, one layer between consecutive heights.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
         raise MeshError(f"{wanted}; got {heights!r}.")
     levels = given.astype(float)
     if not np.isfinite(levels).all() or np.abs(levels).max() > LARGEST or np.diff(levels).min() < SHORTEST:
-        raise MeshError(f"{wanted}, at most {LARGEST:g} and {SHORTEST:g} apart; got {levels}.")
+        raise MeshError(f"{wanted}, at most {LARGEST:g} in size and at least {SHORTEST:g} apart; got {levels}.")
     named = _names_in_space(mesh)
     layers, nodes, cells = len(levels) - 1, mesh.n_nodes, mesh.n_cells
     offsets, vertices, owner = _layer(mesh)

@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
-    Cells are polyhedra with plane faces. Two cells meet in whole faces of both: a large cell that meets four small ones
-    has four coplanar faces there. Neither cells nor faces need be convex.
+    Cells are polyhedra with plane faces. Neighbouring cells share whole faces: a large cell beside four small cells has
+    four coplanar faces there. Neither cells nor faces need be convex.
 
     Parameters
     ----------
     points : (n_nodes, 3) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
-        Faces of each cell; a face lists its vertices counter-clockwise seen from outside. Other faces are reversed,
-        with a `MeshWarning`.
+        Faces of each cell; a face lists its vertices counter-clockwise seen from outside. Clockwise faces are
+        reversed, with a `MeshWarning`.
     boundaries : mapping of str to array_like, optional
         Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" is reserved for the
         whole boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
@@ -46,7 +46,7 @@ class PolyhedralMesh(Mesh):
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Faces of one body that coincide with faces of another, with nodes of their own.
+        Faces of one body that coincide with faces of another; each body has its own nodes there.
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class PolyhedralMesh(Mesh):
     Raises
     ------
     MeshError
-        The points and cells are no valid mesh; the message names the cell or node and a remedy. A face counts as plane
-        if its vertices are within 1e-6 of its diameter of its plane.
+        The points and cells do not form a valid mesh; the message names the cell or node and a remedy. A face counts as
+        plane if no vertex is farther from its plane than 1e-6 times its diameter.
 
     Warns
     -----
@@ -111,7 +111,7 @@ class PolyhedralMesh(Mesh):
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:
-        """Vertex numbers of the faces of each cell, outwards: the argument `cells` of `PolyhedralMesh`."""
+        """Vertex numbers of the faces of each cell, counter-clockwise from outside, as given to `PolyhedralMesh`."""
         forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
         listed = [
             forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])

@@ -98,13 +98,13 @@ class Operators(ArrayRecord):
     Parameters
     ----------
     K : (n, n) array or sparse matrix
-        Symmetric positive definite; dense if it was condensed.
+        Symmetric positive definite, or semidefinite with a `kernel`; dense after condensation.
     B : (m * block, n) matrix
-        Rows i * block ... (i + 1) * block make the vector B_i d of norm term i, a slip.
+        Rows i * block to (i + 1) * block - 1 are B_i; the vector B_i d of norm term i is a slip.
     block : int
-        Number of components of this vector: 1 makes absolute values, more make second-order cones.
+        Number of components of B_i d: 1 for absolute values, more for second-order cones.
     given_factor : Factor, optional
-        A factor of K; by default it is computed at its first use.
+        A factor of K; by default K is factorised when it is first needed.
     kernel : (n, k) array, optional
         The kernel of a semidefinite K, orthonormal (:mod:`vemcvx.program.kernel`).
     anchor : (n,) array, optional
@@ -141,7 +141,7 @@ class Operators(ArrayRecord):
         read["block"], r = whole_blocks(self.block, read["B"].shape[0], "Operators"), read["D"].shape[0]
         given = np.zeros(r) if self.compliance is None else self.compliance
         c = finite(
-            as_shaped_array(given, "Operators: compliance", f"({r},) numbers, one a limit", (r,)),
+            as_shaped_array(given, "Operators: compliance", f"({r},) numbers, one per limit", (r,)),
             "Operators: compliance",
         )
         if (c < 0).any():
@@ -189,7 +189,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_modes(self) -> Floats:
-        """The motions A N (N, k) of all rows in K's kernel; (N, 0) if K has none."""
+        """The values A Z (N, k) of all rows on the kernel Z (n, k) of K; (N, 0) if K has none."""
         return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property
@@ -226,7 +226,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The unknowns that the rows of B and of D read, if each row reads exactly one, all different; else None."""
+        """The columns of the entries of B and of D, if every row has exactly one, in different columns; else None."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
         single = (np.diff(self.A.indptr) == 1).all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
@@ -256,10 +256,10 @@ class Operators(ArrayRecord):
 
     @cached_property
     def scaled_delassus(self) -> tuple[Floats, Floats | LinearOperator]:
-        """Units u (N,) of forces, equal in a block, and u (W + C) u with a diagonal close to one, W = A K^{-1} A'.
+        """Units u (N,) of forces, equal in a block, and u (W + C) u, W = A K^{-1} A', C the diagonal of compliances.
 
         W has double precision: with single precision, terms at their bounds that do not slip would alternate between
-        stick and slip. If rows read too many unknowns to form W, each product with it takes a solve.
+        stick and slip. If A has too many nonzero columns to form W, each product with W takes a solve.
         """
         yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
         own = np.append(np.repeat(self.norm_flexibility, self.block), self.limit_flexibility) + yielding
@@ -283,16 +283,16 @@ class Operators(ArrayRecord):
         return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimate_energies(unit)
 
     def rounding(self, forces: Floats, y: Floats) -> Floats:
-        """Return a bound on the rounding of `forces` - K y, from the sizes of both (n,), or (n, k)."""
+        """Return a bound on the rounding errors of f - K y, from `forces` = |f| and |y|, (n,) or (n, k)."""
         return ROUNDED * (forces + product(self.absolute[0], y))
 
     def energies_of_rounding(self, rounding: Floats) -> Floats:
-        """Return the energies of residuals of this size."""
+        """Return the energies of residuals with entries of size `rounding`."""
         energies: Floats = 0.5 * rounding.T**2 @ self.compliances
         return energies
 
     def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
-        """Estimate b'K^{-1}b of every row b: by diag(K), times the largest ratio of the two on sampled rows."""
+        """Estimate b'K^{-1}b of every row b by b'diag(K)^{-1}b times the largest ratio of the two on sampled rows."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
@@ -300,7 +300,7 @@ class Operators(ArrayRecord):
 
 
 class DenseInverse(Factor):
-    """The inverse of a dense K: every run needs its diagonal, and the block that rows read."""
+    """The inverse of a dense K: every run needs its diagonal, and its block on the nonzero columns of A."""
 
     def __init__(self, K: Floats):
         # LAPACK reads columns: K' = K avoids a copy, and halves the time.
@@ -324,7 +324,7 @@ class DenseInverse(Factor):
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:
-    """Return K d (n,). Of a dense K only one half is read, which takes half the time if K exceeds the cache."""
+    """Return K d (n,). A dense K is read in one triangle only, which halves the time if K exceeds the cache."""
     if not isinstance(K, np.ndarray) or len(d) == 0:
         return np.asarray(K @ d)
     return np.asarray(dsymv(1.0, K if K.flags.f_contiguous else K.T, d, lower=1))

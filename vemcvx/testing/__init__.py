@@ -8,7 +8,7 @@ In a test file::
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
 A solver is tested on the problems whose features it accepts, and must refuse the others. A linear solver that
-eliminates is also tested for elimination. An effect is tested in the scene of its sample. This needs pytest.
+can eliminate unknowns is also tested for that. An effect is tested in the scene of its sample. pytest is required.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "li
 def solver_suite(
     solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True, repeatable: bool = True
 ) -> Callable[..., None]:
-    """Return a test with one case per solver, property and instance; its name must begin with test_.
+    """Return a test with one case per solver, property and instance; assign it to a name test_*.
 
     Parameters
     ----------
     solvers : solver, or mapping of names to solvers
         Solvers, or objects with `solve(program, target)`.
     must_answer : bool
-        True if a solver may not miss its accuracy.
+        True if an answer that misses the accuracy fails the test.
     repeatable : bool
         True if repeated answers must be equal in all digits.
 
@@ -81,12 +81,12 @@ def _test(cases: Cases) -> Callable[..., None]:
 
 
 def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable[..., None]:
-    """Return a test with one case per sample and property; its name must begin with test_.
+    """Return a test with one case per sample and property; assign it to a name test_*.
 
     Parameters
     ----------
     samples : EffectSample, or mapping of names to samples
-        Give several if settings of an effect exclude each other.
+        Give several samples if settings of an effect exclude each other.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
 
 
 def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable[..., None]:
-    """Return a test with one case per linear solver and property; its name must begin with test_.
+    """Return a test with one case per linear solver and property; assign it to a name test_*.
 
     Parameters
     ----------

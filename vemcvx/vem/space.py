@@ -63,7 +63,7 @@ class Space:
 
     @property
     def simplices(self) -> tuple[tuple[str, str], float]:
-        """The names of simplices, on which Pi v = v, and of other cells, and the fraction of simplices."""
+        """Names for simplices (on which Pi v = v) and for other cells, and the fraction of cells that are simplices."""
         count = sum(len(group.cells) for group in self.groups if group.simplices)
         plane = "triangles", "polygons (squares, voronoi, hexagons)"
         return plane if self.in_plane else ("tetrahedra", "polyhedra (cubes, voronoi3)"), count / self.mesh.n_cells
@@ -76,7 +76,7 @@ class Space:
 
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
-        """The pieces (k,) and the nodes (k,) of all pairs of a piece, connected through edges or faces, and a node."""
+        """All pairs of a connected piece of the mesh and one of its nodes, as arrays of pieces (k,) and nodes (k,)."""
         mesh, (cell, node) = self.mesh, self.incidences
         label = np.unique(smallest_linked(mesh.neighbours, mesh.n_cells), return_inverse=True)[1]
         shape = (mesh.n_nodes, int(label.max()) + 1)
@@ -84,7 +84,7 @@ class Space:
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Return a matrix (p, n_nodes) from nodal values to Pi at points x (p, dim): at point[k] in cell[k]."""
+        """Return the matrix (p, n_nodes) that evaluates Pi at points x (p, dim): at x[point[k]] in cell[k]."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
@@ -137,11 +137,11 @@ class Space:
                 called = [repr(one) for one, found in mesh.interfaces.items() if set(found.bodies) == bodies]
                 apart = [repr(one) for one in mesh.boundaries if one.endswith(f".{name}")]
                 what = f"this mesh has {known}; add one with mesh.with_boundary(name, predicate)"
-                what = f"its name is {' or '.join(apart)}, which is on no interface; {what}" if apart else what
+                what = f"outside interfaces it is named {' or '.join(apart)}; {what}" if apart else what
                 what = f"this interface is named {' or '.join(called)}" if called else what
                 raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
             if len(mesh.boundaries[name]) == 0:
-                raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {mesh.PARTS}; it has {known}.")
+                raise SceneError(f"{subject}: the boundary {name!r} has no {mesh.PARTS}; the mesh has {known}.")
         sides = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
         across = self._across(sides) if mesh.interfaces else None
         if across is not None and not contact and (across >= 0).any():
@@ -171,7 +171,7 @@ class Space:
         return {}
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for ends (m, 2) of edges in one cell only of the lower-numbered body at this boundary."""
+        """Return which ends (m, 2) of edges lie in one cell only; at interfaces, in the lower-numbered body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:
@@ -181,7 +181,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return the nodes of second bodies at the vertices of sides of first bodies, by side, or -1."""
+        """Return the node opposite every vertex of sides, side by side: on the second body at an interface, else -1."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

@@ -32,7 +32,7 @@ def from_meshio(mesh: Any) -> Grid:
 def cells_of(mesh: Any) -> Grid:
     """Return the corners of cells, block by block, with data and named sets of cells and nodes."""
     rows: list[Ints] = []
-    for block in mesh.cells:  # other kinds may not be arrays; the checks of grids report them
+    for block in mesh.cells:  # cells of unknown kinds may not be arrays; the checks of grids refuse them
         known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)

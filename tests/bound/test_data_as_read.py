@@ -1,4 +1,4 @@
-"""Bounds and the data that they read: what lies between points of assembly, and between the points that bounds read."""
+"""Bounds for data with features between the points of assembly, and between the points at which bounds read data."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def run(*effects, n=4):
     return vx.simulate(vx.Scene(*effects), vx.meshes.squares(n), [0.0, 1.0])
 
 
-# What assembles as zero.
+# Loads that assemble as zero.
 
 STRIP = (*BAR, vx.Symmetry(on="right"), vx.BodyForce(along(strip)))
 PRESSED = (vx.Elasticity(1.0, 0.3), vx.Clamp(on="right"))
@@ -71,7 +71,7 @@ RUBS = vx.TrescaFriction(lambda x, t: 60.0 * ((x[:, 0] > 0.28) & (x[:, 0] < 0.47
 
 @pytest.mark.slow
 def test_friction_that_is_zero_at_nodes_holds_all_the_same():
-    """A finer run, where nodes see it, moves by .02994; without it the body moves by .0345."""
+    """In a finer run, with nodes in the zone of friction, the side moves by .02994; without friction by .0345."""
     push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
     history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
     assert history.inactive
@@ -82,7 +82,8 @@ def test_friction_that_is_zero_at_nodes_holds_all_the_same():
     assert whole.upper[-1] >= vx.error_bound(history, -1).upper
 
 
-# Loads that no rule integrates exactly, along a bar: u' is minus the integral of f. Quantities are read, too.
+# Loads along a bar that no quadrature rule integrates exactly: u' is minus the integral of f. Quantities are also
+# evaluated by quadrature.
 
 
 def jump(x):
@@ -144,7 +145,7 @@ def test_what_is_misread_of_loads_is_allowed_for(name):
 
 
 def ellipse(x):
-    """Hertz: of the radius .25 and the force .2 pi .5."""
+    """Return Hertz's pressure of half-width .25 and force .1 pi."""
     return 0.8 * np.sqrt(np.maximum(0.0, 1.0 - ((x[:, 1] - 0.5) / 0.25) ** 2))
 
 
@@ -158,7 +159,7 @@ def test_what_is_misread_of_tractions_is_allowed_for(of, force):
 
 
 def true_error(history, of):
-    """|u - v|_a, by the rule of bounds for its square."""
+    """Return |u - v|_a; the quadrature rule of the bounds integrates its square."""
     s = np.linspace(0.0, 1.0, 100_001)
     force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
 
@@ -176,7 +177,7 @@ def test_bounds_from_both_sides_allow_for_what_is_misread(name):
     of = {**LOADS, **NARROW}[name]
     history = bar(of)[0]
     bound, true = vx.error_bound(history, -1), true_error(history, of)
-    # Strains bend within triangles, whose rule is some hundredths off.
+    # Exact strains are not polynomials within triangles: the quadrature of the true error is off by some hundredths.
     assert 0.95 * bound.lower <= true <= 1.05 * bound.upper
 
 
@@ -192,7 +193,7 @@ def test_quantities_that_assemble_as_zero_are_no_zeros():
     assert not bound.guaranteed
 
 
-# Between instants: a layer in uniform shear, of which the mesh loses nothing; the truth is a run in fine steps.
+# Between instants: a layer in uniform shear, which has no mesh error. The reference is a run in fine steps.
 
 SIDES = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
 LAYER = (vx.Elasticity(2.0, 0.0), SIDES, vx.BilateralContact(on="bottom"))
@@ -258,7 +259,7 @@ COURSES = {
 def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     effects, steps = COURSES[name]
     scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
-    # Of what is piecewise linear, with bends at hundredths, a run at these loses nothing.
+    # A run in these steps is exact for data that are piecewise linear with bends at these instants.
     finer = np.union1d(times, np.linspace(0.0, 1.0, 101 if name in ("ground", "support") else 2001))
     history, fine = vx.simulate(scene, mesh, times), vx.simulate(scene, mesh, finer)
     caplog.clear()
@@ -270,7 +271,7 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
     circle = circle_of(fine)
     for n in range(1, steps + 1):
         apart = energy_distance(circle, history.displacement[n], fine.displacement[at[n]])
-        # Where nothing moves both are rounding, of stresses of about one.
+        # If nothing moves, both numbers are rounding errors of stresses of about one.
         assert apart <= bound.upper[n] * (1.0 + 1e-9) + 1e-16
     assert bound.kind == "bound for data as read at instants"
 
@@ -278,7 +279,7 @@ def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
 @pytest.mark.long
 @mostly_slow("steps", [1, 2])
 def test_supports_may_move_nonlinearly_in_time(steps):
-    """They are read at more instants; what is refused is motion that is nonlinear along edges."""
+    """Bounds read supports at more instants than the run. Only motion that is nonlinear along edges is refused."""
     moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")
     scene, mesh = vx.Scene(*LAYER, moved, vx.TrescaFriction(0.5, on="bottom")), vx.meshes.squares(1)
     history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, steps + 1))

@@ -1,4 +1,4 @@
-"""The linear solvers behind the seam: each must solve and restrict; direct ones eliminate."""
+"""Linear solvers: their conformance suite, large blocks, memory, the choice by size, and users' own classes."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ test_iterative = pytest.mark.long(needs("pyamg")(linear_suite(Iterative())))
 test_petsc = needs("petsc4py")(linear_suite(vx.PETSc()))
 
 
-OF_ONE_BLOCK = """
+ONE_BLOCK_SCRIPT = """
 import numpy as np, scipy.sparse as sp
 from vemcvx.linear import Pardiso
 K = np.ones(({n}, {n})) + {n} * np.eye({n})
@@ -48,13 +48,13 @@ assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
 @pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
 @needs("pymklpardiso")
 def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
-    # A block of 257 unknowns whose rows are equal, beside others, ends the process: hence one of its own.
-    code = OF_ONE_BLOCK.format(n=2 * size + 1, size=size)
+    # A block of 257 unknowns with equal rows, among other unknowns, ends the process. So the code runs in a second one.
+    code = ONE_BLOCK_SCRIPT.format(n=2 * size + 1, size=size)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
 
 
-OF_MANY_FACTORS = """
+MANY_FACTORS_SCRIPT = """
 import numpy as np, vemcvx as vx
 from vemcvx.linear import order_by_minimum_degree
 from vemcvx.results.files import peak_memory_mb
@@ -71,14 +71,14 @@ print(peaks[1] - peaks[0], peaks[-1] - peaks[3])
 
 
 @pytest.mark.long
-@pytest.mark.skipif(peak_memory_mb() is None, reason="Windows does not tell the most memory that a process has held")
+@pytest.mark.skipif(peak_memory_mb() is None, reason="Windows does not give the peak memory of a process")
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
 def test_factors_that_nobody_holds_give_their_memory_back(linear):
-    """The peak does not grow from the 4th to the 12th; while a new factor is made the old one is held."""
-    # Of what is returned to it, the C library keeps more or less for itself unless it is told not to.
-    told = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
-    command = [sys.executable, "-c", OF_MANY_FACTORS.format(linear=linear)]
-    run = subprocess.run(command, capture_output=True, text=True, check=True, env=told)
+    """Peak memory does not grow from the 4th to the 12th factor. The old factor is held while a new one is made."""
+    # By default the C library keeps a varying part of the memory that is returned to it.
+    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
+    command = [sys.executable, "-c", MANY_FACTORS_SCRIPT.format(linear=linear)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     second, later = map(float, run.stdout.split())
     assert later < max(second, 1.0)
 
@@ -96,7 +96,7 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
 
 @dataclass(frozen=True)
 class Another(vx.LinearSolver):
-    """None of ours, with what the base class asks for."""
+    """A user's linear solver with only the method that the base class requires."""
 
     def factorise(self, K, near_kernel=None):
         return SuperLU().factorise(K)

@@ -16,7 +16,7 @@ import vemcvx as vx
 from hertz_contact import fit_half_ellipse
 
 FEW_SETS = 20
-"""Systems of sets that a step takes at most where each begins on the sets of the one before."""
+"""Largest number of linear systems in a step that starts from the active sets of the step before."""
 
 
 @pytest.mark.long
@@ -27,7 +27,7 @@ def test_two_blocks_make_one_loop(family):
     contact, (q, a) = history.contact, blocks.exact_solution(times)
     assert np.abs(contact.traction[:, :, 0] - q[:, None]).max() < 1e-10
     assert np.abs(contact.slip[:, :, 0] + a[:, None]).max() < 1e-10
-    # Steps of 1/4 end at the turns t = 1, 3, 5: from the first turn on it is one closed loop.
+    # Steps of 1/4 end at the turns t = 1, 3, 5. The steps after the first turn make one closed loop.
     turn = 4
     loop = 4 * blocks.BOUND * (blocks.AMPLITUDE - blocks.BOUND * blocks.COMPLIANCE)
     assert np.abs(contact.wear[-1] - contact.wear[turn] - loop).max() < 1e-10
@@ -35,14 +35,14 @@ def test_two_blocks_make_one_loop(family):
 
 @pytest.mark.long
 def test_a_pack_of_blocks_slides_one_by_one(family):
-    """Exact on every mesh: tractions, slips, the force on the plate by Masing's rule, when each begins to slide."""
+    """Exact on every mesh: tractions, slips, the force on the plate by Masing's rule, starts of sliding."""
     mesh, times = pack.mesh(2, family), pack.times(40)
     history = vx.simulate(pack.scene(), mesh, times)
     contact, (q, a), one = history.contact, pack.exact_solution(times), pack.bearing(history.contact.points)
     assert np.abs(contact.traction[:, :, 0] - q[:, one]).max() < 1e-10
     assert np.abs(contact.slip[:, :, 0] + a[:, one]).max() < 1e-10
     assert np.abs(pack.plate_force(history) - pack.force(times)).max() < 1e-10
-    # None of these instants is that of a start, to rounding.
+    # No block begins to slide exactly at one of these instants, so rounding does not matter.
     first = times <= 1
     assert np.array_equal(contact.sticking[first], pack.plate(times[first])[:, None] < pack.STARTS[one])
     loop = 4 * pack.BOUNDS * np.maximum(pack.AMPLITUDE - pack.STARTS, 0.0)
@@ -52,7 +52,7 @@ def test_a_pack_of_blocks_slides_one_by_one(family):
 
 
 def pressures(n, outer=None):
-    """Contact pressures over Lame's, and the lengths of their nodes."""
+    """Return nodal contact pressures relative to Lame's pressure, and the tributary lengths of the nodes."""
     mesh = fit.mesh(n, outer=outer)
     history = vx.simulate(fit.scene(), mesh, [0.0, 1.0], solver=vx.Newton(fit.SMALL["accuracy"]))
     contact = history.contact
@@ -62,16 +62,16 @@ def pressures(n, outer=None):
 
 @pytest.mark.long
 def test_a_press_fit_on_equal_meshes():
-    """Every nodal pressure within one per cent of Lame's, uniform, and of order h^2."""
+    """Every nodal pressure is within one per cent of Lame's; pressures are uniform, and their error is O(h^2)."""
     coarse, fine = (pressures(n, outer=n)[0] for n in (8, 16))
     assert np.abs(coarse - 1).max() < 0.01
-    # All sectors are alike, and the pressure of one solve is certified to 1e-7 in energy.
+    # All sectors are alike, and the solve is certified to 1e-7 in energy.
     assert np.ptp(coarse) < 1e-6
     assert 3.5 < np.abs(coarse - 1).max() / np.abs(fine - 1).max() < 4.5
 
 
 def errors_of_press_fit(n):
-    """Of the mean pressure, and of nodal pressures in L2, relative."""
+    """Return the relative errors of the mean pressure, and of nodal pressures in L2."""
     ratio, lengths = pressures(n)
     shares = lengths / lengths.sum()
     return abs(shares @ ratio - 1), np.sqrt(shares @ (ratio - 1) ** 2)
@@ -79,14 +79,14 @@ def errors_of_press_fit(n):
 
 def test_a_press_fit_on_meshes_that_do_not_match():
     mean, nodal = errors_of_press_fit(8)
-    # The angle between chord and arc is pi/4n at most, and its square is what the mean may lose.
+    # The angle between chord and arc is at most pi/4n, and the error of the mean is at most the square of the angle.
     assert nodal < np.pi / (4 * 8)
     assert mean < (np.pi / (4 * 8)) ** 2
 
 
 @pytest.mark.slow
 def test_nodal_pressures_of_a_press_fit_are_of_order_one():
-    """The chords of one polygon on another: order h in nodal pressures, h^2 in their mean; .9 % and .03 % at n = 32."""
+    """Chords of both polygons differ: errors O(h) of nodal pressures, O(h^2) of the mean; .9 % and .03 % at n = 32."""
     mean, nodal = np.transpose([errors_of_press_fit(n) for n in (8, 16, 32)])
     assert (np.abs(np.log2(nodal[:-1] / nodal[1:]) - 1) < 0.2).all()
     assert (np.abs(np.log2(mean[:-1] / mean[1:]) - 2) < 0.2).all()
@@ -95,7 +95,7 @@ def test_nodal_pressures_of_a_press_fit_are_of_order_one():
 
 @pytest.mark.long
 def test_rings_that_are_pressed_together_are_stressed_as_lame_says():
-    """The first invariant at centroids, by the square of the angle of a cell."""
+    """The trace of the stress at centroids has an error of at most the square of the angle of a cell."""
     history = vx.simulate(fit.scene(), fit.mesh(16, outer=16), [0.0, 1.0], solver=vx.Newton(fit.SMALL["accuracy"]))
     x, (xx, yy, _) = history.mesh.centroids, history.stress(-1).T
     radial, hoop = fit.stresses(np.hypot(*x.T))
@@ -104,19 +104,19 @@ def test_rings_that_are_pressed_together_are_stressed_as_lame_says():
 
 
 def assert_bears_the_load(history):
-    """Balance of the upper plate along x, which friction alone holds, and across; a certificate needs the former."""
+    """Check the balance of the upper plate along x, where only friction holds it, and across."""
     contact, load = history.contact, joint.load(history.times)
     rubbed = (contact.traction[:, :, 0] * contact.friction_lengths).sum(axis=1)
     assert rubbed == pytest.approx(load, abs=1e-9 * joint.LOAD)
     bolt = joint.PRESSURE * joint.BOLT
-    # The corner under the guide is in contact, too.
+    # The corner under the guide is also in contact, so the guide and the lap share the bolt force.
     lap, guide = history.force("lower|upper")[:, 1], history.reaction("upper.right")[:, 1]
     assert guide - lap == pytest.approx(bolt, rel=1e-9)
     assert np.abs(load).max() == pytest.approx(0.6 * joint.FRICTION * bolt)
 
 
 def wear_of_cycles(history):
-    """What each cycle from the second on adds, over the largest of them."""
+    """Return the wear added by each cycle from the second to the last, relative to its largest value."""
     added = np.diff(history.contact.wear[::4], axis=0)[1:]
     return added / added.max()
 
@@ -124,15 +124,15 @@ def wear_of_cycles(history):
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 @pytest.mark.parametrize("cycles", [3, pytest.param(100, marks=pytest.mark.slow)])
 def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
-    """Certified to 1e-8 at each step, within iterations, without slipping as a whole; the bolt's middle is not worn."""
+    """Steps are certified to 1e-8, the joint never slips as a whole, and the middle under the bolt does not wear."""
     history = vx.simulate(joint.scene(), joint.mesh(10), joint.times(4 * cycles), initial=joint.initial)
     assert history.certificate.max() < 1e-8
-    # Each step begins on the sets of the one before, and takes no more than a few: no convex program is needed.
+    # Each step begins on the active sets of the step before and needs few linear systems, no convex program.
     assert history.iterations[1:].max() <= FEW_SETS
     assert history.contact.sticking.any(axis=1).all()
     assert_bears_the_load(history)
     added = wear_of_cycles(history)
-    # Steps are certified to 1e-8 in energy, and wear is a sum of small slips: a hundred times that.
+    # Steps are certified to 1e-8 in energy. Wear is a sum of small slips: allow a hundred times this error.
     assert np.abs(added - added[0]).max() < 1e-6
     x = history.contact.points[:, 0] - joint.LENGTH / 2
     assert added[0][np.abs(x) < joint.BOLT / 4].max() < 0.01
@@ -142,12 +142,12 @@ def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 def test_a_pad_brakes_a_disc():
-    """Balance of pad and disc at each instant; the torque of a pad that slips; what wears, and alike in each cycle."""
+    """Pad and disc are in balance at each instant; a slipping pad gives the torque; all cycles wear all nodes alike."""
     history = vx.simulate(brake.scene(), brake.mesh(4), brake.times(3 * brake.CYCLE), initial=brake.initial)
     assert history.certificate.max() < 1e-8
     assert history.iterations[1:].max() <= FEW_SETS
     contact, torque, P = history.contact, brake.torque(history), brake.pad_pressure(history.times)
-    # Both are known to what forces are certified to, a few digits fewer than energies.
+    # Forces are certified to a few digits fewer than energies.
     near = {"abs": 1e-7 * brake.slip_torque(brake.PRESSURE)}
     rubbed, pushed = contact.traction * contact.friction_lengths[:, None], contact.pressure * contact.lengths
     fx, fy = np.moveaxis(rubbed - pushed[:, :, None] * contact.normals, 2, 0)
@@ -157,13 +157,14 @@ def test_a_pad_brakes_a_disc():
     slips = ~contact.sticking.any(axis=1)
     assert slips.sum() > history.steps / 2
     assert np.linalg.norm(rubbed, axis=2)[slips] == pytest.approx(brake.FRICTION * pushed[slips], **near)
-    # All at the radius of the rim, along it but at the pad's two ends, whose normals are those of their chords.
+    # All nodes are at the radius of the rim. Friction acts along the rim, except at the two ends of the pad: there the
+    # normal is the normal of a single chord.
     around, tilt = brake.FRICTION * brake.RIM * pushed.sum(axis=1), np.pi / (24 * 4)
     most = np.sin(tilt) + brake.FRICTION * (1 - np.cos(tilt))
     ends = most * brake.RIM * pushed[:, [0, -1]].sum(axis=1) + near["abs"]
     assert (np.abs(np.abs(torque) - around)[slips] < ends[slips]).all()
     assert (ends < 0.02 * around).all()
-    # p of an elastic pad is not quite that of a worn one: 1.1 per cent at most, on this mesh.
+    # An elastic pad has not quite the pressure of a worn pad: the torques differ by at most 1.1 per cent on this mesh.
     assert np.abs(torque[slips]) == pytest.approx(brake.slip_torque(P[slips]), rel=0.02)
     assert (np.diff(history.dissipated) >= 0).all()
     assert (np.diff(contact.wear, axis=0) >= 0).all()
@@ -174,16 +175,16 @@ def test_a_pad_brakes_a_disc():
 
 @pytest.mark.long
 def test_two_cylinders_press_as_hertz_says():
-    """Half-width and peak within two per cent, of meshes with 16 and 12 cells in the half-width."""
+    """Half-width and peak are within two per cent on meshes with 16 and 12 cells in the half-width."""
     history = vx.simulate(cylinders.scene(), cylinders.mesh(16), cylinders.times(1))
     contact, force = history.contact, cylinders.force(history)[-1]
     x, p = contact.points[:, 0], contact.pressure[-1]
     half_width, peak = cylinders.hertz(force)
     assert fit_half_ellipse(x, p) == pytest.approx((half_width, peak), rel=0.02)
     assert p.max() == pytest.approx(peak, rel=0.02)
-    # Contact ends within a cell of either mesh.
+    # The end of contact is exact to one cell of the coarser mesh.
     assert x[p > 0].max() == pytest.approx(half_width, abs=cylinders.HALF_WIDTH / 12)
-    # What is pressed above is borne below.
+    # The force on the top equals the force on the contact.
     assert -2 * history.reaction("upper.top")[-1, 1] == pytest.approx(force, rel=1e-9)
     # Neither body is rigid: with the modulus of one alone the half-width would be much smaller.
     assert half_width > 1.2 * np.sqrt(4 * force * cylinders.RADIUS * (1 - 0.3**2) / (np.pi * cylinders.YOUNG[0]))
@@ -191,7 +192,7 @@ def test_two_cylinders_press_as_hertz_says():
 
 @pytest.mark.long
 def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
-    """Nodal tractions within one per cent of Volkersen's but for a height from the ends, where he has no free faces."""
+    """Nodal tractions are within one per cent of the theory, except at less than a strip's height from the ends."""
     history = vx.simulate(lap.scene(), lap.mesh(4), lap.times(1))
     x, q = lap.bond(history)
     inner = (x > lap.HEIGHT) & (x < lap.LENGTH - lap.HEIGHT)
@@ -202,13 +203,13 @@ def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
     below = np.abs(contact.points[:, 1] - lap.HEIGHT) < 1e-9
     forces = contact.traction[-1][:, 0] * contact.friction_lengths
     assert np.abs([forces[below].sum(), forces[~below].sum()]) == pytest.approx(lap.FORCE, rel=1e-9)
-    # The stiffer strip takes more of the load: the glue is sheared more where that of the softer one ends.
+    # The glue is sheared more at the end where the softer strip carries the whole load.
     assert q[0] < 0.6 * q[-1]
 
 
 @pytest.mark.slow
 def test_tractions_of_a_lap_joint_are_of_order_one():
-    """Their scatter about a smooth curve; the curve is the theory's but for .2 %, which no refinement takes off it."""
+    """Tractions scatter by O(h) about a smooth curve, which differs from the theory by up to .2 % on every mesh."""
     scatter = []
     for n in (2, 4, 8):
         x, q = lap.bond(vx.simulate(lap.scene(), lap.mesh(n), lap.times(1)))

@@ -1,4 +1,4 @@
-"""What every solver must satisfy: the suite of vemcvx.testing, over all that are exported and all that cvxpy finds."""
+"""The conformance suite of vemcvx.testing, for all exported solvers and all solvers that cvxpy finds."""
 
 import dataclasses
 import inspect
@@ -29,7 +29,7 @@ FOUND = {
     name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in cvxpy.installed_solvers() if name not in ("CLARABEL", "OSQP")
 }
 FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.accepts}
-"""Solvers that answer or refuse; those of linear programs accept no step at all (tests/cli/test_cli_compare.py)."""
+"""Solvers that answer or refuse. Solvers of linear programs accept no step at all (tests/cli/test_cli_compare.py)."""
 
 TIMES = np.linspace(0.0, 1.0, 7)
 
@@ -46,7 +46,7 @@ test_fast_solvers = long_cases(
 )
 test_conic_solvers = pytest.mark.long(solver_suite({name: OWN[name] for name in OWN if name not in FAST}))
 VARYING = {"PROXQP"} & set(FOUND)
-"""Whose last digits vary from time to time."""
+"""Solvers whose last digits vary from run to run."""
 test_found_solvers = pytest.mark.long(
     solver_suite({name: FOUND[name] for name in FOUND if name not in VARYING}, must_answer=False)
 )
@@ -82,7 +82,7 @@ def test_the_instances_have_every_feature_and_stick_and_slip():
             assert history.sticking[1:].any()
             assert not history.sticking[1:].all()
         if BOUNDS in instance.features:
-            # Some limit presses, and some does not, at some instant.
+            # At least one limit is active at some instant, but not every limit at every instant.
             assert history.pressures.any()
             assert not history.pressures.all()
 
@@ -112,7 +112,7 @@ LIES = {
     "nothing moves": lambda a: {"d": 0 * a.d},
     "a hundredth more": lambda a: {"d": 1.01 * a.d},
     "no multipliers": lambda a: {"lam": 0 * a.lam},
-    "multipliers turned": lambda a: {"lam": -a.lam},
+    "multipliers reversed": lambda a: {"lam": -a.lam},
     "not a number": lambda a: {"d": a.d * np.nan},
 }
 
@@ -151,7 +151,7 @@ def test_the_smallest_solver_that_accepts_is_chosen_and_named(caplog):
 
 
 class Counting(Spoilt):
-    """Keeps what it did among its settings."""
+    """A solver that counts its calls in an attribute, as if the count were a setting."""
 
     asked = 0
 
@@ -167,11 +167,11 @@ BROKEN = {
     "answers_within_its_accuracy": Spoilt(lambda a, program: (1.001 * a.d, a.lam, a.p)),
     "gives_multipliers_as_admissible_as_it_is_accurate": Spoilt(lambda a, program: (a.d, 1.5 * a.lam, a.p)),
 }
-"""A sentence that is broken, and who does: multipliers far beyond bounds, a thousandth off, digits of chance, ..."""
+"""For some properties of the suite, a solver that violates them: it changes data, adds random digits, and so on."""
 
 
 def failures(solver):
-    """Names of the sentences that a solver does not satisfy on one instance."""
+    """Return the names of the properties that a solver violates on one instance."""
     (mark,) = (mark for mark in solver_suite(solver).pytestmark if mark.name == "parametrize")
     found = set()
     for case in (case for case in mark.args[1] if "friction of one component" in case.id):
@@ -184,7 +184,7 @@ def failures(solver):
 
 @pytest.mark.long
 def test_the_suite_finds_what_is_wrong_and_nothing_else():
-    for sentence, solver in BROKEN.items():
-        assert sentence in failures(solver)
+    for name, solver in BROKEN.items():
+        assert name in failures(solver)
     assert "gives_the_same_answer_twice" in failures(Counting())
     assert failures(Spoilt()) == set()

@@ -33,8 +33,8 @@ NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# 
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "mine.py")}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "test_mine.py")}
 ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
-"""Each recipe is a file, whose first line is its path, and a line of code, on a page of its own.
-An effect also has two entries in tests, which CONTRIBUTING.md shows."""
+"""Each recipe has its own page, with a file, whose first line is its path, and a line of code. A new effect also needs
+two entries in tests, which CONTRIBUTING.md shows."""
 
 
 def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere():
@@ -45,7 +45,7 @@ def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere(
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """A function that puts the file of a recipe into the package, for one test, and returns what its line defines."""
+    """A function that adds the file of a recipe to the package for one test, and returns the names its line defines."""
 
     def make(path):
         name = path.removesuffix(".py").replace("/", ".")
@@ -115,7 +115,7 @@ def test_a_bed_of_springs_is_normal_compliance():
 
 
 def effect_cases():
-    """The cases of the lines that test an effect of one's own."""
+    """Return the cases of the suite that the page runs for a user's effect."""
     known = {"np": np, "vx": vx}
     exec(SAMPLE, known)
     (mark,) = (mark for mark in known["test_slip_weakening"].pytestmark if mark.name == "parametrize")
@@ -138,7 +138,7 @@ def test_a_family_of_meshes_in_one_file_and_a_line(made, monkeypatch):
     for name, family in made("vemcvx/meshes/families/bricks.py").items():
         monkeypatch.setitem(vx.meshes.FAMILIES, name, family)
     mesh = vx.meshes.FAMILIES["bricks"](4, box=((0.0, 1.5), (-1.0, 0.0)))
-    # Checks that the family skips.
+    # The constructor checks what the family does not check.
     assert vx.PolygonMesh(mesh.points, mesh.cells).n_cells == mesh.n_cells == 26
     assert set(mesh.boundaries) == {"left", "right", "bottom", "top", "boundary"}
     assert mesh.areas.sum() == pytest.approx(1.5, rel=1e-14)
@@ -212,7 +212,7 @@ def mine(tmp_path):
 
 @pytest.fixture
 def fista(mine):
-    """The class of the recipe, as it is."""
+    """The class of the recipe, unchanged."""
     known = {}
     exec(compile(FILES["mine.py"], str(mine), "exec"), known)
     return known["Fista"]
@@ -225,7 +225,7 @@ def test_a_solver_is_a_class_of_25_lines(fista):
 
 
 def suite(name):
-    """The lines of tests of the recipe, beside its file."""
+    """Return the cases of the test in the recipe, with the recipe's file as the module `mine`."""
     known = {}
     sys.modules["mine"] = module = ModuleType("mine")
     exec(FILES["mine.py"], vars(module))
@@ -239,11 +239,11 @@ SUITE = suite("fista")
 
 
 ENDLESS = "admits_what_it_cannot_reach", "answers_where_rounding_forbids_the_gap"
-"""Sentences that the recipe's solver meets after all of its iterations."""
+"""Properties for which the recipe's solver needs all of its iterations."""
 
 
 def takes(key):
-    """A case of the suite with the mark of the time that it takes."""
+    """Return a case of the suite, marked by its run time."""
     if key.endswith(ENDLESS):
         return pytest.param(key, marks=pytest.mark.slow)
     is_quick = ": plain matrices: " in key or key.count(":") == 1
@@ -257,7 +257,7 @@ def test_it_passes_the_suite_first_time(case):
 
 
 def dense():
-    """The recipe's linear solver."""
+    """Return the recipe's linear solver."""
     known = {"__name__": "dense"}
     exec(file(SOLVER_PAGE, "dense.py"), known)
     return known["Dense"]()
@@ -281,7 +281,7 @@ def test_it_is_compared_first_time(mine):
 
 @pytest.mark.long
 def test_answers_to_the_same_steps_are_as_near_as_certified(fista):
-    """No farther apart than the errors of both, certified step by step, add up to."""
+    """The distance of both answers is at most the sum of their certified errors over all steps."""
     scene, mesh, times = paper_scene(lambda t: np.sin(6 * t)), vx.meshes.voronoi(4), np.linspace(0.0, 1.0, 7)
     own, newton = (vx.simulate(scene, mesh, times, solver=solver) for solver in (fista(), vx.Newton()))
     assert own.certificate.max() <= 1e-6

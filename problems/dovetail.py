@@ -1,9 +1,9 @@
 r"""The dovetail root of a blade in its slot: pulled more at one end of the slot than at the other, and released.
 
-The root is a trapezoid in a slot along z, whose flanks lean by b from the pull; half of it, x > 0, is computed. On the
-top of the whole blade acts P(t) (1 + c z / l), -l < z < l, so that one end of the slot is pressed harder. Let N be the
-normal force of a flank, and T its friction, towards the floor of the slot as the root slides out. Forces balance
-exactly:
+The root is a trapezoid in a slot along z. Its flanks are inclined by the angle b to the pull. We compute its half at
+x > 0. The pull P(t) (1 + c z / l), -l < z < l, acts on the top of the whole blade, so that one end of the slot is
+pressed harder. Let N be the normal force on a flank, and T its friction force, which is directed towards the floor of
+the slot while the root slides out. Forces balance exactly:
 
 $$ N \sin b + T \cos b = P / 2, \qquad \text{moment of the flank's forces about } x = -c l P / 6. $$
 
@@ -12,8 +12,8 @@ Friction is at most mu N, so that N stays between the lines of full slip,
 $$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
 N is on the first line while the root slides out, and on the second while it slides in, if all nodes slip straight along
-the flank. Between the lines the root sticks, and N hardly falls with the pull. (This wears the roots of turbine
-blades.)
+the flank. Between the lines the root sticks, and N hardly falls with the pull. Such sliding in and out wears the roots
+of turbine blades.
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot
 """
@@ -60,7 +60,7 @@ def flank(y):
 
 
 def solid(x, y, layers, is_inside):
-    """Return hexahedra over rectangles between lines x and y, whose right or left side is moved to the flank."""
+    """Return hexahedra over a grid of lines x, y. Its right side (`is_inside`) or left side moves to the flank."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     side = flank(y[j])
@@ -71,7 +71,7 @@ def solid(x, y, layers, is_inside):
 
 
 def mesh(n, family="hexahedra"):
-    """Return the blade, n cells across half its neck, and the disc in other cells."""
+    """Return the mesh: the blade with n cells across half its neck, and the disc with cells that do not match these."""
     across, root = np.linspace(0.0, 1.0, n + 1), np.linspace(-ROOT, 0.0, 2 * n + 1)
     blade = solid(across, np.append(root, np.linspace(0.0, BLADE, n + 1)[1:]), 2 * n, True)
     disc = solid(np.linspace(0.0, 1.0, 2 * n + 1), np.linspace(-ROOT, 0.0, 2 * n + 2), 2 * n + 1, False)

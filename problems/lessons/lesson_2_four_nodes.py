@@ -25,8 +25,8 @@ import vemcvx as vx
 #
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
-# A conic program has a linear (here: quadratic) objective, and its constraints are *cones*. So each absolute value
-# becomes a variable $d_i$, a distance, and one cone. The minimum presses $d_i$ down to the absolute value:
+# The constraints of a conic program are *cones*, and its objective is linear or, as here, quadratic. So we replace each
+# absolute value by a variable $d_i$, a distance, and one cone. At the minimum $d_i$ is equal to the absolute value:
 #
 # $$|u_i - u_{prev,i}| \le d_i .$$
 
@@ -50,8 +50,8 @@ print("positions", np.round(u.value, 6) + 0.0)
 #
 # How close should the solver come? Clarabel stops at a gap of about 1e-8. The gap bounds the error in the energy norm,
 # by $\sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of $K$ is 0.12, so the error of the positions is
-# at most 4.1e-4. For blocks that should stick, the bound is much better. If a slip $s_i$ should be zero, the gap is at
-# least (lesson 6)
+# at most 4.1e-4. For blocks that should stick, the bound is much better. If the slip in the solution is zero, a
+# computed slip $s_i$ makes the gap at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
@@ -89,7 +89,7 @@ print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {all
 # - Stationarity in $d_i$ gives $w_i - \xi_i = 0$: **the first component is the friction bound**.
 # - Stationarity in $u$ gives $Ku - f - \zeta = 0$, so $\zeta_i = -\lambda_i$: **the second component is the force on
 #   the block**. Mind the minus.
-# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, says: either full friction against the slip, or no slip.
+# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, means that there is full friction against the slip, or no slip.
 
 # %%
 xi = np.array([cone.dual_value[0].item() for cone in cones])
@@ -127,7 +127,7 @@ print(f"least energy {problem.value:.8f}, best lower bound {dual.value:.8f}")
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: four blocks in a row after the step, above the force of friction on each within its bound
+# Picture: the four blocks after the step (top); the force of friction on each block, within its bound (bottom)
 def chain_picture():
     figure, (above, below) = plt.subplots(
         2, 1, sharex=True, figsize=(7.0, 3.4), layout="constrained", gridspec_kw={"height_ratios": [1, 1.5]}
@@ -153,14 +153,16 @@ def chain_picture():
 chain_picture()
 
 # %% [markdown]
-# ## 3. From the line to the plane: the cone takes its shape
+# ## 3. From the line to the plane: the absolute value becomes a length
 #
 # Now the four blocks stand on a table, and each may slide in any direction of the plane: $u_i \in \mathbb{R}^2$. The
-# springs act equally in $x$ and $y$. The absolute value becomes a length, and the cone becomes the ice-cream cone:
+# springs act equally in $x$ and $y$. The absolute value becomes a length, and the set of admissible pairs becomes the
+# second-order cone (or ice-cream cone):
 #
 # $$\{(d_i, s_i) : |s_i| \le d_i\}, \qquad s_i \in \mathbb{R}^2 .$$
 #
-# The force $\lambda_i$ is now a vector in a **disc** of radius $w_i$. In the program, `(1,)` becomes `(2,)`:
+# The force $\lambda_i$ is now a vector in a **disc** of radius $w_i$. In the program, each cone holds a slip with two
+# components instead of one:
 
 
 # %%
@@ -200,8 +202,8 @@ _directions = np.degrees(np.arctan2(*(second - first)[:3].T[::-1]))
 assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 
 # %% [markdown]
-# The picture shows the disc of each block, in it the force $\lambda_i$ that friction takes, and dashed the direction of
-# the slip. **Question:** in the second step block 1 is pulled at 60 degrees, but it slips at 77 degrees. Why not at 60?
+# For each block the picture shows the disc, the force $\lambda_i$ in it, and the direction of the slip (dashed).
+# **Question:** in the second step block 1 is pulled at 60 degrees, but it slips at 77 degrees. Why not at 60?
 # And would the sum of absolute values, $|s_x| + |s_y|$, give the same picture?
 #
 # <details><summary>Answer</summary>
@@ -219,7 +221,7 @@ assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: the disc of admissible forces of each block, the force of friction in it, and the direction of the slip
+# Picture: for each block the disc of admissible forces, the force of friction in it, and the direction of the slip
 def discs_picture():
     figure, panels = plt.subplots(2, 4, figsize=(8.4, 4.6), layout="constrained")
     steps = ((first, force_1, "along x"), (second - first, force_2, "turned"))
@@ -269,14 +271,14 @@ print(f"the answers are {apart:.0e} apart; the certificates allow {claimed:.0e}"
 # %% [markdown]
 # ## Exercises
 #
-# 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First by hand: a block
-#    moves back only if its springs pull it by more than 0.5. Then by `march` with the times 0, 1, 2.
+# 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First compute it by hand:
+#    a block moves back only if its springs pull it by more than 0.5. Then use `march` with the times 0, 1, 2.
 # 2. Set $w = 0$. What remains of the program, of the dual, and of the answer?
 # 3. From rest, at which pull does block 4 begin to move in one step?
 # 4. Replace the disc by the square $|\lambda_x|, |\lambda_y| \le w$, that is $|s|$ by $|s_x| + |s_y|$. Pull by 1.2 at
 #    45 degrees. How much larger is the force of friction than with the disc? Why can a solver of quadratic programs now
-#    take part?
+#    solve this step?
 # 5. The dual pair of the cone of block 3 is $(\xi_3, \zeta_3) = (0.5, -0.2)$. How does the least energy change if $w_3$
-#    grows by 0.01? And if block 3 starts at $u_{prev,3} = 0.01$?
+#    grows by 0.01? How does it change if block 3 starts at $u_{prev,3} = 0.01$?
 #
 # Solutions: `lesson_2_solutions.py`.

@@ -144,7 +144,7 @@ def test_what_users_write_is_escaped(tmp_path):
 def test_where_there_is_no_budget_it_says_why(tmp_path):
     (tmp_path / "hung.py").write_text(LOOSE)
     text = Reader(reported(tmp_path, tmp_path / "hung.py", "--n", 2, "--steps", 2, "--set", "viscous=True")).text
-    assert "Error budget There is none. error_budget: there is no estimate for scenes with Viscosity" in text
+    assert "Error budget There is no error budget. error_budget: there is no estimate for scenes with Viscosity" in text
 
 
 @pytest.mark.long

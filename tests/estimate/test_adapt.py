@@ -1,4 +1,4 @@
-"""Adaptive runs: the target is met in truth, load reversals are hit, files name the parts, mistakes are sentences."""
+"""Adaptive runs: true errors meet the target, load reversals become instants, wrong arguments are reported."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TARGET = 0.05
 
 
 def true_error(found, scene):
-    """Against the same mesh refined twice and every step halved, at the instants asked for."""
+    """Return the larger relative error at t = 0.5 and 1, against the mesh refined twice with every step halved."""
     times = found.history.trajectory.times
     fine = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     truth = vx.simulate(scene, found.history.mesh.refine().refine(), fine, store=np.searchsorted(fine, [0.5, 1.0]))
@@ -28,8 +28,8 @@ def true_error(found, scene):
     return max(apart) / truth.trajectory.norm.max()
 
 
-def kept(seed):
-    """Whether the target is met in truth, on one scene of the random family."""
+def meets_target(seed):
+    """Return True if the true error meets the target on one scene of the random family."""
     scene, _ = random_scene(seed)
     found = vx.adapt(scene, coarse_mesh(seed), [0.0, 0.5, 1.0], TARGET)
     assert found.met
@@ -37,17 +37,17 @@ def kept(seed):
 
 
 @pytest.mark.long
-def test_targets_are_met_in_truth():
-    assert all(kept(seed) for seed in (0, 3, 7, 10))
+def test_true_errors_meet_targets():
+    assert all(meets_target(seed) for seed in (0, 3, 7, 10))
 
 
 @pytest.mark.slow
 def test_targets_are_met_in_nine_of_ten_scenes():
-    assert sum(kept(seed) for seed in range(20)) >= 18
+    assert sum(meets_target(seed) for seed in range(20)) >= 18
 
 
 @pytest.mark.long
-def test_a_reversal_that_costs_something_is_an_instant():
+def test_a_load_reversal_that_matters_becomes_an_instant():
     scene, turn = random_scene(3)
     assert turn < 1.0
     found = vx.adapt(scene, coarse_mesh(3), [0.0, 1.0], 0.15)
@@ -55,8 +55,8 @@ def test_a_reversal_that_costs_something_is_an_instant():
 
 
 @pytest.mark.slow
-def test_the_scale_is_the_energy_with_friction_and_obstacles():
-    """Without the floor the bar would bend, and store hundreds of times as much: no step would seem to miss much."""
+def test_errors_are_relative_to_the_energy_with_friction_and_obstacles():
+    """Without the floor the bar would bend and store hundreds of times the energy, so relative errors would vanish."""
 
     def pull(x, t):
         return np.column_stack([np.full(len(x), 4.0 * np.sin(6 * np.pi * t)), np.zeros(len(x))])
@@ -80,12 +80,12 @@ def test_the_scale_is_the_energy_with_friction_and_obstacles():
 
 @pytest.mark.long
 def test_passes_grow_and_the_last_one_is_the_result(tmp_path):
-    """Solvers are asked for no more than the target needs, and files name the three parts of the error."""
-    told = []
+    """The accuracy of the solver is adapted to the target, and files contain the three parts of the error."""
+    passes = []
     found = vx.adapt(
-        paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1, solver=vx.Clarabel(accuracy=1e-6), progress=told.append
+        paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1, solver=vx.Clarabel(accuracy=1e-6), progress=passes.append
     )
-    assert tuple(told) == found.passes
+    assert tuple(passes) == found.passes
     cells = [one.cells for one in found.passes]
     assert cells == sorted(cells)
     last, history = found.passes[-1], found.history
@@ -104,7 +104,7 @@ def test_passes_grow_and_the_last_one_is_the_result(tmp_path):
 
 
 @pytest.mark.long
-def test_too_few_unknowns_are_said():
+def test_a_target_that_needs_too_many_unknowns_is_not_met():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.01, most_unknowns=400)
     assert not found.met
     assert found.passes[-1].unknowns <= 400
@@ -121,8 +121,8 @@ def test_a_scene_without_friction_needs_one_step():
 
 
 @pytest.mark.long
-def test_curved_loads_are_followed_by_halving():
-    """A target that is a ninth takes three times the steps where the error is of second order."""
+def test_steps_are_halved_for_curved_loads():
+    """A target nine times smaller needs three times as many steps, because the error is of second order."""
 
     def wave(t):
         return np.sin(2 * np.pi * t)
@@ -143,16 +143,16 @@ def test_curved_loads_are_followed_by_halving():
     assert counts[1] <= 4.5 * counts[0]
 
 
-def test_marked_cells_carry_their_part_and_no_more():
+def test_marked_cells_carry_the_fraction_theta_or_less_if_this_is_enough():
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
-    # Less than theta, if that is enough: here 4 of 10, which GAIN makes 3 less.
+    # Fewer cells are marked if they suffice: a split of the first cell (4 of 10) removes GAIN * 4 = 3 of 10.
     goal = (10.0 - GAIN * 4.0) / MARGIN**2
     assert cells_to_refine(squares, goal, 0.9).tolist() == [True, False, False, False]
 
 
-def test_steps_are_split_where_they_lose():
+def test_steps_with_large_errors_are_split():
     times, none = np.array([0.0, 1.0, 2.0, 3.0]), np.zeros(0)
 
     def lost(added, bends=none):
@@ -161,7 +161,7 @@ def test_steps_are_split_where_they_lose():
     assert split_steps(times, lost([1.0, 2.0, 0.0]), 4.0).tolist() == times.tolist()
     assert split_steps(times, lost([0.0, 2.0, 0.0]), 1.0).tolist() == [0.0, 1.0, 1.5, 2.0, 3.0]
     assert split_steps(times, lost([0.0, 2.0, 0.0], [0.5, 1.2]), 1.0).tolist() == [0.0, 1.0, 1.2, 2.0, 3.0]
-    # A hair across a jump is no step to be split.
+    # A tiny step across a jump is not split.
     times = np.array([0.0, 1.0, 1.0 + 1e-12, 3.0])
     assert split_steps(times, lost([0.0, 2.0, 0.0]), 1.0).tolist() == times.tolist()
 
@@ -177,12 +177,12 @@ def test_steps_are_split_where_they_lose():
         ("initial", np.zeros((9, 2))),
     ],
 )
-def test_arguments_that_are_none_are_named(name, value):
+def test_wrong_arguments_are_named(name, value):
     with pytest.raises(vx.SceneError, match=f"^adapt: found .*{name}"):
         vx.adapt(paper_scene(), vx.meshes.squares(2), [0.0, 1.0], **{name: value})
 
 
-def test_what_is_no_scene_mesh_solver_or_run_is_refused():
+def test_wrong_types_of_mesh_and_solver_and_runs_without_estimate_are_refused():
     mesh, viscous = vx.meshes.squares(2), paper_scene().with_(vx.Viscosity(shear=1.0))
     for arguments, solver, said in (
         ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 instead of a mesh"),
@@ -195,18 +195,18 @@ def test_what_is_no_scene_mesh_solver_or_run_is_refused():
 
 
 def cycle(t):
-    """A whole cycle, zero but for rounding at both ends."""
+    """Return the load of a whole cycle, which is zero up to rounding at both ends."""
     return np.sin(2 * np.pi * t)
 
 
 def pulse(t):
-    """On between t = .25 and .75 only."""
+    """Return a load that is nonzero only between t = .25 and .75."""
     return max(0.0, 2 - abs(8 * t - 4))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("course", [cycle, pulse])
-def test_loads_that_vanish_at_the_instants_asked_for_are_seen(course):
+def test_loads_that_vanish_at_the_requested_instants_are_found(course):
     found = vx.adapt(paper_scene(course), vx.meshes.squares(3), [0.0, 1.0], 0.3)
     assert found.history.inactive == ()
     assert found.history.steps >= 3
@@ -214,7 +214,7 @@ def test_loads_that_vanish_at_the_instants_asked_for_are_seen(course):
 
 
 @pytest.mark.long
-def test_data_are_not_asked_for_outside_the_run():
+def test_data_are_not_evaluated_outside_the_run():
     def late(t):
         assert 0.0 <= t <= 1.0
         return np.sqrt(min(t, 0.001))
@@ -223,7 +223,7 @@ def test_data_are_not_asked_for_outside_the_run():
 
 
 @pytest.mark.long
-def test_every_instant_that_was_asked_for_is_stored():
+def test_every_requested_instant_is_stored():
     wanted = np.linspace(0.0, 1.0, 18)
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), wanted, 0.15)
     assert np.array_equal(found.history.times, wanted)
@@ -231,25 +231,25 @@ def test_every_instant_that_was_asked_for_is_stored():
 
 
 @pytest.mark.slow
-def test_adaptive_meshes_pay():
-    """What `problems/adaptive_meshes.py` shows, on meshes of half its sizes and with its own reference."""
+def test_adaptive_meshes_need_fewer_unknowns():
+    """The study of `problems/adaptive_meshes.py` at half its sizes, with a reference of the same reduced size."""
     import adaptive_meshes
 
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
-    # N^-1/2 is what refinement by errors promises in the limit. Before it errors may fall faster, as singular points
-    # that coarse meshes hardly see are resolved: -.551 here.
+    # In the limit, refinement by errors reaches N^-1/2. Before this limit errors may fall faster, while singular points
+    # are resolved: the slope is -.551 here.
     assert adaptive_meshes.fit_slope(adapted) <= -0.45
     assert adaptive_meshes.fit_slope(equal) > -0.47
-    # The gain grows as errors fall: a fifth here, .15 at twice the size.
+    # The gain grows as errors fall: adapted meshes need .2 of the unknowns here, and .15 at twice the size.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("of", ["dissipated", "work"])
-def test_targets_of_energies_are_met_in_truth(of):
-    """Coulomb's law under a load that turns smoothly between few instants: mesh and steps have to be refined."""
+def test_true_errors_of_energies_meet_targets(of):
+    """Under Coulomb's law, with a load that turns smoothly between few instants, mesh and steps have to be refined."""
     scene, mesh = rubbed_pad(), vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
     target = {"dissipated": 0.08, "work": 0.04}[of]
     found = vx.adapt(scene, mesh, [0.0, 2.0], target, of=of)
@@ -269,7 +269,7 @@ def test_targets_of_energies_are_met_in_truth(of):
 
 
 @pytest.mark.long
-def test_wear_is_met_where_it_has_a_limit():
+def test_the_target_of_wear_is_met_if_wear_has_a_limit():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.03, of="wear")
     truth = vx.simulate(paper_scene(), vx.meshes.squares(64), [0.0, 1.0]).contact.wear_second_order[-1].max()
     assert found.met
@@ -277,8 +277,8 @@ def test_wear_is_met_where_it_has_a_limit():
 
 
 @pytest.mark.slow
-def test_wear_without_a_limit_ends_with_a_sentence():
-    """At the ends of a pad that is pressed the pressure is singular."""
+def test_wear_without_a_limit_does_not_meet_its_target_and_the_summary_explains_it():
+    """The pressure is singular at both ends of a pressed pad."""
     mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
     found = vx.adapt(rubbed_pad(), mesh, [0.0, 0.5, 1.0], 0.05, of="wear")
     assert not found.met
@@ -322,8 +322,8 @@ def rubbed_pad():
 
 
 @pytest.mark.long
-def test_a_load_that_comes_and_goes_within_a_step_is_seen():
-    """At the instants asked for only the preload acts: of the shaking between no estimate at these would tell."""
+def test_a_load_that_begins_and_ends_within_a_step_is_found():
+    """Only the preload acts at the requested instants: estimates at these alone would miss the load between them."""
 
     def shaken(t):
         return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])
@@ -332,6 +332,6 @@ def test_a_load_that_comes_and_goes_within_a_step_is_seen():
     assert np.allclose(found.history.times, [0.0, 0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
     assert found.met
     assert found.history.dissipated[-1] > 0.0
-    # The mesh is judged where the load is largest, too.
+    # Errors of the mesh are estimated also at the instants of the largest load.
     judged = found.history.trajectory.times[found.budget.steps]
     assert np.allclose(judged, [0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Systems that scenes do not make: redundant rows, rows that read nothing, loads that friction holds completely."""
+"""Systems that no scene makes: redundant rows, zero rows, loads that friction balances completely."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
         (np.eye(2), [[0.3, 0.4], [-0.2, -1.3]], [0.3, -0.1]),
     ],
 )
-def test_what_friction_holds_stays_where_it_is(solver, K, B, f):
-    """The answer is zero up to rounding, and 0/0 is 0; who only comes near has no relative accuracy and says so."""
+def test_nothing_moves_if_friction_balances_the_load(solver, K, B, f):
+    """Answers are zero up to rounding, and 0/0 counts as 0. Solvers with a larger error raise NotCertified."""
     system = vx.System(K, lambda t: t * np.array(f), vx.Norms(B, 3.0))
     run = vx.march(system, [0.0, 0.5, 1.0], solver=solver, check=False)
     assert np.abs(run.state).max() < 1e-5
@@ -36,14 +36,14 @@ def test_what_friction_holds_stays_where_it_is(solver, K, B, f):
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.name)
-def test_rows_that_read_nothing(solver):
+def test_systems_with_a_zero_row(solver):
     system = vx.System(np.diag([2.0, 3.0]), lambda t: [2 * t, t], vx.Norms([[1.0, 0.0], [0.0, 0.0]], [1.0, 1.0]))
     run = vx.march(system, [0.0, 1.0, 2.0], solver=solver)
     assert run.state[-1] == pytest.approx([1.5, 2 / 3], abs=2 * solver.accuracy)
     assert run.state[1] == pytest.approx([0.5, 1 / 3], abs=2 * solver.accuracy)
 
 
-NOTHING = {
+ZERO_ROWS = {
     "norms": {"norms": vx.Norms(np.zeros((1, 2)), [1.0])},
     "norms in space": {"norms": vx.Norms(np.zeros((2, 2)), [1.0], 2)},
     "norms on a ground": {"norms": vx.Norms(np.zeros((1, 2)), [1.0], ground=lambda t: [3.0 * t])},
@@ -53,17 +53,17 @@ NOTHING = {
 
 
 @mostly_long("condense", [True, False])
-@pytest.mark.parametrize("terms", NOTHING.values(), ids=NOTHING)
-def test_rows_none_of_which_reads_anything(terms, condense):
-    """No unknowns are left to solve for: a ValueError of numpy, once. What rubs on a ground loses w |g|."""
+@pytest.mark.parametrize("terms", ZERO_ROWS.values(), ids=ZERO_ROWS)
+def test_systems_with_zero_rows_only(terms, condense):
+    """No unknowns remain in the program (this once raised ValueError). Slip g of the ground dissipates w |g|."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: [2 * t, t], **terms)
     run = vx.march(system, [0.0, 1.0, 2.0], condense=condense)
     assert run.state[1:] == pytest.approx(np.outer([1.0, 2.0], [1.0, 1 / 3]), rel=1e-15)
-    assert run.dissipated[-1] == (6.0 if terms is NOTHING["norms on a ground"] else 0.0)
+    assert run.dissipated[-1] == (6.0 if terms is ZERO_ROWS["norms on a ground"] else 0.0)
 
 
-def test_loads_whose_energy_is_no_number():
-    """5.9e-159 squared is zero: nothing moves, and nothing is divided by it."""
+def test_loads_whose_energy_underflows():
+    """5.9e-159 squared is zero in double precision: nothing moves, and no energy is a divisor."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.0))
     run = vx.march(system, [0.0, 1.0, 1.0 + 5.9e-16, 2.0])
     assert run.state[-1] == pytest.approx([1.0, 0.0])
@@ -72,8 +72,8 @@ def test_loads_whose_energy_is_no_number():
     assert tiny.certificate.max() == 0.0
 
 
-def test_a_stiffness_of_nothing_is_no_stiffness():
-    """Not even where all motions are named as its kernel: there is no unit of force to measure anything in."""
+def test_a_zero_stiffness_is_refused():
+    """It is refused even if its kernel contains all motions, because it provides no unit of force."""
     kernel = Kernel(np.eye(2), ("one", "the other"))
     with pytest.raises(vx.SceneError, match=r"^System: found K\[0, 0\] = 0; K must be positive definite"):
         vx.System(np.zeros((2, 2)), lambda t: [t, t], vx.Norms(np.eye(2), 1.0), kernel=kernel)

@@ -1,4 +1,4 @@
-"""Weights that depend on slip, of the step and before it, with forces or not: a fixed point, and when it is proven."""
+"""Weights that depend on the slip of a step or of earlier steps, and perhaps on forces: each step is a fixed point."""
 
 import cvxpy as cp
 import meshio
@@ -29,8 +29,8 @@ def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCH
 
 
 @pytest.mark.long
-def test_coulomb_with_a_coefficient_that_wears_off():
-    """A block pressed by p and sheared: friction mu(A) p, with A its slip, at every instant and node."""
+def test_coulomb_with_a_coefficient_that_falls_with_slip():
+    """A block is pressed by p and sheared: friction is mu(A) p at every instant and node, with the slip A."""
     young, height, p, k = 26.0, 0.5, 2.0, 5.0
     times, stiff = np.linspace(0.0, 1.0, 11), young / 2 / height
     q, a = np.zeros(len(times)), np.zeros(len(times))
@@ -56,7 +56,7 @@ def test_coulomb_with_a_coefficient_that_wears_off():
     )
     mesh = vx.meshes.squares(3, box=((0, 1), (0, height)))
     history = vx.simulate(scene, mesh, times, initial="settled", solver=vx.Newton(1e-9))
-    # An accuracy of 1e-9 of the energy in which it is pressed, over ten steps.
+    # The accuracy is 1e-9 in each of ten steps, relative to the energy of the pressed block.
     assert np.abs(-history.contact.traction[:, :, 0] - q[:, None]).max() < 1e-7
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7
     assert 0 < q[-1] < 0.6 * q.max()
@@ -75,8 +75,8 @@ PRESSED = {"contact": vx.UnilateralContact(on="bottom"), "load": lambda x, t: to
 
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(1e-9), vx.Clarabel(1e-6)], ids=["Newton", "Clarabel"])
-def test_coulomb_with_a_coefficient_of_the_slip_before(solver):
-    """A law of pressure and the slip before the step alone is Coulomb's, with that coefficient in each step."""
+def test_coulomb_with_a_coefficient_that_depends_on_earlier_slip(solver):
+    """A law of pressure and earlier slip is Coulomb's law in each step, with the coefficient for this slip."""
     history = simulate(Law(worn, pressed=True, slope=worn_slope), solver=solver, **PRESSED)
     assert history.certificate_kind == "for the given friction"
     contact = history.contact
@@ -120,32 +120,30 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_laws_that_are_none_are_told(name):
-    law, says, *contact = WRONG[name]
+def test_wrong_laws_are_reported(name):
+    law, message, *contact = WRONG[name]
     load = PRESSED["load"] if contact else to_and_fro
-    with pytest.raises(vx.SceneError, match=says):
+    with pytest.raises(vx.SceneError, match=message):
         simulate(law, contact=contact[0] if contact else TOUCHING, load=load)
 
 
 def block(distance):
-    """A block sheared over a floor; its softening over stiffness is .3 / distance."""
-    k = 0.6 / distance
+    """Return the scene of a block sheared over a floor, with friction that falls by 0.6 over a distance."""
     return vx.Scene(
         vx.Elasticity(26.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.0], on="top"),
         vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0)),
         TOUCHING,
         SlipWeakening(1.0, 0.4, distance, on="bottom"),
-    ), k * 0.5 / 10.0
+    )
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("rise", [10.0, 100.0, 1e5])
 def test_friction_that_hardens_is_convex_however_steep(rise):
-    """A sheared block, g = g_0 + h A: a = (mu U / H - g_0) / (mu / H + h); plain iteration needs h < mu / H = 20."""
-    scene, _ = block(0.1)
+    """With g = g_0 + h A slip is (mu U / H - g_0) / (mu / H + h). Fixed-point iteration would need h < mu / H = 20."""
     hard = Law(lambda t, pressure, before, slip: 0.2 + rise * (before + slip), softening=0.0)
-    scene = scene.without(SlipWeakening).with_(hard)
+    scene = block(0.1).without(SlipWeakening).with_(hard)
     history = vx.simulate(scene, vx.meshes.squares(3, box=((0, 1), (0, 0.5))), [0.0, 0.4, 1.0], solver=vx.Newton(1e-9))
     stiff = 10.0 / 0.5
     a = np.maximum(stiff * 0.1 * history.times - 0.2, 0.0) / (stiff + rise)
@@ -153,7 +151,7 @@ def test_friction_that_hardens_is_convex_however_steep(rise):
 
 
 @pytest.mark.long
-def test_what_settles_before_the_first_instant_is_no_slip():
+def test_settling_before_the_first_instant_adds_no_slip():
     history = simulate(Law(weakening, 30.0), load=lambda x, t: to_and_fro(x, 0.3 + t), initial="settled")
     assert (history.contact.accumulated_slip[0] == 0).all()
     assert (
@@ -162,8 +160,8 @@ def test_what_settles_before_the_first_instant_is_no_slip():
 
 
 @pytest.mark.long
-def test_in_space_the_slip_is_that_of_a_disc():
-    """A block sheared along a circle wears off alike in all of its nodes, and as fast as its path is long."""
+def test_in_space_friction_falls_with_the_length_of_the_path():
+    """A block is sheared along a circle: friction falls with the length of the path, equally at all nodes."""
 
     def around(x, t):
         return np.tile([0.08 * np.cos(3 * t) - 0.08, 0.08 * np.sin(3 * t), 0.0], (len(x), 1))
@@ -191,8 +189,8 @@ def test_in_space_the_slip_is_that_of_a_disc():
     assert way[-1] > 0.1
 
 
-def test_directions_may_be_any():
-    """On a block that is sheared and pressed, rows along e = (3, 4) / 5 resist as far as their bound: lam = +-g e."""
+def test_friction_acts_along_any_given_direction():
+    """A block is sheared and pressed. Friction along e = (3, 4) / 5 reaches its bound: lam = g e or -g e."""
 
     bound, held = 1.0, vx.PrescribedDisplacement(lambda x, t: [0.3 * t, 0.4 * t], on="top")
     along_e = lambda normals: np.tile([0.6, 0.8], (len(normals), 1))  # noqa: E731
@@ -200,7 +198,7 @@ def test_directions_may_be_any():
     history = vx.simulate(vx.Scene(STEEL, held, friction), vx.meshes.squares(3), [0.0, 0.5, 1.0])
     contact = history.contact
     assert not contact.sticking[1:].any()
-    # Along the normal it is pressure, compression positive; e . n = -.8 on the floor.
+    # The normal part of friction counts as pressure, positive in compression; e . n = -.8 on the floor.
     assert contact.traction[-1] == pytest.approx(np.tile([-0.6 * bound, 0.0], (4, 1)), abs=1e-9)
     assert contact.pressure[-1] == pytest.approx(-0.8 * bound, abs=1e-9)
     assert contact.bound[1:] == pytest.approx(bound, abs=1e-12)
@@ -211,7 +209,7 @@ def test_directions_may_be_any():
 
 
 @pytest.mark.long
-def test_the_slip_so_far_is_written_and_read_for_both_bodies(tmp_path):
+def test_accumulated_slip_is_written_and_read_for_both_bodies(tmp_path):
     lower, upper = vx.meshes.hexagons(2, box=((0, 1), (0, 1))), vx.meshes.squares(3, box=((0, 1), (1, 2)))
     scene = vx.Scene(
         STEEL,
@@ -236,14 +234,14 @@ def test_there_is_no_error_budget_of_such_laws():
     with pytest.raises(vx.SceneError, match="error_budget: there is no estimate for Law: its weights depend on slip"):
         vx.error_budget(simulate(Law(weakening, 30.0)))
     with pytest.raises(vx.SceneError, match="adapt: there is no estimate for SlipWeakening"):
-        vx.adapt(block(0.1)[0], vx.meshes.squares(4), [0.0, 1.0], target=0.1)
+        vx.adapt(block(0.1), vx.meshes.squares(4), [0.0, 1.0], target=0.1)
 
 
-# An independent program: each step's energy minimised by cvxpy, its law followed until nothing changes.
+# An independent program: cvxpy minimises the energy of each step, and weights are updated until nothing changes.
 
 
 def random_system(rng, n=6, healing=False):
-    """A small body with m sliders whose bounds fall, level off, and may heal in time; and the law of their weights."""
+    """Return a small body and its law of weights: they fall with slip to a constant and, if `healing`, grow in time."""
     m = n - 1
     root = rng.normal(size=(n, n))
     K = root @ root.T / n + 0.5 * np.eye(n)
@@ -264,8 +262,8 @@ def random_system(rng, n=6, healing=False):
     return vx.System(K, load, vx.Norms(B, peak, law=vx.Law(law, softening=k))), law
 
 
-def marched_by_cvxpy(system, law, times):
-    """States of a march, each step's fixed point with programs of cvxpy; how far the last iterates were apart."""
+def march_by_cvxpy(system, law, times):
+    """Return the states of fixed-point iteration by cvxpy in each step, and the largest change in a last iteration."""
     B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
     K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
     d, states = cp.Variable(system.n), [np.zeros(system.n)]
@@ -287,13 +285,13 @@ def marched_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by what certificates and the other's iteration leave; errors of a step grow by less than 20."""
+    """States differ by the errors of certificates and iterations, which later steps amplify by less than 20."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)
     run = vx.march(system, times, solver=vx.Newton(1e-7))
     assert run.certificate.max() <= 1e-7
-    found, left = marched_by_cvxpy(system, law, times)
+    found, left = march_by_cvxpy(system, law, times)
     slack = 20 * np.sqrt(2 * run.gap).sum() + 100 * left + 1e-6
     assert left < 1e-6
     assert np.abs(run.state - found).max() < slack < 1e-3

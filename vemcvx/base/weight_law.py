@@ -30,15 +30,15 @@ class Law:
         Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over the steps before, `slip` (m,) is |slip| of
         the step.
     softening : number or (m,) array, optional
-        The largest decrease of weights per slip of the step, force per length, of a law that does not depend on p. If
-        it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
+        The largest decrease of weights per unit slip of the step, force per length, of a law that does not depend on p.
+        If it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
     pressed : bool
         True if weights of an effect depend on normal forces, which require one-sided contact on the same boundary;
         else p is an empty array.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative by p of a law that does not depend on the slip of the step; at kinks, towards larger forces.
+        The derivative by p of a law that does not depend on the slip of the step; at kinks the one towards larger p.
     slips : bool
-        True if weights depend on slips, before the step or in it. Else these arguments are empty arrays in an effect,
+        True if weights depend on slips, before the step or in it. Else `past` and `slip` are empty arrays in an effect,
         and zeros in a system.
 
     Examples

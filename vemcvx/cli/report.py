@@ -46,7 +46,7 @@ def page(title: str, body: str, style: str = "") -> str:
 
 
 def check_report(folder: Path) -> None:
-    """Raise ProblemError if the folder has a file with the name of the report that vemcvx has not written."""
+    """Raise ProblemError if the folder contains a file `report.html` that vemcvx did not write."""
     path = folder / REPORT
     if os.path.lexists(path) and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise ProblemError(f"{path}: not written by vemcvx, so it is not replaced. Choose another folder, or move it.")
@@ -89,7 +89,7 @@ def write_report(
 
 
 def _prose(text: str) -> str:
-    """Return paragraphs as HTML; indented ones are formulas or commands and keep their line breaks."""
+    """Return paragraphs as HTML. Indented paragraphs are formulas or commands and keep their line breaks."""
     parts = [part.strip("\n") for part in text.split("\n\n")]
     kinds = [("pre" if part.startswith(" ") else "p", textwrap.dedent(part)) for part in parts if part.strip()]
     return "".join(f"<{kind}>{escape(said)}</{kind}>" for kind, said in kinds)
@@ -111,7 +111,7 @@ def _budget(history: History) -> str:
     try:
         return error_budget(history, _choose_steps(history)).outline().html()
     except VemcvxError as error:
-        return f"<p>There is none. {escape(str(error))}</p>"
+        return f"<p>There is no error budget. {escape(str(error))}</p>"
 
 
 def _choose_steps(history: History) -> list[int]:
@@ -124,13 +124,13 @@ def _choose_steps(history: History) -> list[int]:
 
 
 def with_errors(history: History) -> tuple[History, str]:
-    """Return the history with quantities and their errors, and a line with the reason if it has none."""
+    """Return the history with quantities and their errors, and "" or a line that explains why there are none."""
     if history.quantities is not None:
         return history, ""
     plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]
-    # The limit in the plane is that of adaptive runs. In space unknowns are more expensive.
+    # In the plane the limit is the same as in adaptive runs. In space unknowns are more expensive.
     refined, most = (4 * unknowns, 400_000) if plane else (8 * unknowns, 100_000)
-    why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) simulates on it."
+    why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) computes them."
     if refined <= most:
         try:
             return with_quantities(history)[0], ""

@@ -105,12 +105,12 @@ class Holds:
 
 
 def holds(shape: str = "number", sign: str = "", rule: str = "it must be {sign}", **more: Any) -> dict[str, Any]:
-    """Return the metadata of a field of an effect with data: `field(metadata=data.holds(sign="> 0"))`."""
+    """Return the metadata of a field that holds data of an effect: `field(metadata=data.holds(sign="> 0"))`."""
     return {"holds": Holds(shape, sign, rule), **more}
 
 
 def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:
-    """Raise SceneError at the smallest of the values that are not lawful, or at the first of such vectors."""
+    """Raise SceneError if a value is not lawful; name the smallest such value, or the first such vector."""
     if not lawful.all():
         bad = np.flatnonzero(~lawful)
         row = int(bad[0] if values.ndim > 1 else bad[np.argmin(values[bad])])
@@ -126,7 +126,7 @@ class At:
     t: float | None = None
 
     def read(self, value: Any, subject: str, shape: str = "number") -> Floats:
-        """Return a number, a vector or a symmetric tensor for each point, as `shape` says."""
+        """Return a number, a vector or a symmetric tensor for each point; `shape` decides which."""
         m, dim = self.x.shape
         names = component_names(dim)
         count, words = (dim, "") if shape == "vector" else (len(names), f" ({', '.join(names)})")
@@ -141,7 +141,7 @@ class At:
 
 
 def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Return the values (m,) of a scalar datum at points x (m, dim) and time t; None if it is constant in time."""
+    """Return the values (m,) of a scalar datum at points x (m, dim) and time t; t is None for constants in time."""
     return At(x, t).read(value, subject)
 
 
@@ -189,7 +189,7 @@ class InCells:
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # the places that count; elsewhere constants with a rule of sign are 1, others 0
+    inside: Bools | None = None  # points that count; elsewhere constants with a sign rule become 1, the others 0
 
     def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
         """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""

@@ -37,7 +37,7 @@ class MaterialLaw(Effect):
 
 
 class Moduli(NamedTuple):
-    """The constants of k cells; the first three as in :class:`Material`."""
+    """The constants of k cells; the first three attributes are those of :class:`Material`."""
 
     moduli: Floats  # (., k)
     thermal_stress_moduli: Floats  # (k, components)
@@ -55,7 +55,7 @@ class _Elastic(MaterialLaw):
 
     @abstractmethod
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        """Return the moduli at places; raise SceneError for constants that are not admissible."""
+        """Return the moduli at points of cells; raise SceneError for constants that are not admissible."""
 
     @abstractmethod
     def _constants(self) -> Sequence[object]:
@@ -151,13 +151,13 @@ class Elasticity(_Elastic):
     poisson : number, (n_cells,) array, callable or name, like `young`
         Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
     plane : {"strain", "stress"}, optional
-        The state of a plane body; "strain" by default. Bodies in space refuse it.
+        The state of a plane body; "strain" by default. It must be left out for bodies in space.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
-        The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
-        does not depend on units and does not lock; "unit" is S_K of (3.13), without a factor.
+        The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: it does
+        not depend on units and does not lock. "unit" is S_K of (3.13), without a factor.
     on : None, str or sequence of str
-        Names of cell data: the material is that of cells where one of them is nonzero. None is the whole body. Moduli
-        must be finite on all cells, but only their values on cells of the material count.
+        Names of cell data: the material fills the cells where at least one of them is nonzero. None is the whole body.
+        Moduli must be finite on all cells, but only their values on cells of the material count.
 
     Examples
     --------
@@ -235,10 +235,10 @@ class Orthotropic(_Elastic):
     shear : G12 in the plane, (G12, G13, G23) in space
         Shear moduli, force per area, > 0.
     angle : number, (n_cells,) array, callable or name
-        The angle from x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi. In space it is about z, and axis
-        3 is z.
+        The angle from x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi. In space the rotation is about
+        z, and axis 3 is z.
     plane : {"stress", "strain"}, optional
-        Plane stress (the default) or plane strain, for plane bodies. Bodies in space refuse it.
+        Plane stress (the default) or plane strain, for plane bodies. It must be left out for bodies in space.
     axes : (axis 1, axis 2), optional
         In space, instead of `angle`: two vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Only
         the part of axis 2 perpendicular to axis 1 counts.
@@ -269,7 +269,7 @@ class Orthotropic(_Elastic):
         return [self.angle, *(one for values in given for one in (values if _is_sequence(values) else [values]))]
 
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        """Return the moduli; those of a plane body are rows and columns of the law in space."""
+        """Return the moduli. A plane body has the rows and columns xx, yy and xy of the law in space."""
         plane = self._plane if space.in_plane else None
         S = self._compliance(at, plane)
         C = np.zeros((len(S), 6, 6))
@@ -295,7 +295,7 @@ class Orthotropic(_Elastic):
         return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{stable}{place}"
 
     def _compliance(self, at: data.InCells, plane: str | None) -> Floats:
-        """Return S (k, 3, 3) for normal strains and stresses; without coupling to axis 3 in plane stress."""
+        """Return S (k, 3, 3) for normal strains and stresses; in plane stress S has no coupling to axis 3."""
         E, nu = self._read_constants(at, "young", plane), self._read_constants(at, "poisson", plane)
         S = np.zeros((E.shape[1], 3, 3))
         S[:, 2, 2] = 1.0
@@ -334,7 +334,7 @@ class Orthotropic(_Elastic):
         return np.stack([first, np.cross(third, first), third], axis=1)
 
     def _read_constants(self, at: data.InCells, name: str, plane: str | None) -> Floats:
-        """Return the constants (., k) of the field `name`; their number depends on `plane`, None in space."""
+        """Return the constants (., k) of the field `name`. Their number depends on `plane`, which is None in space."""
         given, few = getattr(self, name), {"young": 2, "poisson": 1} if plane == "stress" else {}
         count = 1 if name == "shear" and plane is not None else few.get(name, 3)
         parts = [given] if count == 1 else given
@@ -373,7 +373,7 @@ class Viscosity(Effect):
     stabilisation (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
     chapter 6). Results then depend on the lengths of steps. `history.energy` remains 1/2 a^h(u, u), and `dissipated`
     includes the viscous loss. Forces include viscous forces at the rate of the last step; `stress` is the elastic part.
-    The initial state need not satisfy condition (2.1), because viscous forces balance it.
+    The initial state need not satisfy condition (2.1), because viscous forces restore balance.
 
     Parameters
     ----------
@@ -459,7 +459,7 @@ class Prestress(Effect):
     Parameters
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
-        xx, yy, xy, in space (6,): xx, yy, zz, xy, yz, xz; force per area, tension positive, at centroids and t_n.
+        xx, yy, xy; in space (6,): xx, yy, zz, xy, yz, xz. Force per area, tension positive, at centroids and t_n.
     on : str or sequence of str, optional
         Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress. By default all
         cells have it.

@@ -22,18 +22,18 @@ Matrix = Floats | sp.csr_matrix
 SAMPLES = 8
 """Number of random vectors from which the diagonal of K^{-1} is estimated."""
 CHUNK_SIZE = 2**25
-"""Largest number of entries (256 MB) in one batch of right sides."""
+"""Largest number of entries (256 MB) in one batch of right-hand sides."""
 
 
 class Factor(ABC):
-    """A symmetric positive definite matrix K (n, n), ready to be solved with."""
+    """A factorised symmetric positive definite matrix K (n, n), which solves K x = b."""
 
     exact: bool = True
     """True if solves are exact to rounding; False if they are iterative."""
 
     @abstractmethod
     def solve(self, b: Floats) -> Floats:
-        """Return x with K x = b, for one right side (n,) or for several columns (n, k)."""
+        """Return x with K x = b, for one right-hand side (n,) or for several columns (n, k)."""
 
     def energy(self, b: Floats) -> float:
         """Return b'K^{-1}b for a force b (n,). Iterative factors return an upper bound, so that certificates hold."""
@@ -65,7 +65,7 @@ class Factor(ABC):
 
 
 def chunks(count: int, n: int) -> Iterator[slice]:
-    """Return slices of `count` right sides (n,), each of at most CHUNK_SIZE entries."""
+    """Return slices of `count` right-hand sides (n,), each of at most CHUNK_SIZE entries."""
     together = max(1, CHUNK_SIZE // max(n, 1))
     return (slice(first, first + together) for first in range(0, count, together))
 
@@ -74,8 +74,7 @@ class LinearSolver(ABC):
     """Settings of a linear solver; frozen.
 
     A run factorises its K once; with viscosity, once for every length of step. It calls `eliminate` if the class
-    `eliminates`, and then condenses programs to the unknowns that contact and friction read. Otherwise it calls
-    `factorise`.
+    `eliminates`, and then condenses programs to the unknowns of contact and friction. Otherwise it calls `factorise`.
 
     Attributes
     ----------

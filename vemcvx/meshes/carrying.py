@@ -37,12 +37,12 @@ class Refinement(Generic[Kind]):
     ----------
     mesh : PolygonMesh or PolyhedralMesh
         The refined mesh. Children take the position of their parent. Old nodes come first, then midpoints of edges,
-        then centres of cells (in space, of faces and cells). Names of boundaries and cell data are inherited.
+        then centres (in space of faces, then of cells). Names of boundaries and cell data are inherited.
     parents : (n_new_cells,) int
         The old cell that contains each new cell.
     prolongation : (n_new_nodes, n_old_nodes) sparse array
-        Interpolation of nodal values: the value at an old node, the mean of the two ends at a midpoint, and at a centre
-        the value of the least-squares linear fit to the nodes of the cell or face. It reproduces linear functions.
+        Interpolation of nodal values, exact for linear functions. Old nodes keep their value, and a midpoint gets the
+        mean of its two ends. A centre gets the value of the least-squares linear fit to the nodes of its cell or face.
 
     Examples
     --------
@@ -60,8 +60,8 @@ class Origins(NamedTuple):
     """Origins of the cells, boundary edges or faces, and nodes of a refined mesh."""
 
     parents: Ints  # (n_new_cells,) old cell of each cell
-    parts: Ints  # (m,) position in the old boundary of the edge or face that contains each new one
-    places: Ints  # (n_new_nodes,) place of each node: the first node in the same place
+    parts: Ints  # (m,) for each new boundary edge or face, the position of its parent in the old boundary
+    places: Ints  # (n_new_nodes,) for each node, the first node with the same coordinates
     prolongation: csr_array
 
 
@@ -99,7 +99,7 @@ def _partners(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) ->
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return the place of each midpoint of an edge (e, 2): the first midpoint there, numbered after the old nodes."""
+    """Return, for the midpoint of each edge (e, 2), the first midpoint at its place, numbered after the old nodes."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 
@@ -159,5 +159,5 @@ def check_lengths(points: Floats, ends: Ints) -> None:
         raise MeshError(
             f"the edge ({a}, {b}) at {coordinates(points[a], 6)} is only "
             f"{np.linalg.norm(points[b] - points[a]):.2g} long: its midpoint would be lost in rounding errors. "
-            "Refine elsewhere, or move the origin of the coordinates there."
+            "Refine elsewhere, or move the origin of the coordinates close to this edge."
         )

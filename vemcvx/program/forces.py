@@ -1,20 +1,20 @@
-"""A step in the contact forces: how rows move when their forces change.
+"""A step in terms of contact forces: how slips and gaps change when these forces change.
 
 With A = [B; D] the rows of norm terms and limits, and x = (lam, p) their forces, a step is
 
     K d + A'x = g,    s = B d - b,    z = D d - e,
     |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|;      p >= 0,  z <= c p,  p (c p - z) = 0.
 
-If forces change by dx, the increments change by -K^{-1}A'dx, and the rows by -W dx, with the Delassus operator
+If the forces change by dx, the increments change by -K^{-1}A'dx, and s and z by -W dx with the Delassus operator
 W = A K^{-1}A'. So the vector off = (s, z - c p) changes by
 
     off(x + dx) = off(x) - (W + C) dx,     C = diag(0, c),
 
 and W + C is all that a step needs of the body. Rows are scaled by units u such that W + C has a unit diagonal; then
-tolerances are plain numbers in every system of units.
+tolerances do not depend on the system of units.
 
-If K has a kernel N, K denotes K with the anchors' stiffness. Increments have a part N a, which moves rows by R a with
-R = A N. Forces must balance on the kernel: `rest` = N'g - R'x = 0. N is chosen such that R is orthonormal.
+If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then also have a component N a, which
+changes s and z by R a, R = A N. Forces must balance on the kernel: `rest` = N'g - R'x = 0. N makes R orthonormal.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ class Point:
 class Delassus:
     """The scaled Delassus operator of the rows of norm terms and limits.
 
-    Forces have the units u (N,), equal in a block, and motions the units 1 / u. The attribute `W` (N, N), an array or a
-    LinearOperator, is u (W + C) u, with a diagonal close to one. `N` (n, k) is a basis of K's kernel such that
-    `R` = u A N (N, k) is orthonormal.
+    Forces are divided by u (N,), which is constant in a block; slips and gaps are multiplied by u. The attribute `W`
+    (N, N), an array or a LinearOperator, is u (W + C) u, with a diagonal close to one. `N` (n, k) is a basis of K's
+    kernel such that `R` = u A N (N, k) is orthonormal.
     """
 
     def __init__(self, operators: Operators):
@@ -70,7 +70,7 @@ class Delassus:
 
     @cached_property
     def norm(self) -> float:
-        """An estimate of the largest eigenvalue of W + C: twenty power iterations, plus a tenth."""
+        """An estimate of the largest eigenvalue of W + C: 1.1 times the result of twenty power iterations."""
         x = np.ones(len(self.u))
         for _ in range(20):
             x = product(self.W, x / max(float(np.linalg.norm(x)), 1e-300))
@@ -82,7 +82,7 @@ class Delassus:
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 
     def begin(self, program: StepProgram, lam: Floats, p: Floats, d: Floats | None = None) -> Point:
-        """Return the point of a program under forces (m, block) and (r,), with the kernel part of d, or zero."""
+        """Return the point under forces lam (m, block) and p (r,), with the kernel component of d (zero without d)."""
         operators, x = self.operators, np.concatenate([lam.ravel(), p])
         push = program.g - operators.multiplier_force(lam, p)
         off = self.u * self.excess(program, operators.factor.solve(push), p)
@@ -96,7 +96,7 @@ class Delassus:
         return off
 
     def move(self, point: Point, dx: Floats, da: Floats | float = 0.0) -> Point:
-        """Return the point with forces changed by dx and kernel part changed by da."""
+        """Return the point with forces changed by dx and coordinates in the kernel changed by da."""
         start, x, a = point.start or point, point.x + dx, point.a + da
         dx = x - start.x
         return Point(x, start.off - product(self.W, dx) + self.R @ (a - start.a), a, start.rest - self.R.T @ dx, start)

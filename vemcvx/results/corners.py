@@ -1,4 +1,4 @@
-"""Singular stress at corners of plane bodies and at point loads: a sentence from the angle and the sides' conditions.
+"""Warnings of singular stress at corners of plane bodies, from the angle and the sides' conditions, and at point loads.
 
 A side is held in no direction (free, or open contact), in one (a roller, or contact without friction), or in both (a
 clamp, or contact with friction). A body with a side held in one direction is half of a symmetric body, so that its
@@ -8,8 +8,8 @@ from various boundary conditions in angular corners of plates in extension*, J. 
 - between two sides of the same kind beyond 180 degrees, at a reentrant corner,
 - between a held side and a free side beyond 45 to 90 degrees, depending on Poisson's ratio.
 
-It also depends on the load, and on whether contact with friction slips. The angle of a corner at which bodies meet is
-the sum of their angles. Where contact opens along a smooth side, stress is bounded and there is no sentence. Corners
+Whether stress grows also depends on the load, and on whether contact with friction slips. Where bodies meet in a
+corner, their angles add up. Where contact opens along a smooth side, stress is bounded and there is no warning. Corners
 between materials, jumps of loads or displacements, and edges and corners in space are not examined.
 """
 
@@ -33,7 +33,7 @@ from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 LEAST = np.pi / 4
-"""The angle above which a corner of a held and a free side may be singular, reached by incompressible bodies."""
+"""Least angle at which a corner of a held and a free side may be singular: the limit for incompressible bodies."""
 WITHOUT_LIMIT = "without limit as the mesh is refined"
 SUPPORTED = "free side", "roller", "clamp"
 """Names of sides that supports hold in no, one or two directions."""
@@ -84,7 +84,7 @@ def find_sides(posed: PosedScene) -> Sides:
 
 
 def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
-    """Return True for edges with an end that one of the rows in `some` owns."""
+    """Return a mask of the edges (b, 2) on at least one of whose ends a row of `some` acts."""
     names, most = rows.names[rows.ends[some].indices], int(edges.max(initial=0))
     known, wanted = (pair_numbers(pairs.min(axis=1), pairs.max(axis=1), most) for pairs in (names, edges))
     return np.isin(wanted, known)
@@ -99,7 +99,7 @@ class Corners:
     sides: Sides | None
 
     def sentence(self, nodes: Sequence[int], row: int) -> str:
-        """Return the warning for a stress or contact force near these nodes at a row of the arrays; "" if none."""
+        """Return the warning for a stress or contact force near these nodes in a row (stored step); "" if none."""
         return self.at_load(nodes) or self.at_corner(nodes, row)
 
     def at_load(self, nodes: Sequence[int]) -> str:
@@ -147,7 +147,7 @@ class Corners:
         return np.isin(own, known)
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return the number of held directions of a side at a corner, and its name; its far end decides on contact."""
+        """Return the number of held directions of a side, and its name. Contact is judged away from the corner."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

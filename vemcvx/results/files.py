@@ -1,22 +1,22 @@
 """A history as a folder of files, and its archive, which holds every array without loss.
 
-- ``history.pvd``: the stored steps in time, for ParaView and PyVista, as a list of
+- ``history.pvd``: the list of stored steps with their instants, for ParaView and PyVista
 - ``step_0000.vtu``: one file per stored step
 - ``summary.json``: the run, the accuracy of the answer, energies, and the cost
 - ``steps.csv``: energies and certificates of every step, stored or not
-- ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; in the plane the number of
-  the piece of contact and the arc length s on it (:mod:`vemcvx.results.arc`)
+- ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; for plane bodies also the
+  number of the connected piece of contact, and the arc length s along this piece (:mod:`vemcvx.results.arc`)
 - ``probes.csv``: displacements at points, if points were given
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. These are zero away from contact;
-sticking and closed, 1 or 0, are NaN there, so that slipping nodes differ from nodes without contact. At an interface
-both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has the fields
-of `History.on_cells`.
+At nodes, a VTU file has the displacement and all contact arrays that change in time. These are zero away from contact.
+Only `sticking` and `closed`, 1 or 0 at contact nodes, are NaN elsewhere, which tells slip from no contact. At an
+interface both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
+the fields of `History.on_cells`.
 
-All files are made in a folder inside the target and then moved: the archive first, which marks the folder as a history
-and from which histories are read, the summary last. A process that dies before the move leaves the older history as it
-was. Files with these names that belong to no history are not replaced.
+All files are written to a folder inside the target and then moved, the archive first and the summary last. The archive
+marks the folder as a history. A process that dies before the move leaves an older history unchanged. Files with these
+names that do not belong to a history are not replaced.
 
 The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
 and all other data as JSON in the array `about`.
@@ -62,7 +62,7 @@ ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_seco
 FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth", "units"
-"""Attributes of a history that are no arrays and go into JSON unchanged."""
+"""Attributes of a history that are not arrays and go into JSON unchanged."""
 WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
@@ -134,12 +134,12 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
             raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not fit the other arrays")
         sizes.update((size, n) for size, n in zip(names, array.shape, strict=True) if not size.isdecimal())
     if sizes["constants"] not in (2, 6, 21):
-        raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2, 6 or 21")
+        raise ValueError(f"found {sizes['constants']} moduli per cell, wanted 2, 6 or 21")
     numbered = {"contact.nodes": (0, "nodes"), "contact.partners": (-1, "nodes"), "trajectory.stored": (0, "N")}
     for name, (least, size) in numbered.items():
         count = sizes[size]
         if len(arrays[name]) and not (arrays[name].min() >= least and arrays[name].max() < count):
-            raise ValueError(f"found {name} from {arrays[name].min()} to {arrays[name].max()} of {count}")
+            raise ValueError(f"found {name} in {arrays[name].min()}..{arrays[name].max()}, wanted {least}..{count - 1}")
 
 
 def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
@@ -147,7 +147,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
         return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
     named, data = under("boundary."), under("cell_data.")
-    named.pop("boundary")  # Every mesh makes its whole boundary itself.
+    named.pop("boundary")  # Every mesh computes its whole boundary.
     solid = "mesh.face_cells" in arrays
     matched = {}
     for name, (one, other) in bodies.items():
@@ -174,9 +174,9 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """Return the summary for JSON: energies at the end, contact at the peak; infinite numbers become None.
+    """Return the summary for JSON: energies of the last step, contact in the step of largest energy; None for infinity.
 
-    `writing` is the time in seconds that the other files took.
+    `writing` is the time for writing the other files, in seconds.
     """
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     row = history.row(None)
@@ -239,7 +239,7 @@ def _largest(history: Results, forces: Floats) -> dict[str, Any]:
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """Return a number for JSON, which has no infinity, or None."""
+    """Return a finite number as it is, and None otherwise: JSON has neither infinity nor NaN."""
     return float(value) if value is not None and np.isfinite(value) else None
 
 
@@ -266,7 +266,7 @@ def write_results(
     probes: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a history to a folder, created if it does not exist, and return the folder; replace an older history in it.
+    """Write a history to a folder, replacing any older history in it, and return the folder. Create it if needed.
 
     `origin` gives problem and mesh for the summary. Displacements at `probes`, points (p, dim) of the body, are also
     written. `progress(written, stored)` is called after every step. Raise HistoryError if the folder cannot be written
@@ -302,7 +302,7 @@ def write_results(
 
 
 def _move(made: Owned, folder: Path) -> None:
-    """Replace the files of an older history by the new files; the archive, from which it is read, first."""
+    """Replace the files of an older history by the new files. The archive comes first: histories are read from it."""
     older = _files_of_history(folder)
     order = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
     for name in sorted(made.names, key=lambda name: (order.get(name, 1), name)):

@@ -1,4 +1,4 @@
-"""The loop of force and motion of a driven boundary: one that a support moves, or one under a load."""
+"""The loop of force against displacement of a boundary that a support moves, or on which a load acts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vemcvx.results.results import Results
 
 @dataclass(frozen=True)
 class Loop:
-    """The mean motion (S,) and the force (S,) along `axis`, `on` a driven boundary or at points."""
+    """The mean displacement (S,) and the force (S,) along `axis`, on the boundary or at the points named by `on`."""
 
     on: str
     axis: int
@@ -25,10 +25,10 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of a boundary along the axis of its longest path to and fro.
+    """Return the loop of a boundary along the axis with the longest path, to and fro.
 
-    By default the boundary is the one of the prescribed displacement with the longest path, or else of the load whose
-    total changes most, if the scene is known. Return None if nothing is driven.
+    By default it is the boundary whose prescribed displacement has the longest path. If there is none, it is the
+    boundary of the load whose total changes most. Return None if nothing is driven; a file has no loads.
     """
     ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
@@ -45,7 +45,7 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
 
 
 def _find_load_loop(history: Results) -> Loop | None:
-    """Return the loop of the load on a boundary or at points whose total changes most; None if there is none."""
+    """Return the loop of the load (on a boundary, or at points) whose total changes most; None if there is none."""
     if history.scene is None:
         return None
     changes = np.ptp(history.acting.loads, axis=0)
@@ -86,7 +86,7 @@ def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
 def _find_driven(history: Results) -> dict[str, Floats]:
     """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name.
 
-    Files and joined stages have no scene: for these, a boundary is driven along the axes of its reaction.
+    Histories from files and joined stages have no scene. Their boundaries count as driven along the axes of reactions.
     """
     names, along = [name for effect in _movers(history) for name in _names(effect)], {}
     if history.scene is None:

@@ -1,4 +1,4 @@
-"""Values of virtual functions at points of polyhedra, as averages over nodes and over cells.
+"""Matrices that evaluate virtual functions and cell data at points of polyhedra.
 
 A point lies in a closed cell if the solid angles of the triangles of its faces add up to 4 pi, or if it is on one of
 these triangles up to rounding. On faces virtual functions are piecewise linear (:mod:`.projection`); inside a cell they
@@ -105,7 +105,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
         row = np.arange(f)[:, None, None]
         owner.append(np.repeat(group.faces, group.triangles.shape[1]))
         corners.append(at[row, group.triangles].reshape(-1, 3, 3))
-        # Each face has the values at its vertices, then the value at c.
+        # Each face has the values at its vertices, then the value at its centre c.
         entries = np.concatenate([np.broadcast_to(np.eye(n), (f, n, n)), group.weights[:, None]], axis=1)
         columns = np.repeat(group.nodes[:, None], n + 1, axis=1)
         starts = np.arange(0, f * (n + 1) * n + 1, n)
@@ -127,7 +127,7 @@ def _nearest(arms: Floats) -> tuple[Floats, Floats]:
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
     part = np.maximum(part, 0.0)
-    here = np.all(arms == 0.0, axis=2)  # At a corner only this corner counts.
+    here = np.all(arms == 0.0, axis=2)  # If a corner is at the origin, only this corner counts.
     corner = np.any(here, axis=1)
     part[corner] = here[corner]
     weights = part / np.maximum(part.sum(axis=1), np.finfo(float).tiny)[:, None]

@@ -6,24 +6,24 @@ its own norms. So each solver runs with many tolerances. Its time to the error E
 certified optimum of the file and d the answer, its true error is |d - d*|_K / |d*|_K, known up to the certificate of
 d*; its certified error does not need d*. From these times follow
 
-- for every E the number of instances that a solver reaches, and the outcome of the others: *missed* (all answers are
-  less accurate), *failed* (no answer), *late* (time limit exceeded); instances that it does not accept do not count;
+- for every E the number of instances that a solver solves to E, and the outcome of the others: *missed* (all answers
+  are less accurate), *failed* (no answer), *late* (time limit exceeded), without instances that it does not accept;
 - the shifted geometric mean exp(mean log(t + s)) - s of its seconds with s = .01, where an instance that it does not
-  reach counts as the time limit;
+  solve to E counts with the time limit;
 - the performance profile (Dolan and Moré 2002): the fraction of instances on which it takes at most x times as long as
   the fastest solver.
 
 An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) have their own
-table, because not every solver accepts their cones. Sequences and programs without an optimum have tables, too. For the
-latter only the status is judged: "infeasible" or "unbounded" is right or wrong.
+table, because not every solver accepts their cones. Sequences and programs without an optimum have tables, too. For a
+program without an optimum only the status is judged: "infeasible" or "unbounded" is right or wrong.
 
-Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
-for two: one tolerance replaces all tolerances of the library, and limits on iterations are lifted in favour of the time
-limit. Solvers of vemcvx and of users' files have the duality gap 1/2 (tolerance |d*|)^2 as their target. A sequence is
-solved step by step; a step is a warm start for the next if the solver can use it. The error of a sequence is the
-largest of all steps, in units of the largest |d*|_K, and its time is the sum. Seconds are processor time of all threads
-for set-up and solve in the library, without the compilation in cvxpy: the minimum of up to five calls within a tenth of
-a second. The time limit is wall-clock time.
+Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries. Two
+settings differ: one tolerance replaces all tolerances of the library, and the time limit replaces limits on iterations.
+Solvers of vemcvx and of users' files have the duality gap 1/2 (tolerance |d*|)^2 as their target. A sequence is solved
+step by step; a step is a warm start for the next if the solver can use it. The error of a sequence is the largest of
+all steps, in units of the largest |d*|_K, and its time is the sum. Seconds are processor time of all threads for set-up
+and solve in the library, without the compilation in cvxpy. The minimum of up to five calls within a tenth of a second
+counts. The time limit is wall-clock time.
 """
 
 from __future__ import annotations
@@ -69,13 +69,13 @@ if TYPE_CHECKING:
 ERRORS = 1e-3, 1e-6, 1e-9
 """The relative errors in energy norm at which solvers are compared."""
 BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
-"""Outcomes of a trial: no end yet; an answer of any accuracy; no answer; time limit exceeded; program not accepted."""
+"""Outcomes of a trial: unfinished; an answer of any accuracy; no answer; time limit exceeded; program not accepted."""
 PLANE, DISCS, NONE_THERE, SEQUENCE = "plane", "discs", "no optimum", "sequence"
 KINDS = {
     PLANE: "Absolute values and bounds",
     DISCS: "Discs: second-order cones",
     NONE_THERE: "Infeasible or unbounded",
-    SEQUENCE: "Sequences of steps, each with the answer before as a warm start",
+    SEQUENCE: "Sequences of steps, each with a warm start from the previous answer",
 }
 """Kinds of instances, and their titles in tables."""
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
@@ -113,7 +113,7 @@ class Benchmark:
         typer.Option(
             metavar="A,B,...",
             autocompletion=solver_names,
-            help="Names of solvers, or FILE.py:CLASS for your own. (default: none, the table of stored results)",
+            help="Names of solvers, or FILE.py:CLASS for your own. (default: none; only show stored results)",
         ),
     ] = None
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="Time limit of one trial.")] = 60.0
@@ -162,7 +162,7 @@ class Benchmark:
 
 
 Row = Mapping[str, Any]
-"""An instance in the manifest."""
+"""The entry of an instance in the manifest."""
 
 
 def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
@@ -248,7 +248,7 @@ def remaining_work(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Wo
 
 
 def read_journals(folder: Path, instances: Sequence[Row]) -> Entries:
-    """Return all journals in a folder, without trials of other files than those of the instances."""
+    """Return the trials in all journals of a folder, without trials on files that do not belong to the instances."""
     files = {one["name"]: one["sha256"] for one in instances}
     found: dict[str, dict[str, list[Trial]]] = {}
     for path in sorted(folder.glob("*.jsonl")):
@@ -260,7 +260,7 @@ def read_journals(folder: Path, instances: Sequence[Row]) -> Entries:
 
 
 def try_in_process(entrant: Entrant, folder: Path, work: Sequence[Work], path: Path) -> None:
-    """Try a solver in a separate process until the work is done, the time over or the process dead; keep a journal."""
+    """Try a solver in a separate process until the work or the time ends, or the process dies; extend the journal."""
     spawn = get_context("spawn")
     here, there = spawn.Pipe(duplex=False)
     process = spawn.Process(target=try_all, args=(there, entrant, folder, work), daemon=True)
@@ -293,7 +293,7 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    The second item is the largest number of seconds until the next message; None while a solver is prepared.
+    With each trial goes the largest number of seconds until the next message, or None while a solver is prepared.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries always print.
     os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -327,7 +327,7 @@ Asking = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
 
 @dataclass(frozen=True)
 class Entrant:
-    """A solver of the benchmark: its typed name, and settings other than the tolerance."""
+    """A solver of the benchmark: its name as the user typed it, and settings other than the tolerance."""
 
     typed: str
     options: tuple[tuple[str, Any], ...] = ()
@@ -425,11 +425,10 @@ def _unit(programs: Sequence[StepProgram]) -> float:
 def measure(
     asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
 ) -> dict[str, Any]:
-    """Return the fields of a trial: sums of seconds and iterations over the steps of an instance, the largest errors.
+    """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
 
     A single step is solved several times, and the minimum of the seconds counts. For a program without an optimum,
-    `status` is the right status; a wrong one is an infinite error. Raise SolverFailed without an answer of finite
-    numbers.
+    `status` is the right status; any other status is an infinite error. Raise SolverFailed without a finite answer.
     """
     memory: Memory = {}
     unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
@@ -496,7 +495,7 @@ def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: 
 
 
 def geometric_mean(seconds: Sequence[float], limit: float) -> float:
-    """Return the shifted geometric mean; an instance that is not reached counts as the limit. NaN if there is none."""
+    """Return the shifted geometric mean; larger and infinite seconds count as the limit. NaN without instances."""
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
@@ -513,11 +512,11 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
             text += f"{heading}\n{table.text()}\n\n"
             markdown += f"## {heading}\n\n{table.markdown()}\n"
     remark = (
-        "to: instances reached, of those that the solver accepts and whose optimum is certified to a tenth of the "
-        "error. s to: processor time to that error with the cheapest tolerance, as shifted geometric means over the "
-        f"instances that all solvers of the table accept; an instance that is not reached counts as {limit:g} s. sure: "
-        "instances whose certified error, including rounding, is small enough, too. miss, fail, late: outcomes of the "
-        f"other instances at {ERRORS[1]:g}. A status, infeasible or unbounded, is right or wrong."
+        "to: instances solved to this error, of those that the solver accepts and whose optimum is certified to a "
+        "tenth of this error. s to: processor time to this error with the cheapest tolerance, as shifted geometric "
+        "means over the instances that all solvers of the table accept; an instance that is not solved counts as "
+        f"{limit:g} s. sure: instances whose certified error, with rounding, also reaches this error. miss, fail, "
+        f"late: outcomes of the other instances at {ERRORS[1]:g}. A status, infeasible or unbounded, is right or wrong."
     )
     return f"{text}{remark}", f"{markdown}{remark}\n"
 
@@ -550,7 +549,7 @@ def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) 
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
-    """Return label -> the seconds relative to the fastest solver on each instance; infinite if it is not reached."""
+    """Return label -> the seconds relative to the fastest solver on each instance; infinite if it is not solved."""
     tick = time.get_clock_info("process_time").resolution  # A slow clock may measure zero seconds.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
@@ -583,6 +582,6 @@ def profiles(entries: Entries, instances: Sequence[Row]) -> Figure:
             plain_logarithms(ax.xaxis, (1.0,))
             light_grid(ax)
         axes[0].set_ylabel("fraction of instances")
-    grid[-1][1].set_xlabel("times as long as the fastest")
+    grid[-1][1].set_xlabel("time relative to the fastest solver")
     figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     return figure

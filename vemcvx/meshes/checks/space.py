@@ -1,7 +1,7 @@
 """Checks of meshes in space: from points and cells to polyhedra that fit together, or a MeshError.
 
-The order of the checks is: numbers, coincident nodes, single faces, single cells, the tiling. Faces that do not run
-outwards are reversed and unused nodes dropped, each with a note for a warning.
+The order of the checks is: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward normals
+are reversed, and unused nodes are dropped. Both add a note from which the caller makes a warning.
 
 Each edge of a cell belongs to exactly two of its faces. They traverse it in opposite directions if both normals point
 outwards or both inwards. To find the faces to reverse, we build a graph with two vertices per face, one for the face as
@@ -96,7 +96,7 @@ def _face(number: int, cell_offsets: Ints) -> str:
 
 
 def _check_cells(points: Floats, listed: FaceLists) -> Bools:
-    """Return a mask of the listed faces that must be reversed to run outwards, or raise MeshError."""
+    """Return a mask of the listed faces with inward normals, which must be reversed, or raise MeshError."""
     owner = cell_of_corner(listed.cell_offsets)
     first = polygons.same_rows(listed.offsets, listed.vertices)[0]
     shapes = polyhedra.face_shapes(points, listed.offsets, listed.vertices)
@@ -128,7 +128,7 @@ def _check_sharing(listed: FaceLists, owner: Ints) -> None:
         cells = ", ".join(map(str, owner[number == number[bad[0]]]))
         raise MeshError(
             f"cells {cells} overlap at their face {_row(listed, bad[0])}: a face belongs to at most two cells, one on "
-            "either side, which list its vertices in the same order around it. Remove or correct the other cells."
+            "each side, and both list its vertices in the same cyclic order or its reverse. Correct or remove the rest."
         )
 
 
@@ -148,8 +148,8 @@ def _faces_to_turn(listed: FaceLists, n_nodes: int) -> Bools:
         (forth == back, "has no inside: its faces form a surface like a Klein bottle. Correct its faces."),
         (
             (forth != forth[first]) & (forth != back[first]),
-            "has several closed surfaces, and a cell must have one. Make each a cell of its own, or split a cell with "
-            "a cavity in two.",
+            "has several closed surfaces, and a cell must have one. Make each surface a separate cell, or split a cell "
+            "with a cavity into two cells.",
         ),
     ):
         if bad.any():
@@ -183,7 +183,7 @@ def _row(listed: FaceLists | Faces, face: int) -> str:
 
 
 def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShapes) -> None:
-    """Raise MeshError for the first of some listed faces that is no plane simple polygon."""
+    """Raise MeshError for the first of the listed faces `some` that is not a plane simple polygon."""
     offsets, vertices = rows_in_order(listed.offsets, listed.vertices, some)
     shapes, face = FaceShapes(*(values[some] for values in shapes)), cell_of_corner(offsets)
     sizes, rounding = polygons.diameters(points, offsets, vertices), plane.roundings(points[vertices], offsets)
@@ -265,9 +265,9 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> TouchingFaces:
-    """Return pairs of boundary faces (of different bodies (f,), if given) whose distance is at most a width.
+    """Return pairs of boundary faces at most `width` apart. They share more than a fraction `part` of the smaller face.
 
-    Their common area is more than a `part` of the smaller face.
+    If the bodies (f,) of the faces are given, only pairs of two different bodies are returned.
     """
     import shapely
 

@@ -1,4 +1,4 @@
-"""What has no bound says so."""
+"""Scenes and histories without an error bound are refused with the reason."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.arithmetic
 
 @dataclass(frozen=True)
 class Stiffness(Effect):
-    """A stiffness of one's own, one number along both axes: of springs at all nodes, or along the edges of the top."""
+    """A user's stiffness, equal along both axes: springs to the ground at all nodes, or between nodes of the top."""
 
     at_nodes: bool
 
@@ -36,7 +36,7 @@ class Stiffness(Effect):
 
 @dataclass(frozen=True)
 class Rubs(Effect):
-    """Friction without a bound, which does not say on which edges it acts."""
+    """Friction of weight zero whose edges are unknown."""
 
     def contribute(self, space):
         friction = Friction.from_rows(space.part("top", "Rubs", contact=True).node_normals, "Rubs")
@@ -51,31 +51,32 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
 
 
 @pytest.mark.parametrize(
-    ("effects", "said"),
+    ("effects", "message"),
     [
         ((STEEL, vx.Viscosity(1.0, 1.0)), "Viscosity"),
         ((STEEL, vx.PointLoad(lambda x, t: (0.0, t), at=(0.0, 1.0))), "PointLoad"),
         ((STEEL, vx.ElasticFoundation(normal=lambda x: 1.0 + x[:, 0], on="top")), "ElasticFoundation"),
         ((STEEL, vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")), "from a linear one between nodes"),
-        # In a bed what a step makes least was from -.00067 to -.00056 by 4 x 4 squares, -.00105 to -.00100 by 8 x 8.
+        # Springs at all nodes are a different problem on each mesh: bounds on the least energy of a step would be
+        # [-.00067, -.00056] on 4 x 4 squares and [-.00105, -.00100] on 8 x 8.
         ((STEEL, Stiffness(True)), "springs to the ground along boundary edges"),
         ((STEEL, Stiffness(False)), "springs to the ground along boundary edges"),
-        # The check of what acts in a step does not see it.
+        # Its weight is zero, so the check of the effects that act in a step would not find it.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
-        # Also where nothing strains, because all nodes are held: the bound was a ninth of the error.
+        # All nodes are held, so that no cell is strained: a bound would be a ninth of the error.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
     ],
 )
-def test_what_has_no_bound_says_so(effects, said):
+def test_scenes_without_a_bound_are_refused(effects, message):
     scene = vx.Scene(vx.Clamp(on="bottom"), PRESSED, *effects)
     history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match=said):
+    with pytest.raises(vx.SceneError, match=message):
         vx.error_bound(history, step=-1)
 
 
 @pytest.mark.long
-def test_friction_by_pressure_that_is_zero_at_nodes_is_given_friction():
-    """It was called a bound of the scene, in which it acts between nodes."""
+def test_coulomb_friction_that_is_zero_at_nodes_is_bounded_as_given_friction():
+    """The bound does not hold for the scene itself, in which friction acts between nodes."""
     between = vx.CoulombFriction(lambda x, t: np.where(x[:, 0] % 0.5 > 0.01, 0.5, 0.0), on="bottom")
     load = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), on="top")
     scene = vx.Scene(STEEL, vx.Clamp(on="left"), load, vx.UnilateralContact(on="bottom"), between)
@@ -83,8 +84,8 @@ def test_friction_by_pressure_that_is_zero_at_nodes_is_given_friction():
     assert bound.kind == "bound for the given friction"
 
 
-def test_moduli_inside_cells_are_looked_at_where_nothing_strains():
-    """All nodes are held: the bound was a ninth of the error."""
+def test_moduli_that_vary_inside_unstrained_cells_are_refused():
+    """All nodes are held, so that no cell is strained: a bound would be a ninth of the error."""
     young = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3), poisson=0.3)
     scene = vx.Scene(young, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t)))
     with pytest.raises(vx.SceneError, match="vary inside cells"):
@@ -93,7 +94,7 @@ def test_moduli_inside_cells_are_looked_at_where_nothing_strains():
 
 @dataclass(frozen=True)
 class Rail(Effect):
-    """A support of one's own on the second body's side of an interface, where none of the package's may be."""
+    """A user's support on the second body's side of an interface, where supports of the package are not allowed."""
 
     def contribute(self, space):
         nodes = np.unique(space.mesh.interfaces["lower|upper"].partners)
@@ -105,14 +106,14 @@ class Rail(Effect):
 
 
 @pytest.mark.long
-def test_supports_of_interfaces_that_hold_together_have_no_bound():
+def test_supports_on_the_second_side_of_an_interface_are_refused():
     history = vx.simulate(STACKS["frictionless"].with_(Rail()), stacked(2), [0.0, 1.0])
     with pytest.raises(vx.SceneError, match="end the support next to the interface"):
         vx.error_bound(history, step=-1)
 
 
 @pytest.mark.long
-def test_bodies_in_space_and_steps_that_are_not_there_say_so():
+def test_steps_that_are_missing_or_must_be_named_are_refused():
     history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
     with pytest.raises(vx.SceneError, match="the bound of step 2 needs the step before, and step 1 was not stored"):
         vx.error_bound(history, step=-1)
@@ -129,8 +130,8 @@ def waves(x, t):
     return np.column_stack([1e-3 * np.sin(np.pi * x[:, 0]), np.zeros(len(x))])
 
 
-def test_histories_that_begin_at_a_function_have_no_bound():
-    """It was a "bound" of 9e-18 for an error of .002: it took the exact history to begin where the run does."""
+def test_histories_that_begin_at_a_projected_function_have_no_bound():
+    """A bound would be 9e-18 for an error of .002, because the exact history begins elsewhere than the run."""
     bar = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Symmetry(on=["top", "bottom"]))
     held = bar.with_(vx.BilateralContact(on="right"), vx.TrescaFriction(10.0, on="right"))
     history = vx.simulate(held, vx.meshes.squares(4), [0.0, 1.0], initial=vx.projected(waves))

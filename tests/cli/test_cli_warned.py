@@ -41,14 +41,14 @@ def test_kinds_are_counted_apart(caplog):
 
 @mostly_long("steps, warned", [(4, True), (64, False), (None, False)], 0, 1)
 def test_turns_that_steps_miss_are_named(caplog, steps, warned):
-    """Of a load that goes to 1 at t = .3 and back; in 64 steps its turn is missed by .01, by vx.instants not at all."""
+    """The load rises to 1 at t = .3 and falls. With 64 steps its turn is missed by .01, with vx.instants not at all."""
     scene, mesh = paper_scene(lambda t: np.interp(t, [0.0, 0.3, 1.0], [0.0, 1.0, 0.0])), vx.meshes.squares(2)
     times = vx.instants(scene, mesh, [0.0, 1.0]) if steps is None else np.linspace(0.0, 1.0, steps + 1)
     with caplog.at_level(logging.WARNING, logger="vemcvx"):
         warn_of_turns(scene, mesh, times)
     said = [record.getMessage() for record in caplog.records]
     assert len(said) == warned
-    assert all("inside steps, at t = 0.3, which" in words and "vemcvx.instants(" in words for words in said)
+    assert all("inside steps, at t = 0.3. The" in words and "vemcvx.instants(" in words for words in said)
 
 
 @pytest.mark.long

@@ -214,7 +214,7 @@ def test_what_has_no_estimate_says_so(tmp_path):
             error_budget(history, steps)
     assert error_budget(history, -1).steps.tolist() == [1]
     history.write(tmp_path)
-    for given, said in ((3, "found 3 where a History"), (vx.read_history(tmp_path), "read from files")):
+    for given, said in ((3, "found 3; wanted a History"), (vx.read_history(tmp_path), "read from files")):
         with pytest.raises(vx.HistoryError, match=said):
             error_budget(given)
 

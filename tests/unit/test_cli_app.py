@@ -215,7 +215,7 @@ def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
 
 @pytest.mark.long
 def test_letters_are_large_and_labels_whole(ran):
-    """Letters have 12 px where a picture is 346 px wide, the least that the page gives it in a window of 420 px."""
+    """Letters have 12 px in a picture 346 px wide, the smallest width that it has in a window of 420 px."""
     app = ran[0]
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)

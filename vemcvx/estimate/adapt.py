@@ -8,7 +8,7 @@ convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 
 the target, it refines fewer. This prediction assumes that splitting a cell in four divides its squared indicator by 4.
 
 The error of steps is measured at the instants of the run, so a load that acts only between two instants would be
-invisible. Therefore each bend, extremum and jump of the data inside a step gets an instant at the start
+invisible. Therefore each bend, extremum and jump of the data becomes an instant before the first pass
 (:mod:`vemcvx.stepping.course` finds events longer than 1/256 of the run). Then each pass splits the smallest set of
 steps that contains a given part of the time error.
 

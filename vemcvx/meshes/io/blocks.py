@@ -79,8 +79,8 @@ def take_groups(
 def to_meshio(grid: Grid, *, in_order: bool = False) -> meshio.Mesh:
     """Return the meshio mesh of a grid, with one block for each kind and number of nodes.
 
-    With `in_order`, cells keep their order and a new block begins at each change. The datum "boundary:<name>" marks the
-    cells of a named set. If blocks permute the cells, the datum `CELL` has their numbers.
+    With `in_order`, cells keep their order and a new block begins where the kind changes. The datum "boundary:<name>"
+    marks the cells of a named set. If blocks permute the cells, the datum `CELL` has their numbers.
     """
     import meshio
 

@@ -67,9 +67,7 @@ def test_a_mesh_file_is_several_bodies_where_the_scene_names_their_parts(tmp_pat
     problem = read_problem(tmp_path / "two.py")
     mesh = problem.mesh(4, file, ["upon=Lower-1|Upper-1"])
     assert list(mesh.interfaces) == ["Lower-1|Upper-1"]
-    with pytest.raises(
-        vx.MeshError, match="If 'Lower-1', 'Upper-1' are bodies, read the file with bodies='physical'"
-    ):
+    with pytest.raises(vx.MeshError, match="If 'Lower-1', 'Upper-1' are bodies, read the file with bodies='physical'"):
         problem.mesh(4, file, ["upon=bottom"])
 
 

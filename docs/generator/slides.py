@@ -22,8 +22,7 @@ PAGE = """<!doctype html>
 <script>MathJax = {{ options: {{ enableMenu: false }} }};</script>
 <script defer src="../../_static/slides.js"></script><script defer src="../../_static/formulas.js"></script>
 <script defer src="../../_static/mathjax/tex-svg-full.js"></script>
-</head><body><main>
-{slides}
+</head><body><main>{slides}
 </main></body></html>
 """
 

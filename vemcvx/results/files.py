@@ -174,7 +174,7 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """Return the summary for JSON: energies of the last step, contact in the step of largest energy; None for infinity.
+    """Return the summary for JSON: energies at the end, contact at the largest energy; infinite numbers become None.
 
     `writing` is the time for writing the other files, in seconds.
     """
@@ -266,7 +266,7 @@ def write_results(
     probes: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a history to a folder, replacing any older history in it, and return the folder. Create it if needed.
+    """Write a history to a folder, in place of any older history, and return the folder, which is created if needed.
 
     `origin` gives problem and mesh for the summary. Displacements at `probes`, points (p, dim) of the body, are also
     written. `progress(written, stored)` is called after every step. Raise HistoryError if the folder cannot be written

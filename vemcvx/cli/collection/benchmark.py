@@ -432,7 +432,7 @@ def measure(
     """
     memory: Memory = {}
     unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
-    with name_failures("asked"), quietly():  # The status of a library replaces its warnings.
+    with name_failures("of this trial"), quietly():  # The status of a library replaces its warnings.
         for ask, program in zip(asks, programs, strict=True):
             begun = time.perf_counter()
             seconds, answer, says = ask(tolerance, memory)

@@ -56,7 +56,7 @@ def test_a_load_reversal_that_matters_becomes_an_instant():
 
 @pytest.mark.slow
 def test_errors_are_relative_to_the_energy_with_friction_and_obstacles():
-    """Without the floor the bar would bend and store hundreds of times the energy, so relative errors would vanish."""
+    """Without the floor the bar would bend and store hundreds of times the energy, so errors would look small."""
 
     def pull(x, t):
         return np.column_stack([np.full(len(x), 4.0 * np.sin(6 * np.pi * t)), np.zeros(len(x))])

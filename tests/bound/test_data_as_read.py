@@ -70,7 +70,7 @@ RUBS = vx.TrescaFriction(lambda x, t: 60.0 * ((x[:, 0] > 0.28) & (x[:, 0] < 0.47
 
 
 @pytest.mark.slow
-def test_friction_that_is_zero_at_nodes_holds_all_the_same():
+def test_friction_that_is_zero_at_nodes_is_in_the_bound():
     """In a finer run, with nodes in the zone of friction, the side moves by .02994; without friction by .0345."""
     push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
     history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
@@ -128,7 +128,7 @@ def bar(of):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", LOADS)
-def test_what_is_misread_of_loads_is_allowed_for(name):
+def test_bounds_allow_for_quadrature_errors_of_loads(name):
     history, force, mean, least = bar(LOADS[name])
     exact, known = name == "linear", 1e-6
     for of, truth in (
@@ -150,7 +150,7 @@ def ellipse(x):
 
 
 @mostly_long("of, force", [(ellipse, 0.1 * np.pi), (lambda x: 1.0 * (x[:, 1] > 0.4), 0.6)])
-def test_what_is_misread_of_tractions_is_allowed_for(of, force):
+def test_bounds_allow_for_quadrature_errors_of_tractions(of, force):
     history = run(*PRESSED, vx.Traction(along(of), on="left"))
     found = vx.error_bound(history, -1, of=vx.PrescribedDisplacement((1.0, 0.0), on="right"))
     assert found.low <= -force <= found.high
@@ -173,7 +173,7 @@ NARROW = {"narrow peak": lambda x: np.exp(-0.5 * ((x[:, 0] - 0.37) / 0.02) ** 2)
 
 
 @mostly_long("name", [*LOADS, *NARROW], "jump")
-def test_bounds_from_both_sides_allow_for_what_is_misread(name):
+def test_bounds_from_both_sides_allow_for_quadrature_errors(name):
     of = {**LOADS, **NARROW}[name]
     history = bar(of)[0]
     bound, true = vx.error_bound(history, -1), true_error(history, of)
@@ -182,7 +182,7 @@ def test_bounds_from_both_sides_allow_for_what_is_misread(name):
 
 
 @pytest.mark.long
-def test_quantities_that_assemble_as_zero_are_no_zeros():
+def test_quantities_that_assemble_as_zero_are_bounded():
     effects = (*BAR, vx.Clamp(on="right"), vx.BodyForce(along(lambda x: 1.0 + 0.0 * x[:, 0])))
 
     def narrow(x, t):
@@ -256,7 +256,7 @@ COURSES = {
 
 @pytest.mark.long
 @mostly_slow("name", COURSES, "ground", "support")
-def test_what_happens_between_instants_is_in_the_bound_and_named(name, caplog):
+def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog):
     effects, steps = COURSES[name]
     scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
     # A run in these steps is exact for data that are piecewise linear with bends at these instants.

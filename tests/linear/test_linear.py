@@ -47,7 +47,7 @@ assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
 @pytest.mark.long
 @pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
 @needs("pymklpardiso")
-def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
+def test_pardiso_solves_cells_of_many_vertices(size):
     # A block of 257 unknowns with equal rows, among other unknowns, ends the process. So the code runs in a second one.
     code = ONE_BLOCK_SCRIPT.format(n=2 * size + 1, size=size)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -73,7 +73,7 @@ print(peaks[1] - peaks[0], peaks[-1] - peaks[3])
 @pytest.mark.long
 @pytest.mark.skipif(peak_memory_mb() is None, reason="Windows does not give the peak memory of a process")
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
-def test_factors_that_nobody_holds_give_their_memory_back(linear):
+def test_unused_factors_free_their_memory(linear):
     """Peak memory does not grow from the 4th to the 12th factor. The old factor is held while a new one is made."""
     # By default the C library keeps a varying part of the memory that is returned to it.
     environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
@@ -122,7 +122,7 @@ class Eliminating(Another):
         return SuperLU().eliminate(K, order, last)
 
 
-def test_programs_are_condensed_by_whoever_eliminates():
+def test_linear_solvers_that_eliminate_condense_programs():
     system = pose_scene(paper_scene(), small("squares", 6)).system
     ours, full, condensed = (
         next(vx.programs(paper_scene(), small("squares", 6), [0.0, 1.0], linear=linear))

@@ -85,7 +85,7 @@ def test_a_press_fit_on_meshes_that_do_not_match():
 
 
 @pytest.mark.slow
-def test_nodal_pressures_of_a_press_fit_are_of_order_one():
+def test_errors_of_nodal_pressures_of_a_press_fit_are_of_order_h():
     """Chords of both polygons differ: errors O(h) of nodal pressures, O(h^2) of the mean; .9 % and .03 % at n = 32."""
     mean, nodal = np.transpose([errors_of_press_fit(n) for n in (8, 16, 32)])
     assert (np.abs(np.log2(nodal[:-1] / nodal[1:]) - 1) < 0.2).all()
@@ -94,7 +94,7 @@ def test_nodal_pressures_of_a_press_fit_are_of_order_one():
 
 
 @pytest.mark.long
-def test_rings_that_are_pressed_together_are_stressed_as_lame_says():
+def test_rings_pressed_together_have_lames_stresses():
     """The trace of the stress at centroids has an error of at most the square of the angle of a cell."""
     history = vx.simulate(fit.scene(), fit.mesh(16, outer=16), [0.0, 1.0], solver=vx.Newton(fit.SMALL["accuracy"]))
     x, (xx, yy, _) = history.mesh.centroids, history.stress(-1).T
@@ -123,7 +123,7 @@ def wear_of_cycles(history):
 
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 @pytest.mark.parametrize("cycles", [3, pytest.param(100, marks=pytest.mark.slow)])
-def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
+def test_a_bolted_joint_wears_equally_in_every_cycle(cycles):
     """Steps are certified to 1e-8, the joint never slips as a whole, and the middle under the bolt does not wear."""
     history = vx.simulate(joint.scene(), joint.mesh(10), joint.times(4 * cycles), initial=joint.initial)
     assert history.certificate.max() < 1e-8
@@ -142,7 +142,7 @@ def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 def test_a_pad_brakes_a_disc():
-    """Pad and disc are in balance at each instant; a slipping pad gives the torque; all cycles wear all nodes alike."""
+    """Pad and disc are in balance at each instant; a slipping pad gives the torque; all nodes wear, equally in each cycle."""
     history = vx.simulate(brake.scene(), brake.mesh(4), brake.times(3 * brake.CYCLE), initial=brake.initial)
     assert history.certificate.max() < 1e-8
     assert history.iterations[1:].max() <= FEW_SETS
@@ -174,7 +174,7 @@ def test_a_pad_brakes_a_disc():
 
 
 @pytest.mark.long
-def test_two_cylinders_press_as_hertz_says():
+def test_two_cylinders_have_the_pressure_of_hertz():
     """Half-width and peak are within two per cent on meshes with 16 and 12 cells in the half-width."""
     history = vx.simulate(cylinders.scene(), cylinders.mesh(16), cylinders.times(1))
     contact, force = history.contact, cylinders.force(history)[-1]
@@ -208,7 +208,7 @@ def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
 
 
 @pytest.mark.slow
-def test_tractions_of_a_lap_joint_are_of_order_one():
+def test_errors_of_tractions_in_a_lap_joint_are_of_order_h():
     """Tractions scatter by O(h) about a smooth curve, which differs from the theory by up to .2 % on every mesh."""
     scatter = []
     for n in (2, 4, 8):

@@ -51,7 +51,7 @@ test_found_solvers = pytest.mark.long(
     solver_suite({name: FOUND[name] for name in FOUND if name not in VARYING}, must_answer=False)
 )
 if VARYING:
-    test_those_whose_last_digits_vary = pytest.mark.long(
+    test_found_solvers_whose_last_digits_vary = pytest.mark.long(
         solver_suite({name: FOUND[name] for name in VARYING}, must_answer=False, repeatable=False)
     )
 
@@ -64,7 +64,7 @@ def test_settings_are_frozen(solver):
 
 
 @pytest.mark.parametrize("solver", (OWN | FOUND).values(), ids=OWN | FOUND)
-def test_an_accuracy_that_means_nothing_makes_no_solver(solver):
+def test_invalid_accuracies_are_refused(solver):
     for wrong in (0, 1, 0.0, -1e-6, 2, np.nan, np.inf, "x", None):
         with pytest.raises(
             vx.SceneError, match=rf"^{solver.name}: found accuracy = .*{wrong}.* between 0 and 1, such as 1e-6\.$"
@@ -118,7 +118,7 @@ LIES = {
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_a_solver_is_believed_in_nothing(lie):
+def test_wrong_answers_are_not_certified(lie):
     solver = Spoilt(lambda a, program: dataclasses.replace(a, status="converged", **LIES[lie](a)))
     with pytest.raises(
         vx.NotCertified, match=r"^step 1 at t = .*Spoilt reached .*but 1\.0e-06 was requested"
@@ -134,7 +134,7 @@ class Misspelt(vx.Solver):
         return vx.Newton().prepare(operators)
 
 
-def test_a_feature_that_there_is_not_is_named():
+def test_unknown_features_are_refused_by_name():
     with pytest.raises(
         vx.SceneError, match="^solver Misspelt: found accepts = .*absolut values.*; wanted .*'absolute val"
     ):
@@ -183,7 +183,7 @@ def failures(solver):
 
 
 @pytest.mark.long
-def test_the_suite_finds_what_is_wrong_and_nothing_else():
+def test_the_suite_finds_each_violation_and_no_other():
     for name, solver in BROKEN.items():
         assert name in failures(solver)
     assert "gives_the_same_answer_twice" in failures(Counting())

@@ -86,7 +86,7 @@ SAMPLE, BED = file(EFFECT_PAGE, "test_slip_weakening.py"), file(EFFECT_PAGE, "co
 LAW = file(page("howto/own_law"), "contribute of slip weakening")
 
 
-def test_the_law_that_sees_its_slip_is_that_of_its_problem_file():
+def test_the_law_on_the_page_is_in_its_problem_file():
     assert LAW in (ROOT / "problems" / "slip_weakening.py").read_text()
 
 
@@ -188,7 +188,7 @@ def contributed(tmp_path_factory):
     ],
     ids=["effect", "wrong kinds", "family", "orders of the family"],
 )
-def test_what_was_contributed_passes_the_tests_of_what_is_there(contributed, asked):
+def test_the_contribution_passes_the_existing_tests(contributed, asked):
     command = [sys.executable, "-m", "pytest", "-q", "-x", *asked]
     run = subprocess.run(
         command, cwd=contributed, env={**os.environ, "PYTHONPATH": "."}, capture_output=True, text=True

@@ -33,7 +33,7 @@ class MeshError(VemcvxError):
 
 
 class MeshWarning(UserWarning):
-    """The mesh was corrected: cells or faces were reversed, or unused nodes, inner lines or inner faces dropped."""
+    """The mesh was corrected: cells or faces were reversed, or unused nodes, inner lines or faces were dropped."""
 
 
 class SceneError(VemcvxError):

@@ -1,4 +1,4 @@
-"""The fan of a polygon: triangles around a point that sees the whole cell, each split at its centroid (Alfeld).
+"""The fan of a star-shaped polygon: triangles around a centre. Each triangle is split at its centroid (Alfeld).
 
 A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0), (0,1), with the columns x_i - c and
 x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts

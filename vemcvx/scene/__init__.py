@@ -1,4 +1,4 @@
-"""Scenes: what is to be simulated, free of any mesh, and how it is posed on one."""
+"""Scenes: sets of effects, independent of any mesh, and how they are posed on a mesh."""
 
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, jump_rows, pair_numbers

@@ -1,4 +1,4 @@
-"""A scene: the effects to simulate, free of any mesh, and the composition of its materials into one body."""
+"""A scene: the effects to simulate, independent of any mesh, and the composition of its materials into one body."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """The stresses sigma_0 of the unstrained body, sigma = C eps(u) + sigma_0; the load -sum_K |K| sigma_0 : eps(Pi v).
+    """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0, and load -sum_K |K| sigma_0 : eps(Pi v).
 
     sigma_0 is the sum of initial stresses minus b times the sum of eigenstrains. The material gives b, the stress
     that blocks a unit eigenstrain.
@@ -160,7 +160,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
 
 
 def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
-    """Yield nodes (m, n) and normals (m, dim) of sides that supports hold in their plane, for each count n of nodes."""
+    """Yield nodes (m, n) and normals (m, dim) of sides that supports hold in their plane, for each n nodes per side."""
     part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
     place[held.nodes] = np.arange(len(held.nodes))
     for rule in part.rules(1):
@@ -265,7 +265,7 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 
 
 class Scene:
-    """A set of effects, free of any mesh: materials, supports, loads, contact and friction.
+    """A set of effects, independent of any mesh: materials, supports, loads, contact and friction.
 
     The order of the effects changes nothing; a scene runs on every mesh that has the boundaries named in it.
 

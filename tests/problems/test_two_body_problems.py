@@ -142,7 +142,7 @@ def test_a_bolted_joint_wears_equally_in_every_cycle(cycles):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 def test_a_pad_brakes_a_disc():
-    """Pad and disc are in balance at each instant; a slipping pad gives the torque; all nodes wear, equally in each cycle."""
+    """Pad and disc are in balance at each instant; a slipping pad gives the torque; wear is alike in each cycle."""
     history = vx.simulate(brake.scene(), brake.mesh(4), brake.times(3 * brake.CYCLE), initial=brake.initial)
     assert history.certificate.max() < 1e-8
     assert history.iterations[1:].max() <= FEW_SETS

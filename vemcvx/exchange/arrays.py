@@ -1,6 +1,6 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
-An NPZ archive holds every array bit by bit, and the certified answer if the program is solved:
+An NPZ archive holds every array bit by bit, and the certified answer if the program is solved::
 
     K               (n, n), dense; a sparse K is stored like B and D
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))

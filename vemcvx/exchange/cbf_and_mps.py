@@ -1,6 +1,6 @@
-"""Programs as CBF and MPS, the text formats of conic and of quadratic programs.
+"""Programs as CBF and MPS, the text formats of conic and of quadratic programs. Their first n variables are d.
 
-CBF, the Conic Benchmark Format (version 1), holds every program: one cone per norm term, and one for the energy.
+CBF, the Conic Benchmark Format (version 1), holds every program: one cone per norm term, and one for the energy::
 
     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
@@ -12,14 +12,14 @@ stacked: a sparse Cholesky factor fills in, and its text would be 15 times as lo
 F is the Cholesky factor. For a dense K with a kernel, F has as many rows less as the kernel has motions. Reading gives
 K = F'F, with the rounding of this product. At a solution the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
 
-MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits.
+MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
 
     minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
 QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam is the dual of U minus the dual of L, and p is the
-dual of Z; the columns p_j are the forces of soft limits. The bound t >= 0 is redundant, but without it HiGHS 1.15 may
-call d = 0 optimal (problems/highs_optimal_at_zero.py).
+dual of Z (HiGHS has duals <= 0: reverse the signs). The columns p_j are the forces of soft limits. The bound t >= 0 is
+redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 The comment in the first line of either file gives n, m, the size of a block, and the numbers of limits, of soft limits
 and of motions in the kernel of K.

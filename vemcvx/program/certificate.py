@@ -106,7 +106,7 @@ class Certificate(ArrayRecord):
 
     @cached_property
     def gap(self) -> float:
-        """Primal minus dual objective, 1/2 |d - d*|_K^2 <= gap; infinite if it is not a number."""
+        """The bound 1/2 |d - d*|_K^2 <= gap: primal minus dual objective, or less by theorem 2; never NaN."""
         gap = self.equilibrium + self.terms
         if not gap >= 0:
             return np.inf

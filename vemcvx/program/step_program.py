@@ -312,7 +312,7 @@ class StepProgram(ArrayRecord):
         return min(plain, self._certify_after_move(d, lam, p, plain), key=lambda found: found.gap)
 
     def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
-        """Return the duality gap for admissible multipliers, a measure of progress for solvers."""
+        """Return the gap of the certificate for admissible multipliers, by the better of theorems 1 and 2."""
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
@@ -554,7 +554,7 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Lower and upper bound of the minimal objective: the value at the answer minus the gap, and this value.
+        """Lower and upper bound of the minimal objective: the dual and the primal objective at the answer.
 
         They include rounding: the certificate's floor, and for sums of n terms at most n eps times their sizes.
         """

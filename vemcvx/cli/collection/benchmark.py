@@ -182,7 +182,7 @@ def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
     ]
     if not wanted:
         grades = ", ".join(sorted({row["grade"] for row in rows}))
-        raise ProblemError(f"--only: no grade or name has {only!r}; the grades are {grades}.")
+        raise ProblemError(f"--only: no grade or name has {only!r}; the grades are {grades}; core is the core set.")
     return wanted
 
 

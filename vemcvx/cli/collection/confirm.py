@@ -149,6 +149,8 @@ def is_proof(program: Program, status: str, vector: Any) -> bool:
 
 def main(folder: Path) -> int:
     """Confirm all instances of a folder and print the result; return 0 if all are confirmed."""
+    if not (folder / "manifest.json").is_file():
+        sys.exit(f"{folder} has no manifest.json of a collection; usage: python confirm.py [FOLDER]")
     instances = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["instances"]
     right: dict[str, bool] = {}
     errors, proofs = [], 0
@@ -162,10 +164,9 @@ def main(folder: Path) -> int:
             found = [program.confirm() for program in Program(folder / f"{name}.npz").steps()]
             right[name] = all(one for one, _ in found)
             errors.append(max(error for _, error in found))
-    for name in (name for name, known in right.items() if not known):
-        print(f"NOT CONFIRMED: {name}")
-    kinds = f"{len(errors)} optima, {proofs} proofs that no optimum exists"
-    print(f"{sum(right.values())} of {len(right)} are confirmed: {kinds}")
+    print("".join(f"NOT CONFIRMED: {name}\n" for name, known in right.items() if not known), end="")
+    confirmed = f"{sum(right.values())} of {len(right)} are confirmed"
+    print(f"{confirmed}: {len(errors)} optima, {proofs} proofs that no optimum exists")
     counts = ", ".join(f"{sum(error <= one for error in errors)} within {one:g}" for one in (1e-3, 1e-6, 1e-9))
     print(f"answers of Clarabel, by certified error: {counts}")
     return 0 if all(right.values()) else 1

@@ -184,7 +184,7 @@ def test_errors_of_a_stage_alone_are_refused():
     scene, times = pulled(LAWS["Tresca"]), np.linspace(0.0, 2.0, 5)
     first = vx.simulate(scene, MESH, times[:3])
     second = vx.simulate(scene, MESH, times[2:], initial=first)
-    with pytest.raises(vx.HistoryError, match="quantities: the run goes on from another one"):
+    with pytest.raises(vx.HistoryError, match="quantities: the run continues another run"):
         vx.quantities(second)
     with pytest.raises(vx.HistoryError, match="read from files, or joined, and has no scene"):
         vx.quantities(vx.joined([first, second]))

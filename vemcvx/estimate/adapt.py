@@ -1,19 +1,19 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
 Each pass simulates the whole history on its mesh. Friction depends on the path, so a history transferred from a coarser
-mesh would keep the errors of that mesh. Costs grow geometrically: all passes cost little more than twice the last one.
+mesh would keep the errors of that mesh. Costs grow geometrically: all passes cost little more than twice the last pass.
 
 A pass refines the smallest set of cells that contains a given part theta of the squared indicators (Dorfler, *A
-convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If fewer cells suffice to reach
-the target, it refines fewer. This prediction assumes that splitting a cell in four divides its squared indicator by 4.
+convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If a smaller set is predicted to
+reach the target, the pass refines that set; refinement is assumed to divide the squared indicator of a cell by 4.
 
-The error of steps is measured at the instants of the run, so a load that acts only between two instants would be
-invisible. Therefore each bend, extremum and jump of the data becomes an instant before the first pass
+The time error is measured at the instants of the run, so the estimate would miss a load that acts only between two
+instants. Therefore each bend, extremum and jump of the data becomes an instant before the first pass
 (:mod:`vemcvx.stepping.course` finds events longer than 1/256 of the run). Then each pass splits the smallest set of
 steps that contains a given part of the time error.
 
-If the target is friction work, work or wear, the errors of mesh and steps are the errors of this quantity
-(:mod:`.quantities`), from two more runs per pass. Cells are still marked by energy indicators, scaled to this error.
+If the target is friction work, work or wear, two more runs per pass estimate the mesh and time errors of this quantity
+(:mod:`.quantities`). Cells are still marked by energy indicators, scaled to this error.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Passes in which the mesh error falls if the quantity has a limit; they multiply the number of cells by 3 to 8."""
+"""Number of passes in which the mesh error falls if the quantity has a limit; cells become 3 to 8 times as many."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
@@ -69,7 +69,7 @@ QUANTITIES = {
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return the cells with a part `theta` of the squared indicators (n_cells,), or fewer if fewer reach the goal."""
+    """Return a mask of the fewest cells with a part `theta` of `squares` (n_cells,), or fewer if they reach `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -80,11 +80,11 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
 
 @dataclass(frozen=True)
 class StepLoss:
-    """The relative error due to steps, and the part of each step."""
+    """The relative time error, and the contribution of each step."""
 
     error: float
     squares: Floats
-    """(N,) contributions of the steps that add up: squared errors for the energy norm, else errors"""
+    """(N,) contributions of the steps: squared errors for the energy norm, otherwise errors"""
     bends: Floats
 
     @classmethod
@@ -99,10 +99,10 @@ class StepLoss:
 
 
 def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
-    """Return the instants (N + 1,) of a run, with the steps of the largest losses split if the error is too large.
+    """Split the steps with the largest losses if the error exceeds `allowed`; return the new instants of the run.
 
-    For smooth loads errors fall with the square of the step. So steps are cut into three if the error is more than four
-    times the allowed one.
+    For smooth loads the error is O(k^2) in the step k. So steps are cut into three if the error is more than four times
+    the allowed error.
     """
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), lost.squares, 0.0)
     if lost.error <= allowed or not squares.any():
@@ -165,7 +165,7 @@ class Adapted(Outlined):
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity. For the last three `history.quantities` has values and errors.
     bound : ErrorBound or None
-        The bound of the last pass, with ``estimate="bound"``; then `budget.space` and `budget.cells` are from it.
+        With ``estimate="bound"`` the bound of the last pass, which also gives `budget.space` and `budget.cells`.
 
     Examples
     --------
@@ -239,28 +239,28 @@ def adapt(
         The first and the last instant, and instants to store. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
-        Allowed relative error. For "energy" it is the largest over at most eight given instants and eight turns of data
-        (:class:`vemcvx.estimate.budget.ErrorBudget`); for other quantities `of` it is the error at the last instant.
+        Allowed relative error: for "energy" at up to eight given instants and up to eight at which data bend, turn or
+        jump (:class:`vemcvx.estimate.budget.ErrorBudget`), for other quantities `of` at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
-        The quantity whose error is the target: the displacement in the energy norm; the energy dissipated by friction;
-        the work; or the largest wear (:func:`vemcvx.quantities`), which has no limit if pressure is singular. Passes
-        end if the error has not fallen in four passes. Each pass costs two more runs, one with all cells refined.
+        The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
+        largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. For the last three
+        each pass needs two more runs, one with all cells refined; passes end if the error has not fallen in four.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        Passes end before a pass that is expected to have more unknowns, even if the target is not met.
+        No pass begins that is expected to have more unknowns, even if the target is not met.
     theta : float
         Fraction of the squared error whose cells are refined in a pass, in (0, 1).
     progress : callable, optional
         Called with each finished :class:`Pass`.
     estimate : {"residual", "bound"}
-        The measure of the mesh error: residuals are quick, and estimate the error. The guaranteed bound of the error of
-        a step, given the step before (:func:`vemcvx.error_bound`), takes longer, and is nearer to the error. It bounds
-        the error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells may be larger:
-        up to 1.9 times the bound in 40 random scenes (target 8 %). With "bound" the history also has the steps before
-        the examined steps. The error of time is estimated in either case.
+        The measure of the mesh error. "residual" is quick, and is an estimate. "bound" is a guaranteed bound on the
+        error of a step, given the step before (:func:`vemcvx.error_bound`). It takes longer, and is nearer to the
+        error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells may be larger: up to
+        1.9 times the bound in 40 random scenes (target 8 %). With "bound" the history also stores the step before each
+        examined step. The time error is estimated in either case.
 
     Returns
     -------
@@ -277,9 +277,9 @@ def adapt(
     MeshError
         A cell of a mesh in space is no tetrahedron.
     SceneError
-        The target is not in (0, 1), or scene, mesh and times are no well-posed problem.
+        The target is not in (0, 1), or the problem of scene, mesh and times is not well-posed.
     NotCertified
-        A step misses the accuracy.
+        A step misses the accuracy of the solver.
 
     Examples
     --------
@@ -316,7 +316,7 @@ def adapt(
         marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         done = done or (of != "energy" and has_stalled(passes))
-        # A split cell becomes four cells; in space it is bisected, and so are about three neighbours.
+        # A refined cell becomes four cells; in space it is bisected together with about three neighbours.
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             return _make_result(posed, history, (budget, bound), aim, passes)
         start = time.perf_counter()
@@ -466,7 +466,7 @@ def _next(
     now: Pass, squares: Floats, steps: tuple[Floats, StepLoss], target: float, theta: float
 ) -> tuple[Bools, Floats]:
     """Return cells to refine and the instants of the next pass; steps are split when the mesh is nearly good enough."""
-    # The mesh error may be the target minus the errors of algebra and steps.
+    # The allowed mesh error is the target minus the errors of algebra and steps, but at least half the target.
     for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
     marked = cells_to_refine(squares, for_space**2, theta)
     # Split steps only if the mesh error is at most 1.5 times its allowed value.
@@ -491,7 +491,7 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     """Return the aim with the instants at which data turn, and instants with a small time error on the coarse mesh.
 
     The instants contain every bend, extremum and jump of the data, since the time error is estimated at instants only.
-    Effects that are zero at the given instants are posed, too: they may act in between.
+    The posed scene includes effects that are zero at the given instants, because they may act between them.
     """
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")

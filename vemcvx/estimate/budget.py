@@ -2,10 +2,10 @@ r"""The error of a run by source: the algebra, the mesh, and the steps.
 
 $$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 
-algebra is certified: the sum of the duality gaps of the steps (:attr:`vemcvx.History.certificate_total`). space is
-estimated by residuals of states on each cell (:mod:`.residual`). time is the distance from the same run with finer
-steps on the same mesh (:mod:`.finer_steps`). All are energy errors relative to the largest energy norm of the run. If
-this norm is zero, they are relative to the largest estimate.
+algebra is the sum of the certified errors of the steps (:attr:`vemcvx.History.certificate_total`). space is estimated
+by residuals of states on each cell (:mod:`.residual`). time is the distance from the same run with finer steps on the
+same mesh (:mod:`.finer_steps`). All three are energy errors relative to the largest energy norm of the run. If this
+norm is zero, they are relative to the largest estimate.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     if apart > SAME * max(energy, float(parts.sum())) + rounding:
         raise SceneError(
             f"error_budget: a state has the energy {energy:.9g} by the scene's stiffness, but {parts.sum():.9g} by "
-            f"the moduli and stabilisation of {material.subject}. So they are not one form a^h, and there is no "
-            "estimate. Give the material's Contribution the stabilisation of its stiffness, as "
+            f"the moduli and stabilisation of {material.subject}. The two energies must agree; there is no estimate. "
+            "Give the material's Contribution the stabilisation of its stiffness, as "
             "Elasticity(stabilisation=...) does for any vx.Stabilisation."
         )
 
@@ -61,21 +61,21 @@ class ErrorBudget(Outlined):
     steps : (S,) int
         The examined steps.
     algebra, space, time : (S,)
-        Certified, estimated and estimated errors: see :mod:`vemcvx.estimate.budget`.
+        The errors by source (:mod:`vemcvx.estimate.budget`): `algebra` is certified, `space` and `time` are estimated.
     parts : mapping of str to (S,)
         The parts of `space`: "volume", "jumps", "boundary", "stabilisation" and "data"; for bodies in space also
         "pressure". space^2 is the sum of their squares.
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the examined steps.
     added : (N,)
-        The error of time that each step adds: the norm of the change.
+        The time error that each step adds: the energy norm of the change of the error.
     jumps : tuple of str
         A sentence for each instant at which data jump.
     scale : float
         The largest energy norm of the run, the root of force times length, with the energy of springs
-        (ElasticFoundation). All errors are relative to it. Measured errors (:class:`.measures.Measured`) are relative
-        to the strain energy of the reference at one instant. So both differ if there are springs, or if the load is not
-        at its largest.
+        (ElasticFoundation). All errors are relative to `scale`. Measured errors (:class:`.measures.Measured`) are
+        relative to the strain norm of the reference at one instant. So estimated and measured errors have different
+        denominators if there are springs, or if the load is not at its largest.
     history : History
         The run.
 
@@ -169,7 +169,7 @@ def _whole_numbers(steps: int | Sequence[int]) -> list[int]:
 
 
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
-    """Return the budget of a run with this posed scene, at these rows of its arrays; compute `finer` if not given."""
+    """Return the budget of a run of a posed scene at rows of the arrays of `history`; compute `finer` if not given."""
     check_estimable(posed, "error_budget")
     require_same_form(posed, history.displacement[rows[-1]])
     run, residuals = history.trajectory, Residuals(posed)
@@ -198,7 +198,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
 def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     """Compare a run of a posed scene with a run in finer steps.
 
-    Effects that are zero at the instants of the run may act between them, so here they are posed, too.
+    The finer run includes effects that are zero at the instants of the run, because they may act between instants.
     """
     if run.initial is None:
         raise HistoryError("error_budget: this run has no initial state; simulate the scene again.")

@@ -1,12 +1,12 @@
 """The error of time steps: a comparison with the same run in finer steps, with instants where data bend and jump.
 
-Steps of a condensed system are cheap. The run is repeated on the same mesh at its instants and at finer instants: FINER
-per step, more where data vary faster, and one wherever data bend or jump (:mod:`vemcvx.stepping.course`). At the
-instants of the run both runs have the same data, so only their contact forces differ. With the condensed stiffness S,
+Steps of a condensed system are cheap. The run is repeated on the same mesh with FINER steps per step, more steps where
+data vary faster, and an instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). At the instants of the
+coarse run both runs have the same data, so only their contact forces differ. With the condensed stiffness S,
 
     |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns in friction and limits.
 
-Finer steps have an error, too. If the error is of first order, it is 1/FINER of the error of the run, and
+The finer run has an error, too. If errors are of first order, its error is 1/FINER of the error of the run, and
 
     |u_n - u(t_n)|_a <= |u_n - u_n'|_a / (1 - 1/FINER).
 
@@ -64,7 +64,7 @@ def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course
 
 
 def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
-    """Return finer instants: parts of every step, at least 8 times as many in all, bends, jumps, and samples.
+    """Return finer instants: `parts` pieces per step, at least 8 * `parts` in all, and bends, jumps and samples.
 
     Samples are added where linear interpolation between the instants is too far from the data.
     """
@@ -72,7 +72,7 @@ def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
     # Linear interpolation on a piece of length h has the error h^2 f'' / 8. It is 2e-3 of the size of the data if
-    # int (f'' / .016)^{1/2} dt is one over each piece.
+    # int (f'' / .016)^{1/2} dt = 1 over each piece.
     piece = np.floor(np.cumsum(np.sqrt(curved / 0.016)))
     return np.union1d(chosen, known.times[1:-1][np.diff(piece, prepend=0.0) > 0.0])
 

@@ -1,19 +1,19 @@
 """Friction work, work and wear, with estimates of their errors due to steps and mesh.
 
-Values Q are of second order in the steps (:mod:`vemcvx.stepping.state`), for the step size k and the mesh size h. Two
-more runs of the same scene estimate their errors:
+The values Q of these quantities are of second order in the step size k (:mod:`vemcvx.stepping.state`). Two more runs of
+the same scene estimate the errors of Q due to k and to the mesh size h:
 
     steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
     mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
 
-For wear this is the largest difference over the contact nodes of both runs, because the largest wear alone may agree by
-chance.
+For wear the difference is the largest over the contact nodes that both runs have, because the largest wear of both runs
+may agree by chance.
 
-The finer run has an error, too. It is half the error of the run if the order is one: at singular corners, where
-friction rotates in space, or where a reversal is missed. It is a quarter if all is smooth. The estimate for steps has
-an extra factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is underestimated. If the
-pressure is singular, as at most corners of contact, the largest wear grows without limit under refinement. This is
-reported like for extremes (:mod:`vemcvx.results.corners`); the mesh error is then the change by the next refinement.
+The finer run has an error, too. This error is half the error of the run if the order is one: at singular corners, where
+friction rotates in space, or where a reversal is missed. It is a quarter if the solution is smooth. The estimate for
+steps has an extra factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is
+underestimated. If the pressure is singular, as at most corners of contact, the largest wear grows without limit, which
+is reported as for extremes (:mod:`vemcvx.results.corners`). Its mesh error is then twice the change by a refinement.
 
 Values are of second order in the steps if the states are. In space friction rotates with the slip, and the states of
 backward Euler and the values are of first order there; the estimate includes this.
@@ -43,10 +43,10 @@ from vemcvx.stepping.course import sample_course
 
 
 def quantities(history: History) -> dict[str, Quantity]:
-    """Estimate the errors of friction work, work and the largest wear of a run, of second order in its steps.
+    """Estimate the errors of the friction work, the work and the largest wear of a run.
 
-    The scene is simulated twice more: in half steps, and on a mesh with all cells refined. A history that has the
-    estimates, from an adaptive run with one of these targets, is not simulated again.
+    The scene is simulated twice more: in half steps, and on a mesh with all cells refined. A history from an adaptive
+    run with one of these targets already has the estimates, and is not simulated again.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def with_quantities(history: History) -> tuple[History, StepErrors]:
     """Return the history with its quantities and the errors of energies at all instants, and the errors of steps."""
     own, steps = _courses(history), errors_of_steps(history)
     mesh = dict.fromkeys(own, np.array([np.nan]))
-    # Cells that are not star-shaped about their centroids are not split in space.
+    # In space, cells that are not star-shaped about their centroids cannot be refined.
     with contextlib.suppress(MeshError):
         begin = "settled" if _start(history).any() else None
         finer = _run_again(history, history.mesh.refine(), history.trajectory.times, begin)
@@ -165,8 +165,8 @@ def _start(history: History) -> Floats:
     """Return the nodal displacements (n_nodes, dim) at the initial instant."""
     if history.begins == "continued":
         raise HistoryError(
-            "quantities: the run goes on from another one, whose friction work and work it counts, and runs beside it "
-            "would not. Simulate all stages as one scene for estimates."
+            "quantities: the run continues another run and includes its friction work and work, but the two further "
+            "runs would not. Simulate all stages as one scene for estimates."
         )
     times, initial = history.trajectory.times, history.trajectory.initial
     assert initial is not None

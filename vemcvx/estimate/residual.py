@@ -1,4 +1,4 @@
-"""Residuals of a state: the mesh error in the error budget, on sides, which are edges or, in space, faces.
+"""Residuals of a state, which estimate the mesh error in the error budget. Sides are edges, or in space faces.
 
     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                body force
                    + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, half to each neighbour
@@ -9,36 +9,36 @@
                      sum over edges  |K| / l_e  E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e
               + errors of assembled data (:mod:`.unseen`)
 
-with sigma = C eps(Pi u) + sigma_0, and the modulus E of a bar along the edge. Boundary residuals are in free directions
-of supports; at interfaces they are on the sides of both bodies (:mod:`vemcvx.bound.skeleton`). The terms follow
+with sigma = C eps(Pi u) + sigma_0, and the modulus E of a bar along the edge. Boundary residuals count in directions
+that supports leave free; an interface has them on both bodies (:mod:`vemcvx.bound.skeleton`). The terms follow
 Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani, Georgoulis, Pryer
 and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). The factor 1/9 is
 from the Poincare inequality on a cell; c is a constant below.
 
-Lengths are widths of the cell *across* the side. A residual at e is tested with w = v - v_I. Let T be a triangle on e
-with apex a and height d. The divergence of (x - a) w^2 in T gives
+The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I. Let T be a triangle
+on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T,
 
-which holds if the mesh is fine where the solution changes fast. d_e replaces d: the mean over both cells of their width
-along n_e. h_K is the longest side of the box with the second moments of the cell.
+where the condition holds if the mesh is fine where the solution changes fast. In the estimate d is replaced by d_e, the
+mean width of both cells along n_e. h_K is the longest side of the box with the second moments of the cell.
 
-Tractions do not contain eps_ss, the strain along an edge. eps_ss(u) is the same from both cells, but eps_ss(Pi u) is
-not. On a rectangle eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the stabilisation has
-too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then |K| / l_e is its
-cross-section. The sum over the parallel edges, two of a rectangle and four of a box, is the energy of a bar with the
-modulus E whose strain is linear between these edges.
+Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is the same in both cells, but eps_ss(Pi
+u) is not. On a rectangle eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
+stabilisation has too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then
+|K| / l_e is its cross-section. The sum over the parallel edges, two of a rectangle and four of a box, is the energy of
+a bar with the modulus E whose strain is linear between these edges.
 
-In the plane s = 1 and q = 0. In space s = 7 |K|^{1/3} / (h_K N_K), because the stabilisation there is much larger than
-the energy of u - Pi u. The pressure q, constant in cells, minimises the sum over all cells by least squares. Any q is
-admissible: the residual of sigma is the residual of sigma + q I plus (q, div v), which is at most |q I| in C^{-1} times
-the energy norm of v. Weights 1 / mu are valid for all v; but in nearly incompressible bodies pressure does almost no
-work on displacements of moderate energy, so q makes the estimate sharper.
+In the plane s = 1 and q = 0. In space s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
+because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises
+the sum over all cells by least squares. Any q is admissible: the residual of sigma is the residual of sigma + q I plus
+(q, div v), which is at most |q I| in C^{-1} times the energy norm of v. In nearly incompressible bodies q makes the
+estimate sharper: there pressure does almost no work on displacements of moderate energy.
 
-A side carries the part int_e phi_i of the contact force of each row. In space tractions count by
-d_e / (2 mu) |t - t_e|^2_e at their quadrature points, and body forces by h_K^2 / (9 mu) |f - f_K|^2_K. Integrals
-over cells are |K| / 3 times the mean over the vertices: exact for squares of linear functions in a box, too large in a
-tetrahedron.
+The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space the data errors are
+d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
+Integrals over cells are |K| / 3 times the mean over the vertices. This is exact for squares of linear functions with
+mean zero in a box, and too large in a tetrahedron.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class MeshSides:
     joints: Joints
     """interfaces of two bodies"""
     numbers: Callable[[Ints], Ints]
-    """the positions among outer sides of edges (k, 2), of faces (k,), or of ends of sides (k, 2)"""
+    """function from edges (k, 2), faces (k,), or ends of sides (k, 2) to their positions among outer sides"""
     corners: tuple[Ints, Floats]
     """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
     edges: tuple[Ints, Ints]
@@ -194,7 +194,7 @@ class Residuals:
         return self.mesh.measures * self.compliance[:, :dim, :dim].sum(axis=(1, 2))
 
     def _pressures(self, sigma: Floats, now: Instant) -> Floats:
-        """Return q (n_cells,), to a thousandth: any q is admissible."""
+        """Return q (n_cells,) with the accuracy 1e-3, which suffices because any q is admissible."""
         from scipy.sparse.linalg import lsmr
 
         roots, borne, units = self._pressure_problem
@@ -206,7 +206,7 @@ class Residuals:
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
         """The least-squares problem for q: roots of weights (f + b,) of normal residuals, the matrix, and units of q.
 
-        Bilateral contact carries forces that press both bodies alike: see :meth:`Joints.normal_forces`.
+        Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
         """
         sides, weights, joints = self.sides, self.weights, self.sides.joints
         across = np.arange(len(sides.outer))
@@ -247,9 +247,9 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return the forces on sides of the values (m, dim) of rows, per area.
+        """Return the forces per area (b, dim) on sides, given the forces per area (m, dim) of rows.
 
-        Ends of an interface that supports hold have no row: there the values of the other ends of the side are used.
+        Nodes of an interface that supports hold have no row. There the values at the other nodes of the side are used.
         """
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
@@ -287,7 +287,7 @@ class Residuals:
         if self.posed.space.in_plane:
             return self._unseen.squares(now, strain)
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
-        # Integrals over cells are a third of the mean over vertices.
+        # Integrals over cells are |K| / 3 times the mean over vertices.
         owner, weights = (
             cell_of_corner(offsets),
             np.repeat(self.mesh.measures / 3.0 / np.diff(offsets), np.diff(offsets)),

@@ -1,14 +1,13 @@
-"""The difference between data and assembled data, as energies of cells: a part of the residual.
+"""Energies, by cell, of the difference between data and assembled data: a part of the residual.
 
-In the plane data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading`, with the weight of each
-kind). The differences are: tractions minus their assembled mean t_e, body forces minus f_K, and given bounds g of
-friction minus g_h, which is linear between nodes. Bounds count where friction is at its bound, or where a node has
-slipped; elsewhere they count only where they are less than the friction. Their means are forces on the whole body, like
-the means of loads.
+In the plane data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading` gives the weights). The
+differences are tractions minus their assembled mean t_e, body forces minus f_K, and given friction bounds g minus g_h,
+which is linear between nodes. g - g_h counts where friction is at its bound, or where a node has slipped; elsewhere
+only where g is less than the friction. The means of these differences act as forces on the whole body.
 
 In space tractions and body forces are evaluated at quadrature points and at vertices, and stresses at zero strain at
-vertices. Variations between nodes do not count for laws of friction and springs, and in space also not for bounds, gaps
-and supports.
+vertices. The estimate ignores how friction laws and springs vary between nodes; in space it also ignores how friction
+bounds, gaps and supports vary there.
 """
 
 from __future__ import annotations
@@ -78,7 +77,7 @@ class DataErrors:
         return weight * scatter, force + edges.joints.reaction(force)
 
     def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools, Floats]:
-        """Return the friction, its bound, and True after slip, at the ends of edges (b, 2), and a sign (b,).
+        """Return the friction, its bound, and whether there was slip, at the ends of edges (b, 2); and a sign (b,).
 
         The sign is the direction of friction along the tangent, or of the motion of the edge if there is no friction.
         """

@@ -1,19 +1,19 @@
 r"""The distance of two displacement fields in the energy norm, on the same or on different meshes.
 
 - exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$ of the virtual functions, on rectangles and triangles;
-- projected: the same of Pi u and Pi v, on any polygons;
+- projected: the same integral for Pi u and Pi v, on any polygons;
 - nodal: $|u - I v|_{a^h}$ on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v.
 
 The first two integrate exactly on the overlaps of cells, where strains are linear or constant. They are norms of
 differences in one space of strains. So they are symmetric if the moduli are the same, and obey the triangle inequality.
-The nodal distance ignores v between the coarse nodes, and is the smallest of the three. It is a sum over cells, in the
-a^h of the stiffness of `run` with its stabilisation,
+The nodal distance ignores v between the coarse nodes, and is the smallest of the three. It is a sum over cells with the
+moduli and the stabilisation of `run`,
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 
 In space the integrals are sums over pyramids between the centroid of a cell of the second mesh and its faces; the
-centroid of a pyramid determines the cell of the first mesh. They are exact if the cells of the second mesh lie inside
-cells of the first mesh, and otherwise O(h). There "exact" is for tetrahedra, on which u is linear.
+centroid of a pyramid determines the cell of the first mesh. The integrals are exact if the cells of the second mesh lie
+inside cells of the first mesh; otherwise their error is O(h). In space "exact" is for tetrahedra, on which u is linear.
 
 On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
 e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values u_1 ... u_4 in turn, it is
@@ -72,7 +72,7 @@ class InnerStrain:
     mean: Floats
     """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre; in space (n_cells, 6)"""
     slope: Floats
-    """(n_cells, dim, 3) their gradients"""
+    """(n_cells, dim, 3) gradients of the strains"""
     centre: Floats
     """(n_cells, dim)"""
 
@@ -136,7 +136,7 @@ class Field:
     time : float
         The instant at which closed forms are evaluated.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
-        As for `Elasticity`; for nodal distances. None for runs read from files without it.
+        As for `Elasticity`; only nodal distances use it. None for runs read from files without a stabilisation.
 
     Raises
     ------
@@ -202,7 +202,7 @@ def step_at(history: Results, time: float) -> int:
     time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
-    # Two runs share an instant if the difference is at most this part of the time span: linspace rounds.
+    # Instants of two runs may differ by this part of the time span, because linspace rounds.
     if abs(times[nearest] - time) > SAME * span:
         raise HistoryError(
             f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
@@ -261,7 +261,7 @@ def make_measure(squares: Floats, reference: float, moduli_apart: float = 0.0) -
 class CommonRule:
     """A quadrature rule on the overlaps of two meshes.
 
-    It is for polynomials on each overlap: in cells that are not convex some points are outside, with negative weights.
+    It integrates polynomials on each overlap. In nonconvex cells some points are outside, with negative weights.
     """
 
     first: Ints

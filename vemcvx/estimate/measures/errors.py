@@ -104,8 +104,8 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
 # by quadrature of degree 5, in space of degree 2 on tetrahedra; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of
 # the paper the energy error is O(h + k).
 #
-# Strains of closed forms are no polynomials, and a rule of low degree hides errors: at the centroids of squares the
-# computed strains superconverge. So each triangle of a cell has Radon's seven points.
+# A rule of low degree would hide errors, because computed strains superconverge at the centroids of squares. So each
+# triangle of a cell has Radon's seven points.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
@@ -163,7 +163,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     Returns
     -------
     Measured
-        In length squared; its reference is the L2 norm of the closed form.
+        In length^2, in space length^(5/2); its reference is the L2 norm of the closed form.
 
     Raises
     ------
@@ -271,9 +271,9 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
     Parameters
     ----------
     h : (m,) sequence of positive numbers, no two neighbours equal
-        Mesh sizes or steps; in Markdown one over a whole number is written as a fraction.
+        Mesh sizes or steps; Markdown shows the inverse of a whole number as a fraction, such as 1/64.
     errors : (m,) sequence of positive numbers, or mapping of names to such
-        Each has a column of errors, NaN where one is missing, and a column of orders.
+        Each sequence gives a column of errors and a column of orders. NaN stands for a missing error.
     name : str
         The name of the sizes.
 

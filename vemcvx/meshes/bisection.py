@@ -3,12 +3,12 @@
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
 Meth. Eng. 20 (1984), 745-756). This ends, because every cut halves the longest edge of a cell. Among equally long edges
-all cells choose by the numbers of the nodes; at an interface by the places of the nodes, so that both bodies are cut
-alike. If all cells are refined, each is bisected at least three times, once in every direction: its parts have an
-eighth of its volume. Refining all cells of `tetrahedra(n)` gives the shapes and nodes of `tetrahedra(2 n)`.
+the numbers of the end nodes decide, so that neighbours choose the same edge; coinciding nodes at an interface count as
+one, so that both bodies are cut alike. By default every cell is bisected at least three times, once in every direction,
+so its parts have at most an eighth of its volume. Then `tetrahedra(n)` gets the nodes and shapes of `tetrahedra(2 n)`.
 
-*Other cells* are split into one part per vertex, between midpoints of edges, centroids of faces and the centroid of the
-cell: cubes become eight cubes, prisms become prisms over the parts of their polygons. The new faces must be plane.
+*Other cells* are split into one part per vertex. The corners of the parts are vertices, midpoints of edges, centroids
+of faces and the centroid of the cell. Cubes become eight cubes; prisms become prisms. The new faces must be plane.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the corners (n, 2) of the longest edge of each cell, of equal ones the edge of highest places."""
+        """Return the corners (n, 2) of the longest edge of each cell; of equal edges, the edge with the highest key."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
@@ -121,7 +121,7 @@ class Tetrahedra(NamedTuple):
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
-    """Bisect the marked cells (n_cells,) of a mesh of tetrahedra `cuts` times, and all cells with nodes on edges."""
+    """Bisect the marked cells (n_cells,) of a tetrahedral mesh `cuts` times, and cells until no edge has a node."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, values = Tetrahedra.from_mesh(mesh), marked, csr_array(eye_array(mesh.n_nodes, format="csr"))
     ends = np.empty((0, 2), dtype=np.int64)
@@ -165,7 +165,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # on each face at a vertex, its part has a quadrilateral, and another across the edge that follows the vertex
+    # the part at a vertex has one quadrilateral in each face there, and one across each edge there
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

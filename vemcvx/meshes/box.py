@@ -1,8 +1,8 @@
 """Checks of the arguments of mesh families (boxes, numbers of cells), and of names and data of meshes.
 
-A family takes a box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)), and one of these: n, the number of
-cells across the shortest side; a number for each axis; or the size of a cell. Numbers of cells do not depend on the
-unit of length. Parts of the boundary are edges in the plane and faces in space.
+A family takes a box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)), and either n or the size of a cell.
+n is the number of cells along the shortest side, or the numbers along all axes. The parts of a boundary are edges in
+the plane, faces in space.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
 SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 AXES = "xyz"
-MOST_CELLS = 10**8  # a mesh of this size takes 10 GB before assembly
+MOST_CELLS = 10**8  # a mesh with so many cells takes 10 GB before assembly
 SHORTEST, LARGEST = 1e-60, 1e60  # areas and moments of cells must neither overflow nor underflow
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
@@ -119,8 +119,8 @@ def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
     """Return the number of cells along each axis, at least one: the given numbers, or as many as fill the box.
 
-    Cells of a family are `stretch` times wider and lower than squares. `each` is the largest number of cells that the
-    family makes of one square or cube.
+    Cells of the family are `stretch` times as wide as squares of the same area. `each` is the largest number of cells
+    into which the family splits one square or cube.
     """
     if is_list(n) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
@@ -141,10 +141,10 @@ def is_list(n: object) -> bool:
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """Return the number of cells along each axis, not rounded: n across the shortest side, or of the given size."""
+    """Return the number of cells along each axis, before rounding, from n along the shortest side or from the size."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
-        raise MeshError(f"n must be given (cells across the shortest side) or size= (the width of a cell); got {both}.")
+        raise MeshError(f"give either n (cells along the shortest side) or size= (the width of a cell); got {both}.")
     if size is None:
         cells, shortest = check_whole("n", n), min(lengths)
         return [cells * (length / shortest) for length in lengths]
@@ -155,16 +155,16 @@ def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list
 
 
 def check_total(cells: Number) -> Number:
-    """Return the number of cells, or raise MeshError if there are so many that it must be a typing error."""
+    """Return the number of cells, or raise MeshError if it is above `MOST_CELLS`, as after a typing error."""
     if cells > MOST_CELLS:
         raise MeshError(f"the mesh would have {cells:.3g} cells; at most {MOST_CELLS:g} are allowed. Ask for fewer.")
     return cells
 
 
 def ticks(low: float, high: float, count: int, grade: float = 1.0) -> Floats:
-    """Return count + 1 numbers from low to high, both exact, or raise MeshError if rounding makes two equal.
+    """Return count + 1 numbers from exactly low to exactly high, or raise MeshError if rounding makes two equal.
 
-    The lengths of the intervals are a geometric sequence: the last is `grade` times as long as the first.
+    The lengths of the intervals form a geometric sequence: the last is `grade` times as long as the first.
     """
     line = np.linspace(low, high, count + 1)
     if grade != 1.0 and count > 1:
@@ -192,7 +192,7 @@ T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return the name if a part of the boundary (or what `what` says) may have it; else raise MeshError."""
+    """Return the name of a part of the boundary, or of the object that `what` names; raise MeshError if not allowed."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":
@@ -280,6 +280,6 @@ def points_to_plot(points: Floats, displacement: ArrayLike | None) -> Floats:
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
-    """Return values as an array; an empty array of objects, which every check refuses, if they are none."""
+    """Return values as an array; if they do not form one, an empty array of objects, which every check refuses."""
     array = plain(values)
     return np.empty(0, dtype=object) if array is None else array

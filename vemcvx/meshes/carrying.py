@@ -36,8 +36,8 @@ class Refinement(Generic[Kind]):
     Attributes
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        The refined mesh. Children take the position of their parent. Old nodes come first, then midpoints of edges,
-        then centres (in space of faces, then of cells). Names of boundaries and cell data are inherited.
+        The refined mesh. The parts of a cell take its position in the order of cells. Old nodes come first, then
+        midpoints of edges, then centres (in space of faces, then of cells). Boundaries and cell data are inherited.
     parents : (n_new_cells,) int
         The old cell that contains each new cell.
     prolongation : (n_new_nodes, n_old_nodes) sparse array
@@ -66,7 +66,7 @@ class Origins(NamedTuple):
 
 
 def inherit_parts(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
-    """Return the refinement, in which the new mesh `made` inherits names, interfaces and cell data."""
+    """Return the refinement of `mesh` with new cells `made`, which inherit names, interfaces and cell data."""
     parents, parts, places, prolongation = origins
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
@@ -91,7 +91,7 @@ def inherit_parts(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
 
 
 def _partners(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return, for each node in rows of one side, the node of the other side in the same place."""
+    """Return, for each node in rows of one side of an interface, the coinciding node of the other side."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
@@ -99,7 +99,7 @@ def _partners(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) ->
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return, for the midpoint of each edge (e, 2), the first midpoint at its place, numbered after the old nodes."""
+    """Return, for the midpoint of each edge (e, 2), the first coinciding midpoint, numbered after the old nodes."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

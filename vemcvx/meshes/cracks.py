@@ -1,8 +1,8 @@
 """Cracks: meshes cut along the edges (in space: faces) between two sets of cells.
 
-A corner is a pair of a cell and one of its nodes. The corners at a node are joined across the sides that are not cut.
-If this leaves several groups of corners, each group gets its own node. If it leaves one group, as at a tip inside the
-body or at the front of a crack in space, the node stays single.
+A corner is a pair of a cell and one of its nodes. The corners at a node are grouped: corners of two neighbouring cells
+are in one group unless the side between these cells is cut. If there are several groups at a node, each group gets its
+own node. If there is one group, as at a crack tip (in space: crack front) inside the body, the node stays single.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ def _with_nodes(mesh: AnyMesh, points: Floats, renumber: Callable[[Ints, Ints, I
 
 
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the new node of each corner, and the old node of each new one; there are `count` old nodes.
+    """Return the new node of each corner, and the old node of each new node; there are `count` old nodes.
 
-    `nodes` has the old node of each corner. `pairs` (k, 2) are corners at a node that a side joins unless `opened`.
+    `nodes` has the old node of each corner. `pairs` (k, 2) are corners at one node of a side, joined unless `opened`.
     """
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = distinct(parted)  # each group is identified by its first corner
@@ -126,5 +126,5 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
         side, where, size = CRACK_WORDS[mesh.PARTS]
         raise MeshError(
             f"cut: the {side} at {coordinates(at, 6)} has a tip at {where} and cannot open. A crack "
-            f"inside a body is at least {size}: refine the mesh, or take more cells."
+            f"inside a body must be at least {size}: refine the mesh, or take more cells."
         )

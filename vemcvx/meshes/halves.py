@@ -1,8 +1,8 @@
 """Cutting a mesh in two along a line, in space along a plane.
 
-In the plane, cells that the line crosses become two polygons, with a new node where the line meets an edge; both cells
-at the edge get this node. To avoid slivers, inner nodes first move onto the line if their distance from it is at most
-`NEAR_FRACTION` times their shortest edge. In space the plane must run along faces: cells are not split.
+In the plane, each cell that the line crosses becomes two polygons. There is a new node where the line meets an edge,
+shared by both cells at the edge. To avoid slivers, inner nodes first move onto the line if their distance from it is at
+most `NEAR_FRACTION` times their shortest edge. In space the plane must run along faces: cells are not split.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ NEAR_FRACTION = 0.1
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
-    """Return the parts of a mesh behind and ahead of a line (in space: of a plane) as two meshes.
+    """Return two meshes: the parts of a mesh behind and ahead of a line (in space: of a plane).
 
-    :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface; `Pretension` of a bolt needs such
-    an interface. Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the
-    plane, cells that the line crosses are split. Inner nodes move onto the line if their distance from it is at most a
-    tenth of their shortest edge. In space the plane must run along faces.
+    :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface, as `Pretension` of a bolt needs.
+    Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the plane, cells
+    that the line crosses are split. Inner nodes move onto the line if their distance from it is at most a tenth of
+    their shortest edge. In space the plane must run along faces.
 
     Parameters
     ----------
     mesh : PolygonMesh or PolyhedralMesh
         The mesh of one body, without interfaces.
     point, normal : (dim,) array_like
-        A point on the line or plane, and a normal vector of any length, which points ahead.
+        A point on the line or plane, and a normal vector of any length. The part ahead is on the side of the normal.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def _split_cell(
 
 
 def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[tuple[int, int], int]) -> Any:
-    """Return the mesh of some cells; `own` has pairs: the number of the parent cell, and the vertices or faces."""
+    """Return the mesh of the cells `own`, pairs of the number of the parent cell and the vertices or faces."""
     parents, cells = zip(*own, strict=True)
     plane = isinstance(mesh, PolygonMesh)
     used = np.unique(np.concatenate([row for cell in cells for row in ((cell,) if plane else cell)]))
@@ -161,6 +161,6 @@ def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[t
 
 
 def _pieces(row: list[int], met: dict[tuple[int, int], int]) -> Iterator[list[int]]:
-    """Yield the pieces of an edge, or the face itself."""
+    """Yield the pieces of an edge (in space: the face itself), split at its new node, if it has one."""
     node = met.get((min(row), max(row))) if len(row) == 2 else None
     yield from [row] if node is None else ([row[0], node], [node, row[1]])

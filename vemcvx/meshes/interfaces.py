@@ -1,6 +1,6 @@
-"""Interfaces: coinciding boundary edges (in space: faces) of two bodies, each body with nodes of its own.
+"""Interfaces: coinciding boundary edges (in space: faces) of two bodies, each of which has its own nodes there.
 
-In space a face is a row of its vertices; rows are padded with -1 to the length of the longest.
+In space a face is a row of its vertices; shorter rows are padded with -1 to the length of the longest row.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vemcvx.meshes.polygons import (
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Edges (in space: faces) of one body that coincide with edges of another; both bodies have nodes in each place.
+    """Edges (in space: faces) of one body that coincide with edges of another; each body has its own nodes there.
 
     Attributes
     ----------
@@ -38,8 +38,8 @@ class Interface:
         Edges of the first body, with the body on their left. In space (k, n) rows of the vertices of its faces,
         counter-clockwise seen from outside, padded with -1.
     partners : (k, 2) int
-        The nodes of the second body in the same places, so that its edges are ``partners[:, ::-1]``. In space rows of
-        nodes as in `edges`.
+        The nodes of the second body at the positions of `edges`, so that edges of the second body are
+        ``partners[:, ::-1]``. In space (k, n) rows of nodes, padded like `edges`.
 
     Examples
     --------
@@ -55,7 +55,7 @@ class Interface:
 
     @property
     def pairs(self) -> Ints:
-        """Pairs (m, 2) of a node of the first body and a node of the second in the same place, each once, sorted."""
+        """Pairs (m, 2) of coinciding nodes, of the first and the second body, each pair once, sorted."""
         known = self.edges.ravel() >= 0
         own, other = self.edges.ravel()[known], self.partners.ravel()[known]
         count = int(other.max(initial=0)) + 1
@@ -111,8 +111,8 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints]:
     """Return rows (k, n) of nodes of coinciding sides: nodes of the earlier body, and nodes of the later body.
 
-    `outlines` are the offsets and vertices of the boundary sides. Rows follow the side of the earlier body, padded with
-    -1.
+    `outlines` are the offsets and vertices of the boundary sides. Both arrays list nodes in the order of the side of
+    the earlier body, padded with -1.
     """
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
@@ -130,12 +130,12 @@ def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tu
 
 
 def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
-    """Return all pairs (m, 2) of nodes in the same place."""
+    """Return all pairs (m, 2) of coinciding nodes."""
     return np.concatenate([np.empty((0, 2), dtype=np.int64), *(found.pairs for found in interfaces.values())])
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """Return the place of each node, (n_nodes,): the smallest number of a node there; or raise MeshError."""
+    """Return, for each node, the smallest number of the nodes that coincide with it; or raise MeshError."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]

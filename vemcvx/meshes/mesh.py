@@ -1,11 +1,11 @@
 """A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-A mesh is a cell complex. Cells have sides (edges in the plane, faces in space), sides have vertices, and a side belongs
-to two cells, or to one on the boundary. In the plane cells are simple polygons listed counter-clockwise, in space
-polyhedra with plane faces. Two cells meet in whole sides of both. A vertex may lie on a straight line between its
-neighbours (a hanging node of the adjacent cell), a cell may have several coplanar faces, and cells need not be convex.
+A mesh is a cell complex. Cells have sides (edges in the plane, faces in space), and sides have vertices. A side belongs
+to two cells, or to one cell if the side is on the boundary. In the plane, cells are simple polygons, listed
+counter-clockwise. In space, cells are polyhedra with plane faces. Neighbouring cells share whole sides. A cell may have
+angles of 180 degrees (at hanging nodes) and several coplanar faces, and need not be convex.
 
-Modules that refine, cut and write meshes import this one; methods that need them import them when they are called.
+Modules that refine, cut and write meshes import this module; its methods import them when called.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ class Mesh(ABC):
 
     ARRAYS: ClassVar[tuple[str, ...]]  # attributes that define the mesh, in the order of `unchecked`
     NUMBERED: ClassVar[Mapping[str, str]]  # array of node, face or cell numbers -> attribute with their count
-    PARTS: ClassVar[str]  # "edges" or "faces", and with an article below
-    A_PART: ClassVar[str]
+    PARTS: ClassVar[str]  # "edges" or "faces"
+    A_PART: ClassVar[str]  # "an edge" or "a face"
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
@@ -139,7 +139,7 @@ class Mesh(ABC):
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Return the positions of edges or faces in `_boundary`; all must be there."""
+        """Return the positions in `_boundary` of edges or faces, all of which must be on the boundary."""
 
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
@@ -216,17 +216,17 @@ class Mesh(ABC):
 
     @cached_property
     def boundaries(self) -> Mapping[str, Ints]:
-        """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is all of it.
+        """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is the whole.
 
         An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
-        The name of an interface means the edges of its first body; "boundary" contains the edges of both bodies.
+        The name of an interface stands for the edges of its first body; "boundary" contains the edges of both bodies.
         """
         own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
         joints = {name: read_only(self._boundary[parts]) for name, parts in own.items()}
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     def beyond(self, parts: Ints) -> Ints:
-        """Return the edges or faces of second bodies that coincide with the given ones at interfaces."""
+        """Return the edges or faces of second bodies that coincide with given edges or faces of first bodies."""
         places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
         for interface in self.interfaces.values():
             first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))
@@ -243,10 +243,11 @@ class Mesh(ABC):
         return free
 
     def _in_planes(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
-        """Return the boundary edges or faces on each side of a box, by name; families need no tolerance."""
+        """Return the boundary edges or faces on each side of a box, by name."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        longest = np.argmax(high - low, axis=1)  # an edge shorter than the tolerance belongs to the side along it
+        # an edge shorter than the tolerance lies on two sides at a corner: it belongs to the side parallel to it
+        longest = np.argmax(high - low, axis=1)
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):
             for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):
@@ -255,7 +256,7 @@ class Mesh(ABC):
         return named
 
     def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Return named parts in the order of the boundary, or raise MeshError; `node_map` has new numbers of nodes."""
+        """Return named parts in the order of the boundary, or raise MeshError; `node_map` maps given nodes to new."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -279,7 +280,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return positions in the boundary of rows of old node numbers (-1 if none), and the rows in words."""
+        """Return positions in the boundary of rows of old node numbers (-1 if not there), and the rows as text."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -288,7 +289,7 @@ class Mesh(ABC):
         return self._find_parts(offsets, vertices, number), called
 
     def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return positions in the boundary of rows of old nodes, which `number` maps to new ones; -1 if none."""
+        """Return positions in the boundary of rows of old nodes, which `number` maps to new; -1 if not there."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)
@@ -301,11 +302,11 @@ class Mesh(ABC):
         name : str
             Name of the part. A part with this name is replaced; parts may overlap.
         predicate : callable
-            A function of the midpoints (m, 2) of all boundary edges, in space of the centroids (m, 3) of all boundary
-            faces, without interfaces. It returns a mask, bool (m,).
+            A function that gets the midpoints (m, 2) of all boundary edges outside interfaces, in space the centroids
+            (m, 3) of the boundary faces, and returns a mask, bool (m,).
         of : str, optional
-            A boundary or interface: the predicate gets the midpoints of its edges or faces only. Contact, friction and
-            `Pressure` on a part of an interface work as on all of it.
+            Name of a boundary or interface: the predicate then gets only its midpoints or centroids. Contact, friction
+            and `Pressure` can act on a part of an interface as on the whole interface.
 
         Returns
         -------
@@ -315,8 +316,8 @@ class Mesh(ABC):
         Raises
         ------
         MeshError
-            The name is reserved, belongs to an interface or is no string; the predicate does not return (m,) bool or
-            selects nothing; or `of` is no boundary.
+            The name is reserved, belongs to an interface or is not a string; the predicate does not return (m,) bool or
+            selects nothing; or `of` is not the name of a boundary.
         """
         if of is not None and not (isinstance(of, str) and of in self.boundaries):
             known = ", ".join(map(repr, self.boundaries))
@@ -331,8 +332,8 @@ class Mesh(ABC):
         Parameters
         ----------
         boundaries : mapping of str to array_like
-            Name -> edges (m, 2), in either direction; in space faces, by number (m,) or by a row of vertices each, in
-            any order.
+            Name -> edges (m, 2), in either direction. In space: name -> numbers (m,) of faces, or a row of vertices,
+            in any order, for each face.
 
         Raises
         ------
@@ -348,12 +349,12 @@ class Mesh(ABC):
         return self._replace(_named={**self._named, **added})
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
-        """Return this mesh with an array (n_cells, ...) of data on cells, which replaces one of the same name."""
+        """Return this mesh with cell data `values` (n_cells, ...); they replace data of the same name."""
         added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
-        """Return this mesh with some cells split (numbers or a mask; None: all): :func:`vemcvx.meshes.refinement`."""
+        """Return this mesh with cells split (numbers or a mask; by default all): :func:`vemcvx.meshes.refinement`."""
         from vemcvx.meshes.refining import refinement
 
         return refinement(self, cells, balance=balance).mesh
@@ -361,21 +362,21 @@ class Mesh(ABC):
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges (in space: faces) between two sets of cells become an interface.
 
-        Nodes along the crack become double; the new nodes come last. Nodes at a tip inside the mesh, in space at the
-        front, stay single. The crack ends where the two sets of cells end.
+        Nodes along the crack are doubled; the new nodes come last. At a crack tip inside the mesh (in space: along the
+        crack front) nodes stay single. The crack ends where the two sets of cells end.
 
         Parameters
         ----------
         name : str
-            Name of the crack, as an interface and as a boundary (the edges or faces of the first side).
+            Name of the new interface, and of the boundary that consists of the edges or faces of the first side.
         sides : mapping of str to array_like
             Names of the two sides -> their cells: numbers or a mask.
 
         Raises
         ------
         MeshError
-            The sides have a cell in common or no common edge or face; an edge would have a tip at both ends, in space
-            a face all its nodes at the front; or the name is taken.
+            The sides have a cell in common, or no common edge or face; an edge would have crack tips at both ends, or
+            all nodes of a face would lie on the crack front; or the name is taken.
         """
         from vemcvx.meshes.cracks import open_crack
 
@@ -387,23 +388,23 @@ class Mesh(ABC):
         Warns
         -----
         MeshWarning
-            Cells are so stretched or dented, or in the plane have such short edges, that the constants of the method
-            grow: see :mod:`vemcvx.meshes.quality`.
+            Stretched or dented cells, or in the plane very short edges, make the constants of the method grow: see
+            :mod:`vemcvx.meshes.quality`.
         """
         from vemcvx.meshes.quality import quality_of
 
         return quality_of(self)
 
     def write(self: Any, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data; `read` restores them bit by bit from .vtu.
+        """Write the mesh, its named boundaries and cell data; `read` restores them exactly from a .vtu file.
 
         Parameters
         ----------
         path : str or Path
-            The suffix determines the format. A .vtu file holds every mesh. Files of Gmsh (.msh), Abaqus (.inp) and
-            Nastran (.bdf, .nas, .fem) hold triangles and quads, in space tetrahedra, hexahedra, wedges and, except
-            Abaqus, pyramids. Gmsh files also keep names of the boundary, and sets of cells (data of zeros and ones)
-            that do not overlap.
+            The suffix determines the format. A .vtu file can hold any mesh. Files of Gmsh (.msh), Abaqus (.inp) and
+            Nastran (.bdf, .nas, .fem) can hold triangles and quads, in space tetrahedra, hexahedra and wedges; Gmsh
+            and Nastran also pyramids. Gmsh files also keep names of boundaries, and cell data of zeros and ones that
+            mark disjoint sets of cells.
 
         Raises
         ------
@@ -420,7 +421,7 @@ class Mesh(ABC):
         write(path, self)
 
     def to(self: Any, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
-        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the way back.
+        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the inverse.
 
         Parameters
         ----------
@@ -430,27 +431,26 @@ class Mesh(ABC):
         Returns
         -------
         meshio.Mesh
-            Polygons in blocks of one number of vertices; in space tetrahedra, hexahedra, wedges and pyramids in blocks
-            of one kind. Then come blocks of boundary lines (triangles or quadrilaterals); the cell datum
-            "boundary:<name>" is 1 on a named boundary. If blocks permute the cells, the datum "vemcvx:cell" has their
-            numbers.
+            Each block has polygons with one number of vertices; in space tetrahedra, hexahedra, wedges or pyramids.
+            Then come blocks of boundary lines (in space: triangles or quadrilaterals). The cell datum "boundary:<name>"
+            is 1 on a named boundary. If blocks permute the cells, the datum "vemcvx:cell" has their original numbers.
         skfem.MeshTri, MeshQuad, MeshTet or MeshHex
-            With named boundaries; cell data of zeros and ones are subdomains.
+            Named boundaries are kept; cell data of zeros and ones become subdomains.
         pyvista.UnstructuredGrid
-            Cells in their order, with their data. The field datum "boundary:<name>" has the edges (m, 2) of a named
+            Cells keep their order and their data. The field datum "boundary:<name>" has the edges (m, 2) of a named
             boundary, in space a row of vertices for each face, padded with -1.
 
         Raises
         ------
         MeshError
-            The library is none of these, or has no such cells (scikit-fem needs cells of a single kind).
+            The library is not supported, or cannot hold these cells (scikit-fem needs cells of a single kind).
         VemcvxError
             The library is not installed.
 
         Warns
         -----
         MeshWarning
-            scikit-fem does not keep other cell data.
+            scikit-fem does not keep cell data other than zeros and ones.
         """
         from vemcvx.meshes.io.objects import to_object
 
@@ -490,7 +490,7 @@ class Mesh(ABC):
 
 
 def straight_sides(mesh: Mesh) -> dict[str, Ints]:
-    """Return the edges or faces where a coordinate is extreme, named like the sides in families, if any."""
+    """Return the edges or faces where a coordinate is extreme, named "left", "right" ... as in mesh families."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     # sides of a mesh that was moved or scaled are straight up to rounding
     rounding = SAME * float((high - low).max())

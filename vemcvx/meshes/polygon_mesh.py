@@ -149,7 +149,7 @@ class PolygonMesh(Mesh):
         return polygons.positions(parts, self._boundary, self.n_nodes)
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
-        """Return the mesh of prisms over these cells, one layer between consecutive heights.
+        """Return the mesh of prisms over the cells of this mesh, one layer between consecutive heights.
 
         Parameters
         ----------
@@ -159,9 +159,9 @@ class PolygonMesh(Mesh):
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells layer by layer, each layer in the order of this mesh. Cells have the data of the polygons
-            below them. Faces above a named boundary edge or interface have its name, except that "bottom" becomes
-            "front" and "top" becomes "back": in space "bottom" and "top" are the lowest and highest polygons.
+            Nodes and cells layer by layer, each layer in the order of this mesh. Cells inherit the data of their
+            polygons. The faces above a boundary or interface have its name, except that "bottom" becomes "front" and
+            "top" becomes "back": in space "bottom" and "top" are the lowest and highest polygons.
 
         Raises
         ------
@@ -183,7 +183,7 @@ class PolygonMesh(Mesh):
         displacement: ArrayLike | None = None,
         **style: object,
     ) -> Axes:
-        """Draw the cells, coloured by ``values`` if given; on new axes without values, label the named boundaries.
+        """Draw the cells, coloured by ``values`` if given. Without ``values`` and ``ax``, label the named boundaries.
 
         Parameters
         ----------
@@ -225,7 +225,7 @@ NAMES_IN_SPACE = {"bottom": "front", "top": "back"}
 
 def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     """Return the prisms over the cells of a plane mesh: see :meth:`vemcvx.PolygonMesh.extruded`."""
-    wanted = "heights must be at least two increasing numbers, the z of the layers' faces"
+    wanted = "heights must be at least two increasing numbers, the values of z that bound the layers"
     given = plain(heights)
     if given is None or given.ndim != 1 or given.dtype.kind not in "iuf" or len(given) < 2:
         raise MeshError(f"{wanted}; got {heights!r}.")
@@ -273,9 +273,9 @@ def _names_in_space(mesh: PolygonMesh) -> dict[str, Ints]:
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Return the faces of one layer, outwards, cell by cell: offsets, vertices and cells.
+    """Return the faces of the prisms in one layer, cell by cell: offsets, vertices and the cell of each face.
 
-    Vertices of the upper level are numbered from n_nodes on.
+    Normals of faces point outwards. Vertices of the upper level are numbered from n_nodes on.
     """
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
@@ -297,9 +297,9 @@ def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
     mesh : Mesh
         Any mesh.
     subject : str
-        The feature that needs a plane mesh, for the message.
+        The feature that needs a plane mesh, for the error message.
     instead : str
-        What to do instead, for the message.
+        A remedy, for the error message.
 
     Returns
     -------

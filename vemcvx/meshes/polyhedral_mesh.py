@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
-    Cells are polyhedra with plane faces. Neighbouring cells share whole faces: a large cell beside four small cells has
-    four coplanar faces there. Neither cells nor faces need be convex.
+    Cells are polyhedra with plane faces. Neighbouring cells share whole faces: a large cell has four coplanar faces
+    where it meets four small cells. Neither cells nor faces need be convex.
 
     Parameters
     ----------
     points : (n_nodes, 3) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
-        Faces of each cell; a face lists its vertices counter-clockwise seen from outside. Clockwise faces are
-        reversed, with a `MeshWarning`.
+        Faces of each cell. A face lists its vertices counter-clockwise as seen from outside the cell. Clockwise faces
+        are reversed, with a `MeshWarning`.
     boundaries : mapping of str to array_like, optional
         Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" is reserved for the
         whole boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
@@ -111,7 +111,7 @@ class PolyhedralMesh(Mesh):
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:
-        """Vertex numbers of the faces of each cell, counter-clockwise from outside, as given to `PolyhedralMesh`."""
+        """Vertices of the faces of each cell, counter-clockwise seen from outside, as given to `PolyhedralMesh`."""
         forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
         listed = [
             forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])
@@ -131,7 +131,7 @@ class PolyhedralMesh(Mesh):
 
     @property
     def faces(self) -> polyhedra.Faces:
-        """The arrays of faces of cells and of vertices of faces, as one tuple."""
+        """The arrays ``face_offsets``, ``face_vertices``, ``cell_offsets``, ``cell_faces``, ``face_cells`` together."""
         return polyhedra.Faces(
             self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
         )

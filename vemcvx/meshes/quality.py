@@ -1,25 +1,25 @@
 r"""The shapes of cells: two ratios that determine the constants of Assumption 3.3 of the paper.
 
 By Assumption 3.3 every cell K can be split into shape-regular triangles of a size comparable to h_K, and each edge of K
-is a side of a triangle. Its constants depend on two ratios only (L. Chen and J. Huang, Some error
+is a side of a triangle. The constants of the assumption depend on two ratios only (L. Chen and J. Huang, Some error
 analysis on virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with
 small edges or faces, 2018):
 
-- star: rho_K / h_K, with rho_K the radius of the largest ball about all of whose points K is star-shaped;
-- edge: the shortest edge / h_K.
+- star: rho_K / h_K, where rho_K is the radius of the largest ball such that K is star-shaped about all its points;
+- edge: the length of the shortest edge / h_K.
 
 K is star-shaped about x if x is on the inner side of all edges (faces). Hence
 
-$$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward normal, } a_e \text{ a point on } e, $$
+$$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward normal, } a_e \text{ a point on } e. $$
 
-the radius of the inscribed circle (sphere) if K is convex. It is negative if K is not star-shaped; then star is 0. In x
-and rho this is a linear program with a row n_e . x + rho <= n_e . a_e for every side; HiGHS solves the programs of
-thousands of cells at once.
+If K is convex, rho_K is the radius of the largest inscribed circle (sphere). If K is not star-shaped, rho_K is
+negative, and star is set to 0. Finding x and rho is a linear program with a row n_e . x + rho <= n_e . a_e for every
+side. HiGHS solves the programs of thousands of cells at once.
 
-The effect on the method: by (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside
-the range of Pi. On a regular hexagon S / a_mu is 1.0 to 1.9. Stretched ten to one (star .043), the ratio is .20 to 18;
-at a hundred to one, .020 to 195: the aspect ratio, both ways. Square cells with a dent that leaves star .01 have .47 to
-9.5. A short edge costs a logarithm: .65 to 2.5 at edge .1, .13 to 2.5 at 1e-4 (problems/stabilisation_spectrum.py).
+By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. On a
+regular hexagon S / a_mu is 1.0 to 1.9, on one stretched ten to one (star .043) .20 to 18, stretched a hundred to one
+.020 to 195: the error is a factor of about the aspect ratio. On squares with a dent (star .01) it is .47 to 9.5. If one
+edge is short, it is .65 to 2.5 at edge .1, and .13 to 2.5 at 1e-4: a logarithm (problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, right_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 LEAST_STAR, LEAST_EDGE = 0.05, 1e-4
-"""Ratios below which a warning is issued. At star .05, cells are stretched nine to one and S / a_mu varies by a factor
-of seventy; at edge 1e-4, S is an eighth of the energy."""
+"""Ratios below which a warning is issued. At star .05, cells are stretched nine to one, and the largest S / a_mu is
+seventy times the smallest. At edge 1e-4, S can be an eighth of the energy."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,10 +51,10 @@ class Quality(Outlined):
     Attributes
     ----------
     star : (n_cells,)
-        Radius over cell diameter of the largest ball about whose points the cell is star-shaped; 0 if there is none. At
-        most 1/2: a square has .35, a regular hexagon .43, a cube .29.
+        Radius divided by cell diameter, of the largest ball such that the cell is star-shaped about all its points; 0
+        if there is none. At most 1/2: a square has .35, a regular hexagon .43, a cube .29.
     edge : (n_cells,)
-        Shortest edge over diameter.
+        Length of the shortest edge divided by the cell diameter.
     in_plane : bool
         True for a plane mesh. The effect of short edges is measured in the plane only.
     """
@@ -78,7 +78,7 @@ class Quality(Outlined):
                 self.star,
                 LEAST_STAR,
                 "are stretched, dented or not star-shaped (star < .05): the stabilisation is too large or too small "
-                "by factors up to their aspect ratio; cut them across, or remesh",
+                "by factors up to their aspect ratio; cut the cells across, or remesh",
             ),
             (
                 self.edge if self.in_plane else np.ones_like(self.edge),
@@ -131,7 +131,7 @@ class Walls(NamedTuple):
 
     offsets: Ints
     normals: Floats  # (k, dim) outward unit normals
-    away: Floats  # (k,) distance from the centroid of the cell, over its diameter
+    away: Floats  # (k,) distance from the centroid of the cell, divided by its diameter
     lengths: Floats  # (k,) length of the edge, in space of the shortest edge of the face
 
 
@@ -152,12 +152,12 @@ def walls_of(mesh: Mesh) -> Walls:
 
 
 def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return the edges that start at the corners, as vectors."""
+    """Return, for each corner, the vector of the edge that starts there."""
     return points[vertices[next_corner(offsets)]] - points[vertices]
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Return centres (c, dim) relative to centroids, and radii rho_K (c,), both over h_K, from the walls of c cells."""
+    """Return centres (c, dim) relative to centroids and radii rho_K (c,), divided by h_K, from the walls of c cells."""
     from scipy.optimize import linprog
 
     size, cells = normals.shape[1] + 1, len(offsets) - 1

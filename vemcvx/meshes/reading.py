@@ -24,15 +24,15 @@ from vemcvx.meshes.several_bodies import describe_gaps, join
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
-    The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra. Hexahedra, wedges and
-    pyramids must have plane faces. Where faces would be warped, mesh with tetrahedra, or make cells whose warped faces
-    are split into two triangles, the same two in both cells. Cells of higher order (triangle6, quad8, tetra10,
-    hexahedron20 ...) are read as their corners, with straight edges.
+    The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra. Their faces must be
+    plane. Where faces would be warped, use tetrahedra, or split each warped face into two triangles, in both of its
+    cells alike. Of cells of higher order (triangle6, quad8, tetra10, hexahedron20 ...) only the corners are read; edges
+    become straight.
 
-    Named boundaries come from the names that a mesh's `write` stored, the physical groups of lines (in space: surfaces)
-    of a Gmsh file, the node sets and surfaces of an Abaqus file, or the properties of a Nastran file. Cell data are
-    kept. A physical group or element set becomes a cell datum: 1 in the group, 0 outside. A group without a name is
-    named by its number. Nodes and cells keep their order. A constant third coordinate of a plane mesh is dropped.
+    Named boundaries come from the file: names written by a mesh's `write`, physical groups of lines (in space:
+    surfaces) of Gmsh, node sets and surfaces of Abaqus, or properties of Nastran. Cell data are kept. A physical group
+    or element set becomes a cell datum: 1 in the group, 0 outside. A group without a name is named by its number. Nodes
+    and cells keep their order. A constant third coordinate of a plane mesh is dropped.
 
     If the file names no part of the boundary, the edges or faces where x, y or z is least or greatest get the names of
     the sides of a box ("left", "right", "bottom" and "top" in the plane), and a `MeshWarning` lists the names.
@@ -43,10 +43,10 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Make one body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (or
-        else of every element set), or of every property of a Nastran file. :func:`vemcvx.meshes.bodies` joins them:
-        where two bodies meet, in shared or double nodes, there is an interface. A boundary is called "plate.rim". An
-        interface is called "plate|pin", or by the file's name for it if there is exactly one for all of it. Other names
-        that lie entirely on interfaces become parts of them, under the same name.
+        of element sets, if it has no parts), or of every property of a Nastran file. The bodies are joined as by
+        :func:`vemcvx.meshes.bodies`; where two meet, they may share nodes or not. A boundary "rim" of "plate" is called
+        "plate.rim". An interface is called "plate|pin", or by its name in the file if exactly one name stands for the
+        whole interface. Other names that lie entirely on interfaces name these parts.
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
@@ -64,8 +64,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were reversed, unused nodes dropped, cells of higher order read as their corners, named lines or faces
-        inside the mesh left out, sides named, parts of the file not read; or a body touches no other body.
+        Cells were reversed; unused nodes, inner nodes of higher order, or named lines or faces inside the mesh were
+        dropped; sides were named; parts of the file were not read; or a body touches no other body.
 
     Examples
     --------
@@ -94,9 +94,9 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the named sides of bodies that lie entirely on interfaces: name -> positions of pieces of first bodies.
+    """Return the named sides that lie entirely on interfaces: name -> positions in the boundary, on first bodies.
 
-    `origin` has the original edge or face of each piece of the boundary, `sides` the names in the file.
+    `origin` has the original edge or face of each piece of the boundary; `sides` has the names in the file.
     """
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
@@ -113,7 +113,7 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 def convert(other: Any) -> PolygonMesh | Any:
     """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
 
-    Order, names and data are kept, sides without names are named, and the mesh is checked, as in :func:`read`.
+    As in :func:`read`, order, names and data are kept, sides are named if nothing is, and the mesh is checked.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None, *, balance: bool = Tr
     mesh : PolygonMesh or PolyhedralMesh
         Any plane mesh, or a mesh of tetrahedra. Other meshes in space can only be refined globally.
     cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-        Cells to split; by default all. A tetrahedron is split in two, or in at least eight if all cells are split.
+        Cells to split; tetrahedra at least in two. By default all cells are split, tetrahedra at least in eight.
     balance : bool
         In the plane, also split cells until no side gets a second hanging node. In space there are no hanging nodes:
         neighbours of split tetrahedra are split as well.
@@ -42,8 +42,8 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None, *, balance: bool = Tr
     ------
     MeshError
         ``cells`` are neither numbers of cells nor one bool per cell; an edge to split is as short as rounding errors;
-        some cells of a mesh in space are no tetrahedra, and not all cells are to be split; parts of polyhedra would not
-        have plane faces.
+        only some cells of a mesh in space are to be split, and not all cells are tetrahedra; or the parts of a
+        polyhedron would have faces that are not plane.
 
     Examples
     --------

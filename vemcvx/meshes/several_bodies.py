@@ -1,11 +1,11 @@
 """Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-The nodes and cells of all bodies go into one mesh. Nodes of different bodies within the tolerance share a place: the
-position of the node of the first body. A node within the tolerance of an edge of another body becomes a hanging vertex
+The nodes and cells of all bodies go into one mesh. If nodes of different bodies are within the tolerance, they move to
+the node of the first of these bodies. A node within the tolerance of an edge of another body becomes a hanging vertex
 of this edge. If the node belongs to a later body and is off the edge by more than rounding, it first moves to the
-nearest point of the edge. So the earlier body keeps its outline, the later one adopts it, and both have the same nodes
-along the common part. In space, boundaries coincide in planes, or if both bodies have the same nodes there; the faces
-of both are overlaid: :mod:`.overlay`. For cracks in a single body see :mod:`.cracks`.
+nearest point of the edge. So the earlier body keeps its outline, the later body adopts it, and both have the same nodes
+along the common part. In space, boundaries can coincide in planes, or where both bodies have the same nodes; the faces
+of both bodies are overlaid: :mod:`.overlay`. For cracks in a single body see :mod:`.cracks`.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
 NARROW_BETWEEN_BODIES = 1e-3
-"""Relative to the lowest cell, the width of gaps that are errors: bodies from files with six digits or less."""
+"""Width below which a gap is an error, relative to the height of the lowest cell; files may have only six digits."""
 FACING_COSINE = -0.5
-"""Largest cosine of the outward normals of faces that face each other; flush bodies have nearby faces that do not."""
+"""Largest cosine between the outward normals of two faces that count as facing each other."""
 BODY = "body"
 RESERVED_CHARACTERS = (".", "|")
 
@@ -61,10 +61,10 @@ def bodies(
 ) -> AnyKind:
     """Join the meshes of several bodies to one, with an interface wherever boundaries of two bodies coincide.
 
-    Along an interface the nodes of each body become hanging vertices of the cells of the other body. Each body keeps
-    its own node in each place. In space, the faces along an interface are the intersections of the faces of both
-    bodies; along curved surfaces both bodies must have the same nodes. Bodies need not touch, but must not overlap or
-    leave a gap that is too narrow.
+    Along an interface, the cells of each body get hanging vertices at the nodes of the other body; coinciding nodes
+    stay separate. In space, the faces along an interface are the intersections of the faces of both bodies; along
+    curved surfaces both bodies must have the same nodes. Bodies need not touch, but must not overlap or leave a very
+    narrow gap.
 
     Parameters
     ----------
@@ -76,24 +76,24 @@ def bodies(
     tolerance : float, optional
         Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
         the plane, nodes of the later body move to the nearest points of the earlier body, which keeps its shape. For
-        example, two polygons of one circle are up to h^2 / (8 R) apart if their edges have length h. In space, nodes of
-        two bodies within four times the tolerance move together, and faces coincide if they are in one plane.
+        example, two polygons with edges h inscribed in a circle of radius R are up to h^2 / (8 R) apart. In space,
+        nodes of two bodies within four times the tolerance move together, and faces coincide if they are in one plane.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        Cells of the bodies one after the other; their nodes likewise, new nodes last. ``mesh.interfaces`` maps names to
-        `Interface`. ``mesh.boundaries`` has the edges (in space: faces) of the first body of each interface, and
-        "lower.left" for the part of the boundary "left" of "lower" outside interfaces, if there is one. Cell data are
-        kept, zero on other bodies. The datum "body" is the number of the body, and a datum named like a body is 1 on
-        its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
+        The cells and nodes of the first body, then of the second, and so on; new nodes last. ``mesh.interfaces`` maps
+        names to `Interface`. ``mesh.boundaries`` maps the name of an interface to edges (in space: faces) of its first
+        body. The boundary "left" of the body "lower" is called "lower.left", without its part on interfaces. Cell data
+        are kept, and are zero on other bodies. The cell datum "body" is the number of the body. The name of a body is
+        also a cell datum, 1 on its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
 
     Raises
     ------
     MeshError
         Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap that is wider than the
-        tolerance but too narrow; curved surfaces in space have different nodes; two bodies have no interface to be
-        named; names clash.
+        tolerance but less than 1e-3 of the height of the lowest cell; curved surfaces in space have different nodes;
+        `interfaces` names two bodies that have no interface; or names clash.
 
     Examples
     --------
@@ -175,7 +175,7 @@ class JoinedBodies(NamedTuple, Generic[AnyKind]):
 
 
 def _side_by_side(meshes: list[Any]) -> Any:
-    """Return one mesh of all bodies, without common nodes; nodes, faces and cells keep their order."""
+    """Return one mesh of all bodies, in which bodies share no nodes; nodes, faces and cells keep their order."""
     kind, arrays = type(meshes[0]), []
     for name in kind.ARRAYS:
         own = [getattr(mesh, name) for mesh in meshes]
@@ -190,7 +190,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return the first node in the place of each node; raise MeshError if a body has two nodes in one place."""
+    """Return, for each node, the first node that coincides with it; raise MeshError if both are of one body."""
     nodes = distinct(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -226,7 +226,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, and nodes (q,) to insert into boundary edges (q,), in order along each edge."""
+    """Return the moved points, the nodes (q,) to insert, and their boundary edges (q,), in order along each edge."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -235,7 +235,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # the nearest edge of each body that has no node in the place
+    # the nearest edge of each body that has no node at this position
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~among(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
@@ -252,7 +252,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
     return points, node[order], edge[order]
 
 
-# Their interfaces.
+# Names of interfaces.
 
 
 def _by_name(
@@ -341,7 +341,7 @@ def _hardly_apart(names: tuple[str, ...], pair: Ints, distance: float, at: Float
 
 
 def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) -> None:
-    """Raise MeshError if bodies share a place without an interface."""
+    """Raise MeshError if nodes of two bodies coincide outside interfaces."""
     mesh, body, place = joined.mesh, joined.body, joined.place
     alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
     if len(alone):
@@ -427,7 +427,7 @@ def _check_outside(
 
 
 def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError if different faces of two bodies face each other and have all nodes in common places."""
+    """Raise MeshError if two bodies enclose a pocket: faces that face each other, with coinciding nodes, but differ."""
     free = mesh._boundary[mesh._outer]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     shared = np.bincount(place)[place] > 1
@@ -452,7 +452,7 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # a group of all cells in a file, named like the body
+                continue  # a group in a file that contains all cells of the body and has its name
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

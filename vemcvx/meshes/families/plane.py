@@ -35,14 +35,14 @@ def squares(
     Parameters
     ----------
     n : int or (int, int)
-        Number of cells across the shortest side of the box; along the other side cells are as near to squares as
+        Number of cells along the shortest side of the box; along the other side cells are as near to squares as
         possible. Or the numbers of cells along x and y.
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
-        Seed of random numbers: the same seed gives the same mesh. This mesh has nothing random.
+        Seed of random numbers: the same seed gives the same mesh. This mesh does not depend on it.
     size : float
-        Width of a cell, instead of n; the nearest width that fits is used.
+        Width of a cell, instead of n; it is rounded so that whole cells fill the box.
 
     Returns
     -------
@@ -53,8 +53,8 @@ def squares(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both or neither are given, or box is not a
-        rectangle.
+        n is not a positive whole number, size is not a positive length, both n and size or neither is given, or box is
+        not a rectangle.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
 def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
     """Return the mesh of the points marked as ``present``.
 
-    The rows (n_cells, k) list points of each cell, counter-clockwise; absent points and entries -1 are left out.
+    The rows (n_cells, k) list the points of each cell, counter-clockwise; unmarked points and entries -1 are left out.
     """
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
@@ -89,7 +89,7 @@ def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> Poly
 def triangles(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with right-angled triangles, two per square of `squares`; n and 2 n are nested.
+    """Return a mesh of a box with right-angled triangles, two per square; the meshes for n and 2 n are nested.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def triangles(
     Returns
     -------
     PolygonMesh
-        Nodes row by row; the lower, then the upper triangle of each square.
+        Nodes are in the order of `squares`; the lower triangle of each square comes before the upper.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # row k has upright edges where k + i is even; there the line below it is high and the line above it low
+    # row k of cells has an upright edge at column i if k + i is even; there its lower zigzag is high, its upper is low
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
@@ -173,8 +173,8 @@ def distorted(
     ----------
     n, box, seed, size : as in `squares`
     amount : float
-        In [0, 1): inner nodes move along each axis by up to this fraction of half a cell. Below 1 nodes stay in
-        disjoint boxes, so opposite edges of a cell never meet and every cell is valid.
+        In [0, 1): inner nodes move along each axis by up to this fraction of half a cell. Below 1, every cell is valid,
+        because the boxes in which its nodes move are disjoint.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def distorted(
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
-# Nodes of a 3 x 3 block, numbered from the lower left row by row: once around it, and around its four quarters.
+# Nodes of a 3 x 3 block, numbered row by row from the lower left: around the block, and around its four quarters.
 AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])
 QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
 
@@ -261,8 +261,8 @@ def nonconvex(
     ----------
     n, box, seed, size : as in `squares`
     zigzag : float
-        In [0, 1/3): inner edges are zigzag lines whose third points are off by this fraction of a cell. Below 1/3 the
-        edges at a corner do not meet.
+        In [0, 1/3): each inner edge becomes a zigzag line with two inner nodes, at one and two thirds of the edge,
+        which are off the edge by this fraction of a cell. Below 1/3, edges do not intersect.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def nonconvex(
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    # two nodes per edge, level edges first: to the left at one third, to the right at two thirds
+    # two nodes per edge, horizontal edges first: left of the edge at one third, right of it at two thirds
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
@@ -315,8 +315,8 @@ def l_shape(
     Parameters
     ----------
     n : int or (int, int)
-        As in `squares`, but rounded to even numbers, so that the re-entrant corner is a node; or the even numbers of
-        cells along the bottom and left sides.
+        As in `squares`, but numbers of cells are rounded to even, so that the re-entrant corner is a node. A pair
+        (nx, ny) must be even.
     box : ((x0, x1), (y0, y1))
         The rectangle around the L; its upper right quarter is left out.
     seed, size : as in `squares`
@@ -324,8 +324,8 @@ def l_shape(
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), and
-        "inner_right" and "inner_top", which meet in the re-entrant corner and face right and up.
+        Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right"
+        and "inner_top". The last two meet in the re-entrant corner and have normals to the right and upwards.
 
     Raises
     ------
@@ -357,24 +357,24 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
 
     ``ring(...).extruded(heights)`` is a tube of hexahedra, or a cylinder of wedges and hexahedra. Circles become
-    polygons with s sides: the area of the disc is too small by the fraction 2 pi^2 / (3 s^2), and sides are at most
-    r (1 - cos(pi / s)) inside the circle of radius r.
+    polygons with s sides. So the area of a disc is too small by about the fraction 2 pi^2 / (3 s^2), and sides are at
+    most r (1 - cos(pi / s)) inside the circle of radius r.
 
     Parameters
     ----------
     radii : (k,) array
         Increasing radii of k >= 2 circles; ``np.geomspace(a, b, k)`` gives cells of one shape. If the first radius is
-        0, the body is a disc, with triangles about the centre.
+        0, the domain is a disc, with triangles about the centre.
     sectors : int
-        Number of sides of a circle: at least 3 for a full circle, and more than the angle over pi.
+        Number of sides around the full circle or the sector; each must span less than pi.
     angles : (float, float), optional
         Angles of the first and last ray, counter-clockwise from x, in radians; by default a full circle.
 
     Returns
     -------
     PolygonMesh
-        Nodes and cells circle by circle, a centre first, counter-clockwise from the first ray. Boundaries "outer",
-        "inner" (unless a disc), and "first" and "last" (the rays of a sector).
+        Nodes and cells circle by circle, counter-clockwise from the first ray; the centre of a disc comes first.
+        Boundaries "outer", "inner" (not for a disc), and "first" and "last" (the rays of a sector).
 
     Raises
     ------

@@ -29,17 +29,17 @@ def cubes(
     Parameters
     ----------
     n : int or (int, int, int)
-        Number of cells across the shortest side of the box; along the other sides cells are as near to cubes as
+        Number of cells along the shortest side of the box; along the other sides cells are as near to cubes as
         possible. Or the numbers of cells along x, y and z.
     box : ((x0, x1), (y0, y1), (z0, z1))
         The box to mesh.
     seed : int
-        Seed of random numbers: the same seed gives the same mesh. This mesh has nothing random.
+        Seed of random numbers: the same seed gives the same mesh. This mesh does not depend on it.
     size : float
-        Width of a cell, instead of n; the nearest width that fits is used.
+        Width of a cell, instead of n; it is rounded so that whole cells fill the box.
     grade : number or (number, number, number)
-        Width of the last cell over the width of the first, along all axes or for each; widths are a geometric sequence.
-        Only `cubes` and `tetrahedra` have this parameter.
+        Width of the last cell divided by the width of the first, for all axes or for each axis; widths form a geometric
+        sequence. Only `cubes` and `tetrahedra` have this parameter.
 
     Returns
     -------
@@ -50,8 +50,8 @@ def cubes(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both or neither are given, box is no box, or a
-        grade is not positive.
+        n is not a positive whole number, size is not a positive length, both n and size or neither is given, box is not
+        a box, or a grade is not positive.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | None = None) -> tuple[Floats, Ints]:
-    """Return nodes, layer by layer, and the corners (n_cells, 8) of cells: around the bottom, then around the top."""
+    """Return nodes, layer by layer, and corners (n_cells, 8): of each cell around the bottom, then around the top."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts, grades=grades)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
@@ -76,17 +76,17 @@ def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | Non
 
 
 def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
-    """Return the mesh of cells with equal numbers of faces and vertices: (n_cells, faces, vertices), outwards."""
+    """Return the mesh of cells of one kind, from the vertices of their faces (n_cells, faces, vertices), outwards."""
     cells, each, sides = faces.shape
     joined = join_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
     return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
-# Cubes split into six tetrahedra about the diagonal from the lowest to the highest corner, which fit face to face.
+# Cubes split into six tetrahedra about the diagonal from the lowest to the highest corner.
 #
-# There is a tetrahedron for each order of the axes: from the lowest corner along the first axis, then the second, then
-# the third (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). All are congruent up to reflection, and the meshes for n
-# and 2 n are nested.
+# For each order of the axes, one tetrahedron has the vertices of the path from the lowest corner along the first axis,
+# then the second, then the third (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). Tetrahedra of neighbouring cubes
+# share whole faces. All are congruent up to reflection, and the meshes for n and 2 n are nested.
 
 
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
@@ -133,7 +133,7 @@ def prisms(
     Parameters
     ----------
     n, box, seed, size : as in `cubes`
-        There are as many cells as in `cubes`.
+        The number of cells is the same as in `cubes`.
 
     Returns
     -------
@@ -153,9 +153,9 @@ def prisms(
 
 # Truncated octahedra, which fill space: the cells of Kelvin's foam, with plane faces.
 #
-# There is a cell about the centre of each cube of a grid, and a cell about each node, of which a half, a quarter or an
-# eighth remains at the sides of the box. Coordinates are whole numbers, in quarters of a cube: the vertices of a cell
-# about the origin are all permutations of (0, +-1, +-2) (W. Thomson, Phil. Mag. 24 (1887), 503-514).
+# There is a cell about the centre of each cube of a grid, and a cell about each node. Cells about nodes on the boundary
+# of the box are cut to a half, a quarter or an eighth. The unit of length is a quarter of a cube: the vertices of a
+# cell about the origin are all permutations of (0, +-1, +-2) (W. Thomson, Phil. Mag. 24 (1887), 503-514).
 
 
 VERTICES = np.array([v for v in product(range(-2, 3), repeat=3) if sorted(map(abs, v)) == [0, 1, 2]])
@@ -164,7 +164,7 @@ VERTICES = np.array([v for v in product(range(-2, 3), repeat=3) if sorted(map(ab
 def kelvin(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with truncated octahedra; at its sides they are halves, quarters and eighths.
+    """Return a mesh of a box with truncated octahedra; at the sides of the box, cells are cut to parts of them.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def _grid(counts: Ints) -> Ints:
 
 
 def _faces(cut: tuple[int, ...]) -> list[Ints]:
-    """Return the faces (k, 3) of a cell about the origin, outwards, clipped where cut[axis] * x[axis] > 0."""
+    """Return the faces (k, 3) of a cell about the origin, with outward normals; clip where cut[axis] * x[axis] > 0."""
     outwards = [np.array(signs) for signs in product((-1, 1), repeat=3)]
     outwards += [sign * axis for axis in np.eye(3, dtype=np.int64) for sign in (-1, 1)]
     planes = [(out, 3 if out.all() else 2) for out in outwards]

@@ -1,12 +1,12 @@
 """Centroidal Voronoi meshes of a box: in the plane, with short edges collapsed, and in space.
 
-Seeds near a side of the box are reflected in it, so that the side consists of sides of Voronoi cells and no cell needs
-to be cut. Lloyd's iteration then moves every seed to the centroid of its cell. Both ideas, and the collapse of short
-edges at the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip.
-Optim. 45, 2012, 309-328). In space short edges remain: moving a vertex of four cells would make their faces nonplanar.
+Seeds near a side of the box are reflected in it. So this side consists of sides of Voronoi cells, and no cell needs to
+be cut. Lloyd's iteration moves every seed to the centroid of its cell. Both ideas, and the collapse of short edges at
+the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45,
+2012, 309-328). In space short edges remain: moving a vertex of four cells would make their faces nonplanar.
 
-The unit of length is the width of a cell, the root of the mean area or volume. Four seeds on a circle give two vertices
-that differ by rounding errors only; at the sides of the box, where seeds meet their images, this is usual.
+The unit of length is the square root of the mean area (in space: the cube root of the mean volume). If four seeds lie
+on one circle, two vertices differ by rounding errors only; two seeds and their images at a side always lie on one.
 """
 
 from __future__ import annotations
@@ -68,13 +68,13 @@ def voronoi(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        There are as many cells as in `squares`.
+        The number of cells is the same as in `squares`.
     cells : int, optional
         Number of cells, instead of n or size.
     relaxations : int
-        Lloyd iterations; 0 keeps the raw Voronoi cells of the random seeds.
+        Lloyd iterations; 0 keeps the Voronoi cells of the random seeds.
     shortest : float
-        Edges shorter than this fraction of the root of the mean cell area are collapsed; 0 keeps all.
+        Edges shorter than this fraction of the square root of the mean cell area are collapsed; 0 keeps all edges.
 
     Returns
     -------
@@ -123,16 +123,16 @@ def voronoi3(
     Parameters
     ----------
     n, box, seed, size : as in `cubes`
-        There are as many cells as in `cubes`.
+        The number of cells is the same as in `cubes`.
     cells : int, optional
         Number of cells, instead of n or size.
     relaxations : int
-        Lloyd iterations, each of which takes as long as a mesh; 0 keeps the raw Voronoi cells of the random seeds.
+        Lloyd iterations, each of which builds all cells anew; 0 keeps the Voronoi cells of the random seeds.
 
     Returns
     -------
     PolyhedralMesh
-        Cells and nodes are sorted by layers and rows one cell high. Faces are plane up to rounding; edges may be
+        Cells and nodes are sorted into layers and rows one cell high. Faces are plane up to rounding; edges may be
         arbitrarily short.
 
     Raises
@@ -161,7 +161,7 @@ def voronoi3(
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)
 """Offsets and vertices of polygons, or faces of polyhedra."""
 MIRROR_DISTANCE = {2: 3.0, 3: 2.0}
-"""Distance from a side up to which seeds are mirrored; a relaxed cell has width 1, a random cell may be wider."""
+"""Dimension -> distance from a side up to which seeds are mirrored; relaxed cells have widths of about 1."""
 
 
 def _relax(
@@ -170,7 +170,7 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # a few seeds may lie in one line with the nearest images, and then have no triangulation
+        # mirror all of a few seeds: these and only the nearest images might lie on one line, without a triangulation
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -201,7 +201,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return seeds and their images in near sides of [0, size], and the seed and the side (-1 for none) of each."""
+    """Return the seeds and their images in sides nearer than `reach`; for each, its seed, and its side (else -1)."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -215,7 +215,7 @@ def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, In
 
 
 def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[Ints, Ints]]:
-    """Return the Voronoi cells of the seeds, with a point for each Delaunay triangle.
+    """Return the points, one for each Delaunay triangle, and the Voronoi cells of the seeds.
 
     The vertices of a cell are the circumcentres of the triangles at its seed, sorted by direction from the seed.
     """
@@ -252,8 +252,8 @@ def collapse_short_edges(
 ) -> tuple[Floats, Ints, Ints]:
     """Collapse edges shorter than ``shortest``, each to its midpoint (or to its end on a side of [0, size]).
 
-    An edge stays if a triangle would vanish, or a cell would not be star-shaped about its centroid. A round collapses
-    edges of which no cell touches two, the shortest first; rounds continue until no edge is left.
+    An edge stays if a triangle would vanish, or a cell would not be star-shaped about its centroid. In each round, a
+    cell takes part in the collapse of one edge at most, shorter edges first; rounds end when no edge is left.
     """
     refused = np.empty((0, 2))  # midpoints of edges that must stay; node numbers change from round to round
     while True:
@@ -282,14 +282,14 @@ def collapse_short_edges(
 
 
 def _first_to_touch(edges: Ints, offsets: Ints, vertices: Ints) -> Ints:
-    """Return, for each cell, the first of the edges (m, 2) with a vertex of the cell, (n_cells,); m if none."""
+    """Return, for each cell, the first of the edges (m, 2) with an end at the cell, (n_cells,); m if there is none."""
     first = np.full(int(vertices.max()) + 1, len(edges))
     np.minimum.at(first, edges.ravel(), np.repeat(np.arange(len(edges)), 2))
     return np.minimum.reduceat(first[vertices], offsets[:-1])
 
 
 def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
-    """Drop vertices that repeat their successor, rows of fewer than three, unused points; also return the rows left."""
+    """Drop vertices equal to the next, rows of fewer than three vertices, unused points; also return the rows kept."""
     fresh = vertices != next_vertex(offsets, vertices)
     counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
     left = counts > 2
@@ -338,7 +338,7 @@ def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces
     found, count = Voronoi(sites), len(seeds)
     points, corners = found.vertices, found.ridge_vertices
     first, second = np.sort(found.ridge_points, axis=1).astype(np.int64).T
-    # faces between seeds, or a seed and its own image; other faces are rounding at the edges of the box
+    # keep faces between two seeds, or a seed and its own image; other faces are rounding errors at edges of the box
     kept = np.flatnonzero((first < count) & ((second < count) | (origin[second] == first)))
     kept = kept[np.lexsort((second[kept], first[kept]))]
     offsets = offsets_of(np.array([len(corners[k]) for k in kept]))

@@ -31,11 +31,13 @@ def reversal():
     return importlib.import_module("missed_reversal")
 
 
-def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), **options):
+def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), solver=None, **options):
     """Root of the mean cell area, relative energy and L2 errors."""
     rows = []
     for n in sizes:
-        history = vx.simulate(slip.scene(lam / (2 * (lam + slip.MU)), **options), slip.mesh(n, family), times)
+        history = vx.simulate(
+            slip.scene(lam / (2 * (lam + slip.MU)), **options), slip.mesh(n, family), times, solver=solver
+        )
         energy = vx.measures.energy_error(history, lambda x, t: slip.strain(x[:, 0], x[:, 1], t, lam))
         l2 = vx.measures.l2_error(history, lambda x, t: slip.displacement(x[:, 0], x[:, 1], t, lam))
         rows.append((history.mesh.n_cells**-0.5, energy.relative, l2.relative))
@@ -60,7 +62,9 @@ def test_first_order_in_the_mesh_size_whatever_lambda(slip, family):
     """
     sizes, found = (8, 16, 32, 64), []
     for lam in (1.0,) if family in OF_TRIANGLES else (1.0, 1e2, 1e4, 1e6):
-        h, energy, l2 = slip_errors(slip, family, lam, sizes, pulled=True)
+        # Round-off in K allows relative energy errors of 1e-6 at lambda = 1e6: see theory/incompressible.md.
+        solver = vx.Newton(accuracy=1e-5) if lam == 1e6 else None
+        h, energy, l2 = slip_errors(slip, family, lam, sizes, solver=solver, pulled=True)
         assert orders(h, energy).slope == FIRST, lam
         assert orders(h, l2).slope == SECOND, lam
         found.append(energy)
@@ -101,7 +105,7 @@ def test_first_order_in_the_step_where_a_reversal_is_missed(reversal, family):
     assert not contact[40].all()
     assert not contact[-1].all()
     runs = [vx.simulate(reversal.scene(), mesh, reversal.times(n)) for n in (2, 18, *steps)]
-    assert orders(1 / steps, [reversal.farthest(run, reference) for run in runs[2:]]).slope == FIRST
+    assert orders(1 / steps, [reversal.largest_distance(run, reference) for run in runs[2:]]).slope == FIRST
     at_end = [energy_distance(run, reference, kind="nodal").relative for run in runs]
     assert max(at_end[:2]) < 1e-8
     assert orders(1 / steps, at_end[2:]).slope == FIRST
@@ -111,7 +115,7 @@ def test_first_order_in_the_step_where_a_reversal_is_missed(reversal, family):
 def test_first_order_in_the_step_to_small_steps(reversal):
     mesh, steps = reversal.mesh(16, "voronoi"), 3 ** np.arange(2, 7)
     reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * steps[-1]))
-    errors = [reversal.farthest(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference) for n in steps]
+    errors = [reversal.largest_distance(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference) for n in steps]
     found = orders(1 / steps, errors)
     assert found.slope == FIRST
     assert found.successive == pytest.approx(np.ones(4), abs=0.1)

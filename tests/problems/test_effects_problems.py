@@ -30,7 +30,7 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
     assert end[[8, 16, 24]] == pytest.approx(bar.end_displacement(), rel=0.005)
     # The second heating ends where the first did: nothing remembers the cycle between.
     assert end[24] == pytest.approx(end[8], rel=1e-9)
-    assert history.dissipated[8] == pytest.approx(bar.first_loss(), rel=0.01)
+    assert history.dissipated[8] == pytest.approx(bar.first_dissipation(), rel=0.01)
     locked = mesh.centroids[:, 0] < bar.LENGTH - bar.slip_length() - 2 * bar.HEIGHT
     blocked = bar.YOUNG * bar.EXPANSION * bar.RISE
     assert np.abs(history.stress(8)[locked] - [-blocked, 0.0, 0.0]).max() < 0.005 * blocked

@@ -201,7 +201,7 @@ def test_constants_are_found_and_resultants_kept_and_what_presses_gives_pressure
     mesh = touching(turn)
     held = vx.Clamp(on=["lower.bottom", "upper.top"])
     surface = pose_scene(vx.Scene(vx.Elasticity(1.0, 0.3), held, vx.UnilateralContact(on="lower|upper")), mesh).surface
-    tiles, lengths = ContactTiles.of(surface, np.arange(len(surface)), surface, mesh), surface.lengths
+    tiles, lengths = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh), surface.lengths
     closed = mesh.points[surface.nodes, 0] < pattern
     forces = np.array([lengths, np.random.default_rng(1).exponential(1.0, len(lengths)) ** 3]) * closed
     found = tiles.recovered(forces, lengths, np.tile(closed, (2, 1)))

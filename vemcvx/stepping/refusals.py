@@ -63,7 +63,7 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
     if not reached < 0.5:
         return f"The answer is not reliable: {solver.advice}"
     if floor > accuracy:
-        return f"Round-off alone allows {floor:.1e}: ask for no more than that"
+        return f"Round-off alone allows {floor:.1e}: ask for accuracy={2 * reached:.0e} or more"
     return f"Ask for accuracy={2 * reached:.0e} or more, or {solver.advice}"
 
 

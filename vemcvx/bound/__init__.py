@@ -24,10 +24,10 @@ and h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_
 
 *Proof.* |e|^2 = (sigma - sigma_0 - C eps(v), eps(e)) <= l(e) + j(v) - j(u) - (sigma_0 + C eps(v), eps(e)) by (1). With
 (2) for w = e, l(e) = (tau, eps(e)) + int q e_t + p e_n, and j(v) - j(u) + int q e_t + p e_n = h(v) - h(u). This proves
-the first inequality. Its last term is not negative, so the second inequality follows from x^2 <= A x + b. For X = tau -
+the first inequality. Since h(u) >= inf h, the second inequality follows from x^2 <= A x + b. For X = tau -
 sigma, r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
-proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps it is (r, eps(e))
-+ h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
+proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps J(v) - J(u) =
+(r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
 Without friction and contact the third inequality is an equation: sigma is on the circle whose diameter connects
 sigma_0 + C eps(v) and tau.
@@ -36,9 +36,9 @@ sigma_0 + C eps(v) and tau.
 the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) for u +
 w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). The second inequality is the minimum of J(v + s w) over s.
 
-**Theorem 3** (quantities). With a dual pair z_h, tau_z, a linear q(u) is in an interval of the half width A_z (A^2 / 4
-+ b)^{1/2} around a number computed from both pairs. z_h must vanish, and tau_z must have no traction, where friction
-and obstacles act. Statement and proof: :mod:`.quantity`.
+**Theorem 3** (quantities). With a dual pair z_h, tau_z, a linear quantity q(u) is in an interval of the half width A_z
+(A^2 / 4 + b)^{1/2} around a number computed from both pairs. z_h must vanish, and tau_z must have no traction, where
+friction and obstacles act. Statement and proof: :mod:`.quantity`.
 
 **Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
 of the run, and let the exact history begin like the run. Let D_n be the defect of Tresca's law in step n for the
@@ -48,10 +48,10 @@ friction of tau and the slip of v. Then
 
 Proof, and the assumptions on the start: :mod:`.whole_history`.
 
-**The data.** The theorems hold for data that are linear on edges and in cells. The difference from other data is
-estimated, and `kind` says so (:mod:`.reading`).
+**The data.** The theorems hold for data that are linear on edges and in cells. For other data a bound contains an
+estimate, and its `kind` names this (:mod:`.reading`).
 
-**No node is certain to stick or to slip.** Theorem 1 with all of its terms gives h(u) - inf h <= A^2 / 4 + b. For
+**No node is certain to stick or to slip.** The first inequality of theorem 1 gives h(u) - inf h <= A^2 / 4 + b. For
 friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, with the slip s of u. Where |q| <= g - delta, the
 integral of |s| is at most (A^2 / 4 + b) / delta. This bounds the amount of slip, but not its place: errors in energy
 bound tractions only in the dual norm H^{-1/2}, which admits any value at a point.

@@ -1,14 +1,14 @@
 """The conforming displacement inside polygons: an explicit replacement of virtual functions on the fan of each cell.
 
-On the edges of the mesh it is linear between nodal values, like the virtual function. Inside a cell it minimises the
-energy under the body force over continuous functions of degree 2 on the split fan. Their divergences are general enough
+The displacement is linear on the edges of the mesh, like the virtual function. Inside a cell it minimises the energy
+under the body force over continuous functions of degree 2 on the split fan. Their divergences are general enough
 to avoid locking (Scott and Vogelius on the split of Alfeld). Functions of degree 1 on the fan lock: at lambda = 1e6
 they gave the bound 22 for an error of .026.
 
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
-middles between corner k and the centroid. The last four are inside, and are condensed. Next the hub of the cell, which
-is the centre of the fan and the middles of spokes, is condensed. The outline remains: the vertices, and the middles of
-the polygon's edges. So half of the form of a cell is the minimum of its energy minus the work of its body force.
+middles between corner k and the centroid. The last four nodes are inside, and are condensed. Next the hub of the cell,
+which is the centre of the fan and the middles of spokes, is condensed. The outline remains: the vertices, and the
+middles of the polygon's edges. Half of a cell's form is the minimum of its energy minus the work of its body force.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of the outer unknowns of triangles among those of the cell: hub, then outline."""
+    """Return the positions (n, 12) of the outer unknowns of triangles in a cell's vector of hub and outline."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
@@ -93,7 +93,7 @@ def displacement_form(fans: Fans) -> Floats:
 class OutlineValues:
     """A displacement on the outlines of cells, split into a linear part and a remainder.
 
-    Defects depend on the remainder, which is smaller by a power of h; an unsplit energy would lose its digits.
+    Defects depend on the remainder only, which is smaller by a power of h; without the split they would lose digits.
     """
 
     slopes: Floats
@@ -122,7 +122,7 @@ def split_slopes(fans: Fans, outline: Floats) -> OutlineValues:
 def to_edges(n: int) -> Floats:
     """Return the matrix (4 n, 4 n) from values at vertices and middles to linear motions of outer edges.
 
-    Linear tractions do the same work on both.
+    Linear tractions do the same work on the values and on the motions.
     """
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)

@@ -5,12 +5,12 @@ the boundary, and have continuous tractions between cells. The minimiser of
 
     |tau|^2 / 2 in C^-1  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
 
-belongs to edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells on each
-edge cancel. The forces of a cell are G m + b, where b is due to body forces. The sum of all G is a stiffness matrix,
-positive definite up to rigid motions. (B. Fraeijs de Veubeke introduced equilibrium elements in 1965; on the split
-triangle they have no spurious motions.) The prestress sigma_0 acts as forces on edges: tau - sigma_0 is due to m. The
-unknown is x = m - v, with the displacement v of the run. x is as small as the equilibrium residual of v, and so are its
-rounding errors. One solve per step suffices unless a body floats.
+is determined by edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells
+on each edge cancel. The forces of a cell are G m + b, where b is due to body forces. The sum of all G is a stiffness
+matrix, positive definite up to rigid motions. (B. Fraeijs de Veubeke introduced equilibrium elements in 1965; on the
+split triangle they have no spurious motions.) The prestress sigma_0 acts as forces on edges: tau - sigma_0 is due to m.
+The unknown is x = m - v, with the displacement v of the run. x is as small as the equilibrium residual of v, so x has
+small rounding errors. One solve per step suffices unless a body floats.
 
 No local problem needs compatible data. Of all admissible stresses on these fans, tau is nearest to the exact stress:
 tractions constructed vertex by vertex gave bounds up to a fifth larger.
@@ -34,7 +34,7 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 
 HALF_DIGITS = float(np.sqrt(EPS))
-"""Largest accepted difference between forces of neighbouring cells, relative to the largest (1e-9 at lambda = 1e6)."""
+"""Largest accepted difference of forces of neighbouring cells, relative to the largest force (1e-9 at lambda = 1e6)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     places = [*edges.places, edges.outer.reshape(-1, 4)]
     each = [*(one.expand(G) for one, G in zip(fans, stiffness, strict=True)), boundary.springs]
     K = sp.csr_matrix(P.T @ assemble(places, each, P.shape[0]) @ P)
-    # With this multiple a correction reduces the error to 1e-5 on a body of a thousand cells.
+    # With this multiple a correction reduces the error by a factor 1e-5 on a body of a thousand cells.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)

@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The "step" of the largest bound, its "upper", "lower", "relative", "kind", and part "data" as "reading"."""
+        """The largest bound: "step", "upper", "lower", "relative" and "kind", and as "reading" the part "data"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
@@ -153,9 +153,9 @@ def error_bound(
         contains an estimate, and a warning lists instants at which data are not linear.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
-        is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` of the body, and
-        ``Prestress((-1.0 / area, 0.0, 0.0))`` is the mean strain xx of the body. A PrescribedDisplacement on a support
-        is the work of the support force: ``(1.0, 0.0)`` is the force along x. A sequence is a sum. `of` needs `step`.
+        is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and
+        ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain xx of the body. A PrescribedDisplacement on a support is
+        the work of the support force: ``(1.0, 0.0)`` gives the force along x. A sequence gives a sum. Give a step, too.
 
     Returns
     -------

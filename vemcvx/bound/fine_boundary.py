@@ -1,7 +1,7 @@
-"""Points between nodes for reading data: boundary edges cut into pieces, and points in cells.
+"""Points between nodes at which data are evaluated: boundary edges cut into pieces, and points in cells.
 
-The effects of a scene contribute once more, on the same cells with boundary edges cut into pieces. The differences
-between their data at the new nodes and linear interpolation between the old nodes are the errors of assembly.
+The effects of a scene contribute once more, to the same mesh with boundary edges cut into pieces. The errors of
+assembly are the data at the new nodes minus the linear interpolation between the old nodes.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from vemcvx.meshes import Interface, PolygonMesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulate
 
 PIECES, SPACING = 512, 128
-"""Number of pieces, on the boundary and inside, per size of the body; narrower features of data may be missed. An edge
-has at least four pieces, a triangle at least four points."""
+"""Numbers of pieces along the longer side of the body's box, on the boundary and inside. Bounds may miss narrower
+features of data. An edge has at least four pieces, a triangle at least four points."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class FineBoundary:
 
 
 def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
-    """Return the values, replaced by those of the line where they differ by rounding, and the line."""
+    """Return `values`, with `line` in place of values that differ from it by rounding errors only, and `line`."""
     size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
     return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
 

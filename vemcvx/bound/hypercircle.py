@@ -5,9 +5,9 @@ with
 
     j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap),
 
-where phi is zero up to the gap of a rigid obstacle and infinite beyond, and k z_+^2 / 2 for a compliant obstacle. b is
-in :mod:`.surface`. Springs to the ground, k u, are treated like triangles: if tau has the tractions -k m on them,
-|m - v|_k is added to |r|_K, and their energy to the energy norm.
+where phi is zero up to the gap of a rigid obstacle and infinite beyond, and k z_+^2 / 2 for a compliant obstacle. For b
+see :mod:`.surface`. Springs to the ground with the stiffness k are treated like triangles: if tau has the tractions
+-k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the energy of the springs.
 
 **The defect.** In a cell let u be the values of v on the outline minus a linear displacement, L u their edge motions, x
 the edge motions of tau minus L u, and f the coefficients of the body force. With the forms G of stresses
@@ -15,7 +15,7 @@ the edge motions of tau minus L u, and f the coefficients of the body force. Wit
 
     |r|_K^2  =  x . G x  +  (u, f) . (S - L' G L) (u, f).
 
-*Proof.* The stresses of x, without divergence, are orthogonal to the rest of r: the stress of L u does the same work on
+*Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the stress of L u does the same work on
 x as v, the stress of f has least energy, and the displacement of f vanishes on the outline. What remains is |tau|^2 -
 2 (tau, eps(v)) + |v|^2 for L u and f, where the second term is the work on v of the tractions of tau and of f.
 
@@ -58,7 +58,7 @@ class Forms:
 
     fans: Fans
     outlines: Ints
-    """(c, 4 n) positions of vertices and middles of edges among all of these"""
+    """(c, 4 n) positions of vertices and middles of edges in the vector (2 nodes + 2 E,) of the mesh"""
     stress: Floats
     """G, for motions of edges"""
     displacement: Floats
@@ -125,7 +125,7 @@ class Pair:
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
 
     def allowances(self) -> tuple[float, float]:
-        """Return the allowances for unread data: eta, and |e(u)| of the exact u; zero if data are linear."""
+        """Return the estimates eta and |e(u)| for the omitted load e (:mod:`.reading`); zero if data are linear."""
         if self.read.exact:
             return 0.0, 0.0
         eta = self.read.energy
@@ -300,7 +300,7 @@ class Hypercircle:
         return total
 
     def misread(self, read: Reading, v: Defect) -> float:
-        """Return |e(v)| of the displacement of a defect."""
+        """Return the estimate of |e(v)| for the omitted load e and the displacement v of a defect."""
         edges = self.equilibrium.edges
         forces = self.boundary.forces_of(read.tractions_apart)
         along = np.sum(forces * (edges.motions @ v.outline)[edges.outer], axis=(1, 2))
@@ -347,7 +347,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
 
 
 def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
-    """Return the positions (c, 4 n) of vertices, then of middles, of a chunk of cells, given those of motions."""
+    """Return the positions (c, 4 n) of vertices and middles of a chunk, given positions (c, 4 n) of edge motions."""
     edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
     nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
     found: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
@@ -357,7 +357,7 @@ def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
 def _find_free(
     posed: PosedScene, boundary: Boundary, forms: Sequence[Forms], outer: Ints
 ) -> tuple[sp.csr_matrix, Factor | None]:
-    """Return a basis of free values at vertices and middles that touch nothing, and the factor of S on it."""
+    """Return a basis of free values at vertices and middles without contact, and the factor of S on this basis."""
     edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
     touched = np.zeros(P.shape[0])
     nodes = np.unique(edges.outer_edges[boundary.touching])

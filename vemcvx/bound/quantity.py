@@ -1,10 +1,10 @@
 """Bounds on a linear quantity, by the parallelogram of two hypercircles.
 
-A quantity is a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement u, plus
-the work of the forces of supports on a displacement -z_D given on supports. Its dual solution z satisfies a(z, w) =
-q(w) for all admissible w, and z = z_D on supports. It has a hypercircle: z_h, and a stress tau_z in equilibrium with q.
-Take r, v, tau, b and A of :mod:`.hypercircle`, e = u - v, and r_z and A_z of the dual problem. Let T be the work of all
-forces in balance with tau, including friction and contact. Then
+A quantity is given as a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement
+u, plus the work of the forces of supports on a displacement -z_D given on supports. The dual solution z satisfies
+a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its hypercircle is z_h and a stress tau_z in equilibrium
+with q. Take r, v, tau, b and A of :mod:`.hypercircle`, e = u - v, and r_z and A_z of the dual problem. Let T be the
+work of all forces in balance with tau, including friction and contact. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
@@ -18,19 +18,19 @@ computable
 by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact this is |r| |r_z| / 2: the best result over s of the
 parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager and
 J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
-Posteriori Error Estimation* (2000), chapter 8). Springs to the ground are treated like triangles; the bound contains
-the part of their r that is not in m.
+Posteriori Error Estimation* (2000), chapter 8). Springs to the ground are treated like triangles. The width
+contains a bound of their part of (r_z, C^-1 r) / 2, and m does not contain this part.
 
-The proof uses two conditions. Tractions of tau_z do no work on e where e may be nonzero, and the work of the tractions
-of sigma on z_h is that in T. Both hold if only supports hold the body. With friction and contact both hold if z_h
+The proof uses two conditions. Tractions of tau_z do no work on e where e may be nonzero. T(z_h) contains the work of
+the tractions of sigma on z_h. Both hold if only supports hold the body. With friction and contact both hold if z_h
 vanishes on contact, and tau_z has no traction there (except for bonded normals): then the interval is a theorem for any
 stick, slip and opening. In this case r_z does not decrease with the mesh, and the interval decreases like A. Where z_D
 moves an end of an edge on which friction may act, the work of friction there is bounded by its largest possible value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w is the same on contact.
 
-Unread parts of loads and quantities change q(u) by e(z_h) of the load, by e_z(u) of the quantity, and by A_z eta
-through friction and contact (:mod:`.reading`). This allowance is an estimate.
+The omitted load e changes q(u) by e(z_h), and by A_z eta through friction and contact; an omitted part e_z of the
+quantity changes it by e_z(u) (:mod:`.reading`). The interval contains estimates of these changes.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ class QuantityBound(Outlined):
     step : int
         The step.
     value : float
-        The value q of the run. The interval need not contain it: the dual solution corrects its middle.
+        The quantity q of the run. It may be outside the interval, whose middle is corrected by the dual solution.
     low, high : float
-        The interval. With Coulomb's law it is for the friction by the pressure of the run. With friction and one-sided
-        contact it holds for any stick, slip and opening, and is wider than without.
+        The interval. With Coulomb's law it holds for the friction bound given by the pressure of the run. Friction and
+        one-sided contact make the interval wider; it holds for any stick, slip and opening.
     reading : float
-        The part of the half width that estimates loads and quantities which are not linear on edges and in cells; zero
+        The estimated part of the half width, for loads and quantities that are not linear on edges and in cells; zero
         if they are linear (:mod:`vemcvx.bound.reading`).
 
     Examples
@@ -99,7 +99,7 @@ class QuantityBound(Outlined):
 
     def outline(self) -> Outline:
         """Return the outline for prompts and notebooks: the interval, and its kind."""
-        rest = f"for data as read at points, with {self.reading:.2g} for the rest of them"
+        rest = f"for data as read at points; {self.reading:.2g} of the half width is an estimate"
         lines = [
             ("interval", f"{self.low:.8g} ... {self.high:.8g}, {'guaranteed' if self.guaranteed else rest}"),
             ("run", f"{self.value:.8g}, off by {self.error:.2g} at most"),
@@ -175,8 +175,8 @@ class Dual:
         if np.abs(supports.gather(lifted.ravel())).max(initial=0.0) > SAME * np.abs(lifted).max(initial=0.0):
             raise SceneError(
                 "error_bound: found of= a displacement where no support of the scene holds the body in that direction; "
-                "it is for the force of a support: of=PrescribedDisplacement((1.0, 0.0), on='left') is the force along "
-                "x of Clamp(on='left')."
+                "give the displacement of a support, to bound the support's force: "
+                "of=PrescribedDisplacement((1.0, 0.0), on='left') is the force along x of Clamp(on='left')."
             )
         return lifted
 
@@ -311,7 +311,7 @@ class Fields:
 
 
 def _allowance(primal: Fields, dual: Fields) -> float:
-    """Return the allowance for unread parts of the load, on z, and of the quantity, on u."""
+    """Return the estimated change of q by omitted parts of the load and of the quantity."""
     load, quantity = primal.pair.read, dual.pair.read
     if load.exact and quantity.exact:
         return 0.0

@@ -1,17 +1,17 @@
 """Reading of data for bounds and estimates: fits that are linear on edges and in cells, and their remainders.
 
 The effects of the scene contribute once more on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Bounds* fit
-tractions and bounds of friction by linear functions on every edge, from means on pieces and from values at new nodes,
-and body forces by linear functions in every cell. For such data, with gaps and ground motions that are linear between
-nodes, bounds are theorems. For other data they are theorems for the data *as read*. The unread load e(w), a linear
-functional of displacements w, has the size eta = sup e(w) / |w|, which is estimated by
+tractions and friction bounds by linear functions on every edge, from means on pieces and from values at new nodes, and
+body forces by linear functions in every cell. For such data, with gaps and ground motions that are linear between
+nodes, bounds are theorems. For other data they are theorems for the fits, the data *as read*. The load minus its fit,
+the omitted load e(w), is a linear functional of displacements w with the norm eta = sup e(w) / |w|, estimated by
 
     SAFETY times the answer of the whole body to the difference from a second reading with fewer points, plus, in each
     cell, the energies below of the remainders.
 
-Answers differ by at most eta, also with friction and contact. The minima of a step differ by at most
-|e(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders of gaps. Features
-narrower than the distance of points may be missed.
+The answers to the data and to their fits differ by at most eta, also with friction and contact. The minima of a step
+differ by at most |e(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders of
+gaps. Features narrower than the distance of points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
 
@@ -23,14 +23,14 @@ narrower than the distance of points may be missed.
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
 with the longest side d_K of the box of a cell. The first two follow from the Poincare inequalities of a cell and of an
-edge of a half space, which has the constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu). Half of this is enough for
-functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu times the wave number,
-which the weight of motions bounds. The last is the work itself, in its dual norm.
+edge of a half space, which has the constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu). Half of these energies is
+enough for functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu times the
+wave number, which the weight of motions bounds. The last energy is exactly the squared dual norm of its work.
 
 These energies are local. Means of tractions and body forces are forces r on the whole body: two answers whose loads
 differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. A traction wave as long as an edge, or a strip of
-weight between quadrature points, has one sign and moves the whole body. No weight that vanishes with the edge can bound
-it (local weights alone gave .37 of the error).
+weight between quadrature points, has one sign and moves the whole body. No weight that vanishes with the edge length
+bounds this motion (local weights alone gave .37 of the error).
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Fit:
 
     @cached_property
     def second(self) -> Fit:
-        """The fit with three times the weight on every other point, with half the difference of a fit to these only."""
+        """A fit with triple weights on every other point: half-way to a fit to every other point only."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property
@@ -173,7 +173,7 @@ class Reading:
         return float(np.sqrt(self.local.sum()) + SAFETY * np.sqrt(apart.sum()))
 
     def misread(self, works: Sequence[Floats], bent: Floats) -> float:
-        """Return |e(w)|, given the works of the second reading on w, and the energies `bent` of w without mean strain.
+        """Estimate |e(w)|, given works on w of differences of readings, and energies `bent` of w without mean strain.
 
         Remainders do no work on linear displacements in a cell.
         """
@@ -199,7 +199,7 @@ class Reader:
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """The contributions of all effects, including zero effects, on the fine mesh; of materials, on the mesh."""
+        """The contributions of all effects, including zero effects, to the fine mesh; of materials to the old mesh."""
         effects = self.posed.scene.canonical if self.effects is None else self.effects
         others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
         with suppress_scene_warnings():
@@ -392,8 +392,8 @@ class Reader:
     def compliance_sums(self, values: Floats, unit: Floats) -> Floats:
         """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces the sum of both bodies.
 
-        If an edge is free only at the angle a to its unit vector, it has the part cos^2 a: the force acts with the
-        factor cos a, and so does the displacement along the unit vector.
+        If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a: cos a for
+        the component of the force, and cos a for the component of the displacement.
         """
         free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
         found, joints = np.where(free > ROUNDING, free * values, 0.0), self.edges.joints
@@ -405,7 +405,7 @@ class Reader:
         edges, soft = self.edges, obstacle.compliance > 0
         stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
         at, values, line = self.fine.read(obstacle, np.column_stack([obstacle.gap(now.t), stiffness]))
-        # For constant gap and stiffness the nodal pressure is right.
+        # For constant gap and stiffness the nodal pressure is exact.
         bears = compliant and soft.any() and bool(np.any(values != line) or np.ptp(values, axis=0).any())
         if np.array_equal(values[:, 0], line[:, 0]) and not bears:
             return np.zeros(len(edges.outer))

@@ -1,10 +1,10 @@
 """The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
 Forces on the surface are loads, friction, pressure of contact and springs. Contact exerts opposite forces on the edges
-of the two bodies at an interface. Where normals are bonded there is no multiplier. There we use the normal force that
-balances the stresses on both sides best, in the weights w = d_e / (2 mu) of the residuals:
+of the two bodies at an interface. Bonded normals have no multiplier. For them we use the normal force T that fits the
+normal stresses s_1 and s_2 of both sides best, in the weights w = d_e / (2 mu) of the residuals:
 
-    min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2,
+    min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
 
 For equal sides this is the weight d_e / (4 mu) of a jump across an edge inside one body.
 """
@@ -177,7 +177,7 @@ class Instant:
     weights: Floats
     """(m,) bounds of norm terms"""
     worn: Floats
-    """(m,) their work since the initial instant"""
+    """(m,) work of norm terms since the initial instant"""
 
 
 def instant(history: History, row: int) -> Instant:

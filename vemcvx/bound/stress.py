@@ -7,7 +7,7 @@ tractions across inner edges. The linear tractions on the three edges and the di
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
 one reference triangle serves all. A linear traction t on an edge is given by int t phi at both ends. A body force f is
-given by F_k = int f lambda_k. It is split into constants on the parts with the same moments against linear functions,
+given by F_k = int f lambda_k. f is split into constants on the parts with the same moments against linear functions,
 and a remainder, which has a stress of degree 2 on the parts without tractions on the edges. So div tau = -f exactly.
 
 Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
@@ -15,9 +15,9 @@ maximiser of
 
     sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1
 
-is linear in m and F, and the maximum is half a quadratic form of both. The derivatives of the maximum by m are the
-tractions. The form of F alone is minus |tau|^2 without motions. The motions of spokes make the tractions of both
-sides cancel, that is, the sum of the forms of triangles stationary; they are condensed (:mod:`.fan`).
+is linear in m and F, and the maximum is half a quadratic form of m and F. The derivatives of the maximum by m are the
+tractions. For m = 0 the form is -|tau|^2. The tractions on both sides of a spoke cancel where the sum of the forms of
+triangles is stationary in the motions of spokes. So these motions are condensed (:mod:`.fan`).
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def reference() -> Floats:
 
 
 def _least(data: Floats) -> Floats:
-    """Return the stresses (54, j) of degree 2 and least mean square with these data of the conditions."""
+    """Return the stresses (54, j) of degree 2 and least mean square that satisfy the conditions with these data."""
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
@@ -112,7 +112,7 @@ def _piola(B: Floats) -> Floats:
 
 @cache
 def _balance_data() -> Floats:
-    """Return data (18, 15) of the reference triangle in balance: nine of tractions only, and six with a force each."""
+    """Return balanced data (18, 15) of the reference triangle: nine of tractions only, six with one force each."""
     ends = np.array([CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)])
     x = np.concatenate([ends, CORNERS])
     rows = np.stack([np.tile([1.0, 0.0], 9), np.tile([0.0, 1.0], 9), np.column_stack([-x[:, 1], x[:, 0]]).ravel()])
@@ -152,7 +152,7 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of edge motions of triangles among those of the cell: 4 n of spokes, 4 n of edges.
+    """Return the positions (n, 12) of edge motions of triangles in a cell's vector: 4 n of spokes, then 4 n of edges.
 
     Spoke i is directed from the centre to vertex i; edge 2 of a triangle is directed from the vertex to the centre.
     """

@@ -152,7 +152,7 @@ class Boundary:
         return free
 
     def _moves(self, directions: Floats) -> Bools:
-        """Return True for edges (b,) that can move along directions (b, 2), even at an angle; at joints, move apart."""
+        """Return a mask of edges (b,) whose motion, at joints whose jump, can have a component along `directions`."""
         joints = self.edges.joints
         moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > SAME
         along = directions[joints.first]
@@ -295,7 +295,7 @@ class Boundary:
         return forces
 
     def lacking(self, before: Surface, now: Surface) -> float:
-        """Return D >= 0, the defect of friction and slip in their law between two instants, linear in time."""
+        """Return D >= 0, the defect in Tresca's law in a step, for friction and displacements linear in time."""
         g, q = 0.5 * (before.laws + now.laws)
         means = products(g, np.abs(now.slip)) - products(q, now.slip)
         return max(float(np.sum(self.edges.lengths * means)), 0.0)
@@ -306,7 +306,7 @@ class Boundary:
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
     def _friction_bound(self, now: Instant, read: Reading) -> Floats:
-        """Return the bound g (b, 2) of friction at the ends of edges, by the pressure of the answer for a law."""
+        """Return the friction bound g (b, 2) at the ends of edges; with laws of friction from the computed pressure."""
         terms, g = self.posed.terms, read.friction
         if self.follows_pressure:
             g = self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0]
@@ -314,7 +314,7 @@ class Boundary:
 
     @property
     def follows_pressure(self) -> bool:
-        """True if a law of friction depends on the answer."""
+        """True if a friction bound depends on the solution."""
         return any(friction.law is not None for friction in self.reader.frictions)
 
     def _slip(self, now: Instant, before: Instant) -> Floats:

@@ -25,7 +25,7 @@ grows with the changes of r under the load, with the defect in the law of fricti
 **Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
 steps. The largest energy norm of the difference between the two runs up to an instant, times SAFETY, is added to the
 bound; this term is an estimate. (A guaranteed term would be the total variation of the omitted load in the energy norm
-of the elastic response, which over load cycles is useless.)
+of the elastic response, which is too large over load cycles.)
 """
 
 from __future__ import annotations

@@ -310,7 +310,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
         u_0, a vector for each of the points x (m, dim); t is times[0]. At supports it equals their displacement.
     settle : bool
         False: state 0 is P^h u_0 itself, (3.26) to the letter, which Theorem 3.10 allows. Its certificate is then the
-        length of the omitted step. Scenes with Viscosity always begin at P^h u_0.
+        relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------

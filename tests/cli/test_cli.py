@@ -254,6 +254,7 @@ def test_problem_files_that_are_not_there(tmp_path, monkeypatch):
     (tmp_path / "problems").mkdir()
     written(tmp_path / "problems", MINIMAL, "slope.py")
     assert f"found here: {Path('problems') / 'slope.py'}." in invoke("run", "problem.py").output
+    assert "The package has this problem: run feng_han_huang." in invoke("run", "x/feng_han_huang.py").output
     foreign = invoke("run", written(tmp_path, "{}", "scene.json"))
     assert foreign.exit_code == 2
     assert "scene.json: a problem file is a Python file, whose name ends in .py" in foreign.output

@@ -113,7 +113,8 @@ WRONG = {
     "a softening below zero": (Law(weakening, -1.0), "found softening -"),
     "a softening NaN": (Law(weakening, np.nan), "softening nan"),
     "a softening of forces": (Law(weakening, 30.0, pressed=True), "found softening .* and pressed=True", PRESSING),
-    "a slope": (Law(reads_the_slip, pressed=True, slope=worn_slope), "but its law has a slope", PRESSING),
+    "too small a softening": (Law(weakening, 20.0), r"changes the weight .* softening must be the largest"),
+    "a slope": (Law(reads_the_slip, pressed=True, slope=worn_slope), "With a slope, a law may not depend", PRESSING),
     "no pressure": (Law(coulomb, pressed=True), "no pressure is known"),
     "no pressed=True": (Law(coulomb), "p is empty without pressed=True"),
 }  # fmt: skip

@@ -31,7 +31,7 @@ class Law:
         the step.
     softening : number or (m,) array, optional
         The largest decrease of weights per unit slip of the step, force per length, of a law that does not depend on p.
-        If it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`).
+        If it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`). None: unknown, never compared.
     pressed : bool
         True if weights of an effect depend on normal forces, which require one-sided contact on the same boundary;
         else p is an empty array.

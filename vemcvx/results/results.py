@@ -537,7 +537,7 @@ def warn_of_lost_work(run: Trajectory) -> None:
     log.warning(
         f"time steps: history.work, {first:.6g}, and dissipated, {lost:.6g}, are of first order in the step. Quote "
         f"history.work_second_order, {second:.6g}, and dissipated_second_order, {better:.6g}, or take more steps. "
-        "Displacements and stresses are not affected."
+        "This is an error of the sums over steps; for the errors of displacements see vemcvx.error_budget."
     )
 
 

@@ -98,17 +98,20 @@ class StepLaw:
         more = RELATIVE_STEP * max(slip.max(initial=0.0), self.past.max(initial=0.0)) or RELATIVE_STEP
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
-    def check_slope(self, p: Floats, slip: Floats) -> None:
-        """Raise SceneError if weights of a law with a derivative by p depend on the slip of the step."""
-        if not (self.norms.sloped and self.norms.remembers):
+    def check_slip(self, p: Floats, slip: Floats) -> None:
+        """Raise SceneError if the slip of the step changes weights more than slope or softening of the law allow."""
+        norms, softening = self.norms, self.norms.softening
+        if not norms.remembers or (softening is None and not norms.sloped):
             return
-        w, own = self.at(p, slip), self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip)
+        w, own = (norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in (None, slip))
         w, own = (np.where(weights == np.inf, 0.0, weights) for weights in (w, own))
-        off = np.abs(own - w) - SAME * np.maximum(own, w)
+        rate = 0.0 if softening is None else softening
+        change = np.abs(own - w) if norms.sloped else w - own - rate * slip
+        off = change - SAME * (np.maximum(own, w) + rate * (self.past + slip))
         if (off > 0).any():
             i = int(np.argmax(off))
             raise SceneError(
-                f"friction: at {self.norms.name(i)} the slip of the step to t = {self.t:.6g} changes the weight from "
-                f"{w[i]:.6g} to {own[i]:.6g}, but its law has a slope, which is for laws that read the slip before "
-                "the step alone; leave the slope out."
+                f"friction: at {norms.name(i)} the slip {slip[i]:.6g} of the step to t = {self.t:.6g} changes the "
+                f"weight from {w[i]:.6g} to {own[i]:.6g}. With a slope, a law may not depend on this slip. "
+                "A softening must be the largest decrease per slip, or None if it is unknown."
             )

@@ -150,7 +150,7 @@ class PosedStep:
             answer = solve(program, gap, *guess, *([] if law is None else [law]))
             if law is not None:
                 slip = lengths(program.slip(answer.d))
-                law.check_slope(answer.p, slip)
+                law.check_slip(answer.p, slip)
                 program = replace(program, w=law.at(answer.p, slip))
         d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
         certificate = program.certificate_at(d, lam, p, self.before.y)

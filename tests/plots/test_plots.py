@@ -537,6 +537,15 @@ def test_every_axis_has_the_unit_that_is_given(rubbed):
     assert drawn["hysteresis_loop"].axes[0].get_ylabel() == "reaction (N), per thickness"
 
 
+def test_no_label_of_a_square_body_is_cut_off():
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -0.1), on="right"))
+    figure = deformed_mesh(vx.simulate(scene, vx.meshes.squares(4), [0.0], initial="settled"))
+    figure.draw_without_rendering()
+    ink, page = figure.get_tightbbox(), figure.bbox_inches
+    assert page.contains(ink.x0, ink.y0)
+    assert page.contains(ink.x1, ink.y1)
+
+
 @mostly_long(
     "draw, gap, apart",
     [(deformed_mesh, -0.002, 0.02), (stressed_body_alone, 0.0, 0.0), (stressed_body_alone, 0.001, 0.01)],

@@ -139,5 +139,5 @@ def test_newton_answers_in_a_round_housing(nt, friction):
 @pytest.mark.parametrize("housing", HOUSINGS)
 def test_adapting_along_a_curve_is_warned_of(housing):
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])
-    with pytest.warns(vx.SceneWarning, match=r"^adapt: .* on outer acts along a curve, .* finer meshes of the curve"):
+    with pytest.warns(vx.SceneWarning, match=r"^adapt: .* on outer is a polygon .* finer meshes of the curve"):
         vx.adapt(scene, ring(12), [0.0, 1.0], 0.3)

@@ -31,10 +31,7 @@ CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
 def new_figure(width: float | None = None, height: float | None = None) -> Figure:
-    """Return an empty figure of a size in inches, or raise VemcvxError without matplotlib.
-
-    ``figure.savefig(path)`` writes it.
-    """
+    """Return an empty figure of a size in inches, or raise VemcvxError without matplotlib."""
     wide, high = usual_page()
     return _figure_class()(figsize=(width or wide, height or high), layout="constrained")
 
@@ -55,6 +52,12 @@ def _figure_class() -> type[Figure]:
     from matplotlib.figure import Figure
 
     class NotebookFigure(Figure):
+        def draw(self, renderer: Any) -> None:
+            # Each pass of the layout changes the size of axes of fixed aspect: one pass may cut their labels off.
+            for layout in filter(None, 2 * [self.get_layout_engine()]):
+                layout.execute(self)
+            super().draw(renderer)
+
         def _repr_png_(self) -> bytes:
             return as_png(self)
 
@@ -238,8 +241,7 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
 
     # The default number of ticks depends on the height of the bar, and the layout depends on the ticks: labels may
     # be cut off. On flat bodies six labels, in the font size for narrow screens, would overlap.
-    flat = 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim())
-    ticks = MaxNLocator(2 if flat else 5)
+    ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
 
 

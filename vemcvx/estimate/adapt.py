@@ -497,7 +497,7 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     check_estimable(posed, "adapt")
     if posed.curves:
         warnings.warn(
-            f"adapt: {' and '.join(posed.curves)} acts along a curve, which is a polygon on the coarse mesh. "
+            f"adapt: the curve of {' and '.join(posed.curves)} is a polygon on the coarse mesh. "
             "Refined meshes keep the corners of this polygon, over which nothing can slide. Answers converge to the "
             "answer for the polygon, and errors are relative to the polygon. If something slides there, simulate on "
             "finer meshes of the curve itself.",

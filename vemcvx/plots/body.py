@@ -226,8 +226,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
         title += f", {words} at most {largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
     notes = [*marks, *[CLOSED] * bool(touching), *[f"arrows cut at {cut:.3g}"] * (largest > cut)]
     title += "\n" * bool(notes) + "; ".join(notes)
-    if _gaps_not_drawn(history, row, factor):
-        title += f"\n{NO_GAPS}"
+    title += f"\n{NO_GAPS}" * _gaps_not_drawn(history, row, factor)
     ax.tick_params(labelsize="small")
     ax.locator_params(nbins=6)
     if window is None:
@@ -408,9 +407,8 @@ def deformed_body(
     points = mesh.points + factor * history.displacement[row]
     surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
     image = _render(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
-    height, width = image.shape[:2]
     across = canvas.usual_page()[0]
-    ax = canvas.axes_or_new(ax, across, 0.5 + 0.8 * across * height / width)
+    ax = canvas.axes_or_new(ax, across, 0.5 + 0.8 * across * image.shape[0] / image.shape[1])
     beyond = canvas.find_pointed_ends(np.concatenate(stresses), scale)
     ax.imshow(image)
     ax.set_axis_off()

@@ -115,7 +115,9 @@ def test_first_order_in_the_step_where_a_reversal_is_missed(reversal, family):
 def test_first_order_in_the_step_to_small_steps(reversal):
     mesh, steps = reversal.mesh(16, "voronoi"), 3 ** np.arange(2, 7)
     reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * steps[-1]))
-    errors = [reversal.largest_distance(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference) for n in steps]
+    errors = [
+        reversal.largest_distance(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference) for n in steps
+    ]
     found = orders(1 / steps, errors)
     assert found.slope == FIRST
     assert found.successive == pytest.approx(np.ones(4), abs=0.1)

@@ -76,8 +76,7 @@ def problem_path(file: str | Path) -> Path:
     supplied = problems_folder() / f"{path.name}.py"
     if not (os.path.isfile(supplied) and Supplied(supplied).is_problem):
         raise ProblemError(
-            f"{path}: there is no such problem file here, and no problem file of the package has this name; "
-            "`vemcvx problems` lists their names."
+            f"{path}: there is no such problem file here or in the package; `vemcvx problems` lists their names."
         )
     return supplied
 

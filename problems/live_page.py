@@ -40,7 +40,7 @@ with app.setup:
     from vemcvx.plots.style import SLIP, STORED, label
 
     SCENES = {
-        "block pulled over an obstacle": ("feng_han_huang", 16),
+        "block pushed over an obstacle": ("feng_han_huang", 16),
         "viscous strip under a pull": ("kelvin_voigt_creep", 6),
         "bracket with a sharp corner": ("l_shaped_bracket", 14),
     }

@@ -49,7 +49,7 @@ def shear_block(mesh, origin=(0.0, 0.0)):
     """Return a block sheared back and forth on any mesh of (0, 2) x (0, 1/2), with its closed form."""
     instants = hysteresis.times(HYSTERESIS_STEPS)
     exact = hysteresis.exact(mesh.points, instants, floor=origin[1])
-    return Setting(hysteresis.scene(HYSTERESIS_STEPS), name_sides(mesh), instants, exact)
+    return Setting(hysteresis.scene(), name_sides(mesh), instants, exact)
 
 
 def name_sides(mesh):

@@ -10,12 +10,12 @@
 #
 # One step of friction is the convex program
 #
-# $$\min_s\; P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i\,|s_i| .$$
+# $$\min_s\; P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i\,|s_i|$$
 #
-# Here $s = u - u_{prev}$ are the slips of the step at the contact nodes. $K$ is the stiffness of the body at these
-# nodes, and $w_i$ are the friction bounds. The load $f$ is the part of the load that the stresses at the start of the
-# step do not balance: insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package
-# calls $s$ and $f$ `d` and `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
+# where $s = u - u_{prev}$ are the slips of the step at the contact nodes, $K$ is the stiffness of the body at these
+# nodes, $w_i$ are the friction bounds, and $f$ is the part of the load that the stresses at the start of the step do
+# not balance. Insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package calls $s$
+# and $f$ `d` and `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
 
 # %%
 import matplotlib.pyplot as plt
@@ -212,6 +212,9 @@ for _count in (10, 100, 1000):
     assert (_error <= _allowed).all()
     table.append((_count, _error, _allowed))
     print(f"{_count:5d} iterations per step: error {_error[-1]:.1e}, certificates allow {_allowed[-1]:.1e}")
+
+# %% [markdown]
+# The picture shows the true errors over time. Each curve stays below the sum of its certificates.
 
 # %% jupyter={"source_hidden": true}
 # Picture: true errors over time for three numbers of iterations, each below the sum of its certificates

@@ -127,6 +127,7 @@ def test_for_homework_a_lesson_is_copied_without_its_solutions(tmp_path, words, 
     code, said = call("lesson", "1", "--no-solutions", *words)
     assert code == 0
     assert [said.split()[0]] == [path.name for path in tmp_path.iterdir()] == [name]
+    assert "lesson_1_solutions" not in (tmp_path / name).read_text(encoding="utf-8")
     assert "--no-solutions" in call("lesson", "--help")[1]
 
 

@@ -116,7 +116,7 @@ def test_an_accuracy_that_is_missed_is_shown(ran, solver, accuracy, words, monke
     app = ran[0]
     monkeypatch.setitem(app.SOLVERS, solver, lambda: getattr(vx, solver)(accuracy=accuracy))
     problem = read_problem("kelvin_voigt_creep")
-    history = app.solved(problem, problem.mesh(2), {"bound": 0.05}, "there and back", solver)
+    history = app.solve(problem, problem.mesh(2), {"bound": 0.05}, "there and back", solver)
     size, said = app.numbers_of(history, 1)[3][1:]
     assert size == f"{history.certified.max():.0e}"
     assert said.startswith(f"relative, of any step; {words}")
@@ -127,7 +127,7 @@ def test_an_accuracy_that_is_missed_is_shown(ran, solver, accuracy, words, monke
 def test_check_prints_one_line():
     code, said = call("app", "--check")
     assert code == 0, said
-    line = r"app: all (\d+) cells run, in \S+ s; 30 steps are certified to (\S+)\.\n"
+    line = r"app: all (\d+) cells run, in \S+ s; 30 steps certified to (\S+)\.\n"
     cells, worst = re.fullmatch(line, said).groups()
     assert int(cells) > 5
     assert float(worst) < 1e-8
@@ -138,7 +138,7 @@ def test_check_prints_one_line():
 def test_an_exported_page_needs_no_other_file(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, "FRAMES", 2)
     code, said = call("app", "--html", str(tmp_path / "page.html"))
-    assert (code, said) == (0, f"{tmp_path / 'page.html'}: 2 of 30 steps\n")
+    assert (code, said) == (0, f"{tmp_path / 'page.html'} shows 2 of 30 steps.\n")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert text.count("<section") == 2
     assert text.count(f'src="{PNG}') == 8
@@ -163,7 +163,7 @@ def opened(text):
 def test_a_page_opens_at_the_step_that_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(live_page, "FRAMES", 2)
     code, said = call("app", "--html", str(tmp_path / "page.html"), "--step", "13")
-    assert (code, said) == (0, f"{tmp_path / 'page.html'}: 3 of 30 steps\n")
+    assert (code, said) == (0, f"{tmp_path / 'page.html'} shows 3 of 30 steps.\n")
     assert opened((tmp_path / "page.html").read_text(encoding="utf-8")) == ["step 13 of 30, t = 0.4333"]
     code, said = call("app", "--html", str(tmp_path / "page.html"), "--step", "31")
     assert (code, said) == (2, "vemcvx: --step: found 31; this run has the steps 1 to 30.\n")
@@ -180,7 +180,7 @@ def test_a_problem_file_of_ones_own_is_shown(kinds, names, tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=kinds))
     code, said = call("app", "own.py", "--html", "page.html")
-    assert (code, said) == (0, "page.html: 2 of 30 steps\n")
+    assert (code, said) == (0, "page.html shows 2 of 30 steps.\n")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<h1>A plate pressed by &lt;its own&gt; file.</h1>" in text
     assert "scene own, family triangles, n 16, young 10.0, count 3, poisson 0.25, path as in the problem file" in text
@@ -198,7 +198,7 @@ def test_units_of_a_problem_file_reach_every_axis(ran, tmp_path):
         OWN_FILE.format(kinds=2) + '\n\nUNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}\n'
     )
     app, problem = ran[0], read_problem(tmp_path / "own.py")
-    history = app.solved(problem, problem.mesh(3), {}, "as in the problem file", "Newton")
+    history = app.solve(problem, problem.mesh(3), {}, "as in the problem file", "Newton")
     for _, figure, words in app.pictures(history, 3, lambda t: t, problem.units):
         said = [words, *(one.get_text() for one in words_drawn(figure))]
         assert any(f"({unit})" in text for text in said for unit in ("mm", "N mm", "s", "MPa")), said
@@ -210,7 +210,7 @@ def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2).replace("vx.Scene(", "vx.Scene(1 / (young - 10.0),"))
     problem = read_problem(tmp_path / "own.py")
     with pytest.raises(vx.VemcvxError, match=r"own.py, line \d+: its scene failed: ZeroDivisionError"):
-        ran[0].solved(problem, problem.mesh(3), {"young": 10.0}, "as in the problem file", "Newton")
+        ran[0].solve(problem, problem.mesh(3), {"young": 10.0}, "as in the problem file", "Newton")
 
 
 @pytest.mark.long
@@ -220,7 +220,7 @@ def test_letters_are_large_and_labels_whole(ran):
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)
         mesh = problem.mesh(count)
-        history = app.solved(problem, mesh, {}, app.paths_of(problem)[-1], "Newton")
+        history = app.solve(problem, mesh, {}, app.paths_of(problem)[-1], "Newton")
         for kind, figure, words in app.pictures(history, 7, app.course_of(app.paths_of(problem)[-1], problem)):
             assert words
             FigureCanvasAgg(figure).draw()
@@ -350,7 +350,7 @@ def test_in_a_browser_sliders_change_numbers_and_picture(ran, address, browser):
 
     bound.send_keys(Keys.ARROW_LEFT)
     third = shown(second)
-    weaker = app.solved(found["problem"], found["mesh"], {**found["settings"].value, "bound": 3.6}, "a cycle", "Newton")
+    weaker = app.solve(found["problem"], found["mesh"], {**found["settings"].value, "bound": 3.6}, "a cycle", "Newton")
     assert third[1][:2] == expected(weaker, app.STEPS - 1)
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
     asked = [json.loads(line["message"])["message"]["params"] for line in browser.get_log("performance")]

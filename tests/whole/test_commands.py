@@ -125,6 +125,8 @@ HOW = {
     'pip install ".[pandas,xarray]"': As(),
     "vemcvx run FILE --target 0.02": As(f"vemcvx run {PAPER} --target 0.1 --steps 2"),
     "vemcvx lesson": As(),
+    "pip install pytest": As(),
+    "vemcvx lesson 1 --no-solutions": As("cd results && vemcvx lesson 1 --no-solutions"),
     "vemcvx lesson 6 --notebook": As("cd results && vemcvx lesson 6 --notebook"),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
     # CONTRIBUTING

@@ -46,7 +46,7 @@ class App:
         typer.Argument(
             metavar="FILE",
             autocompletion=problem_names,
-            help="A problem file, or a name that `problems` lists. (default: the block of the example)",
+            help="A problem file, or a name that `problems` lists. (default: the paper's block)",
         ),
     ] = ""
     port: Annotated[
@@ -81,9 +81,8 @@ def check() -> str:
     start = time.perf_counter()
     with limit_log(0):
         _, cells, found = _run()
-    error, steps = found["history"].certified.max(), found["history"].steps
-    seconds = time.perf_counter() - start
-    return f"app: all {cells} cells run, in {seconds:.1f} s; {count_steps(steps)} certified to {error:.0e}."
+    error, steps = found["history"].certified.max(), count_steps(found["history"].steps)
+    return f"app: all {cells} cells run, in {time.perf_counter() - start:.1f} s; {steps} certified to {error:.0e}."
 
 
 def serve(port: int | None, browser: bool) -> None:
@@ -128,7 +127,7 @@ def write(path: Path, opens: int | None = None) -> str:
     chosen |= {"path": found["path"].value, "solver": found["solver"].value}
     words = ", ".join(f"{name} {value}" for name, value in chosen.items())
     write_text(path, page(problem.title, f"<p>{escape(words)}</p>{slider}{shown}", STYLE), "--html")
-    return f"{path}: {len(steps)} of {count_steps(history.steps)}"
+    return f"{path} shows {len(steps)} of {count_steps(history.steps)}."
 
 
 def _run() -> tuple[Any, int, Mapping[str, Any]]:

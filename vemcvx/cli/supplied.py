@@ -96,7 +96,7 @@ def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool
     for copy, path in copies.items():
         try:
             with copy.open("x", encoding="utf-8") as file:
-                text = path.read_text(encoding="utf-8")
+                text = re.sub("" if solutions else r"#\n# Solutions: .*\n", "", path.read_text(encoding="utf-8"))
                 file.write(f"{json.dumps(as_notebook(text), indent=1, ensure_ascii=False)}\n" if notebook else text)
         except OSError as error:
             raise ProblemError(f"lesson: {copy} cannot be written: {error.strerror}; go to another folder.") from error

@@ -40,14 +40,14 @@ class History(Results, Outlined):
     ----------
     mesh : PolygonMesh or PolyhedralMesh
     scene : Scene or None
-        None if the history was read from files, which do not keep the functions of a scene, or joined from stages.
+        None if the history was joined from stages, or read from files, which do not keep the functions of a scene.
     effects : tuple of str
         The effects of the scene in words.
     displacement : (S, n_nodes, dim)
         Nodal displacements.
     forces : (S, n_nodes, dim)
-        Nodal forces of supports, contact and friction on the body: A u - f, or with viscosity A u + A_1 u' - f except
-        in row 0, which ends no step.
+        Nodal forces of supports, contact and friction on the body: A u - f. With viscosity A u + A_1 u' - f, except at
+        the initial instant, where no step ends and u' is unknown.
     contact : Contact
     acting : BoundaryForces
         The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
@@ -55,19 +55,19 @@ class History(Results, Outlined):
         Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
         anisotropic (:mod:`vemcvx.vem.tensors`).
     trajectory : Trajectory
-        The results in free unknowns, and scalars at all N + 1 instants.
+        The results in free unknowns, and scalar results at all N + 1 instants.
     seconds : dict
         The times of "assemble", "prepare" and "solve" in seconds.
     prestress : (S, n_cells, 3 or 6) or None
-        Stresses at zero strain, of eigenstrains and prestress; None if the scene has none.
+        Stresses at zero strain, caused by eigenstrains and prestress; None if the scene has neither.
     out_of_plane : (n_cells, 3) or None
-        Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does not
-        give it, and in space.
+        Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy. Zero in plane stress; None in space, or if the
+        material does not define zz.
     out_of_plane_prestress : (S, n_cells) or None
         The part of zz that eigenstrains cause; None if there are none.
     inactive : tuple of str
-        Effects of the scene without influence on this run, dropped or never active; also the mean motion of a body that
-        nothing holds.
+        A sentence for each effect of the scene without influence on this run, because it was dropped or never active;
+        and one on the mean motion if nothing holds the body.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None
@@ -79,22 +79,22 @@ class History(Results, Outlined):
     dissipated_error, work_error : (N + 1,) or None
         With `quantities`: the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
-        With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the error of the mesh in the energy
-        norm, given the step before, for the "step" with the largest upper bound (:func:`vemcvx.error_bound`);
-        "relative", upper over the largest energy norm of the run; "reading", the part of upper that estimates the
-        nonlinear part of the data; and "kind", such as "bound for the given friction".
+        With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the mesh error of one step in the
+        energy norm, given the step before (:func:`vemcvx.error_bound`). "step" is the step with the largest upper
+        bound; "relative" is "upper" divided by the largest energy norm of the run. "reading" is the part of "upper"
+        that is only estimated, for nonlinear data. "kind" is, for example, "bound for the given friction".
     energy_bounds : (N + 1, 2) or None
-        With `bound`: lower and upper bounds on the elastic energy of the exact answer of every step; NaN in steps that
-        an adaptive run did not bound.
+        With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN where an
+        adaptive run computed no bound.
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
         With `bound`: bounds on the force of a support that moves a boundary, along the axis of its longest path; NaN at
-        the initial instant, and if unknown.
+        the initial instant, and where no bound is known.
     bounded_force : dict or None
-        The name of this boundary and the number of this axis, such as {"top": 0}.
+        The boundary and the axis of `force_bounds`: its name -> the number of the axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
-        S_K of the run's a^h, in which nodal distances are measured; None if files do not keep its class.
+        The stabilisation S_K of a^h; None if the history was read from files that do not keep its class.
     units : dict of str to str, or None
         Names of units, such as {"length": "mm"}: UNITS of the problem file (:mod:`vemcvx.plots.style`).
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
@@ -119,7 +119,7 @@ class History(Results, Outlined):
     def probe(self, points: ArrayLike) -> Floats:
         """Return the displacements (S, p, dim) at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
 
-        They are exact at nodes, linear on edges, piecewise linear on faces, and Pi u inside cells, (3.11).
+        Displacements are nodal values at nodes, linear on edges, piecewise linear on faces, and Pi u in cells, (3.11).
 
         Raises
         ------
@@ -138,7 +138,7 @@ class History(Results, Outlined):
         count : int
             The number of evenly spaced points, both ends included; at least 2.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            Displacements are those of `probe`; stresses are constant on cells, and averaged where several cells meet.
+            Displacements are computed as by `probe`. Stresses are constant on cells, and averaged where cells meet.
 
         Returns
         -------
@@ -158,16 +158,16 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            A point and a normal of the plane (of the line, if the body is plane). The normal points ahead.
+            A point of the plane (of the line, if the body is plane), and the normal, which points to the part ahead.
         on : str or sequence of str, optional
-            The cells to include, by names of cell data that are nonzero there, such as names of bodies.
+            Names of cell data, such as names of bodies: cells where one of them is nonzero are included.
 
         Returns
         -------
         Section
             ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
-            (S, 3), that the part ahead exerts on the part behind. On every mesh they balance all other forces on either
-            side to rounding; loads on cut cells act at their nodes.
+            (S, 3), that the part ahead exerts on the part behind. On every mesh, this force and moment balance all
+            other forces on either side to rounding. The loads of a cut cell act at the nodes of this cell.
 
         Raises
         ------
@@ -194,9 +194,9 @@ class History(Results, Outlined):
         Parameters
         ----------
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            Displacements are those of Pi u.
+            The mean displacement is the mean of Pi u.
         on : str or sequence of str, optional
-            The cells, by names of cell data that are nonzero there, such as names of bodies.
+            Names of cell data, such as names of bodies: the mean is over the cells where one of them is nonzero.
 
         Raises
         ------
@@ -216,7 +216,7 @@ class History(Results, Outlined):
             the arc length "s" on it (:mod:`vemcvx.results.arc`). "probes": displacements of every point at every stored
             step. Components of vectors are separate columns, such as "slip_x".
         points : (p, dim) points of the body
-            The points of "probes": see `probe`.
+            The points of the table "probes", as for `probe`.
 
         Raises
         ------
@@ -228,7 +228,7 @@ class History(Results, Outlined):
         return table(self, name, points)
 
     def to_pandas(self, name: str = "steps", points: ArrayLike | None = None) -> DataFrame:
-        """Return the same table as a DataFrame.
+        """Return the table that :meth:`table` returns, as a DataFrame.
 
         Raises
         ------
@@ -251,7 +251,7 @@ class History(Results, Outlined):
         return dataset(self)
 
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
-        """Return the convex program of step `n` as it was solved, with its answer and its certificate.
+        """Return the convex program of step `n` as it was solved, with the solution and its certificate.
 
         The program is assembled again from the stored states before and after the step. :func:`vemcvx.programs` yields
         the programs of all steps with one factorisation.
@@ -281,7 +281,7 @@ class History(Results, Outlined):
         return in_words(self)
 
     def summary(self) -> str:
-        """Return the run in a few lines of words."""
+        """Return a summary of the run in a few lines of text."""
         outline = self.outline()
         return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
@@ -291,7 +291,7 @@ class History(Results, Outlined):
 
 
 def scene_of(history: object, subject: str) -> Scene:
-    """Return the scene of a history; raise HistoryError if it has none, or is no history."""
+    """Return the scene of a history; raise HistoryError if `history` has no scene, or is not a History."""
     if not isinstance(history, History):
         raise HistoryError(f"{subject}: found {brief(history)}; wanted a History.")
     if history.scene is None:
@@ -302,7 +302,7 @@ def scene_of(history: object, subject: str) -> Scene:
 
 
 def read_history(folder: str | Path) -> History:
-    """Read a history from a folder that :meth:`History.write` wrote, every number to the bit.
+    """Read a history from a folder that :meth:`History.write` wrote; all numbers are equal to the last bit.
 
     Files do not keep the scene, because its data may be functions: `scene` is None, and `effects` describes it.
 
@@ -333,8 +333,8 @@ def joined(histories: Sequence[History]) -> History:
     """Return stages as one history, with tables, pictures, films and files like any other.
 
     A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Effects
-    are those of all stages, each active in its own stage; steps are numbered consecutively. Slip, wear, work and losses
-    continue. Bounds and estimated errors belong to single stages and are left out; `scene` is None.
+    of all stages are listed; each acts in its own stage only. Steps are numbered consecutively. Slip, wear, work and
+    losses add up over the stages. Bounds and estimated errors of stages are left out; `scene` is None.
 
     Parameters
     ----------
@@ -374,7 +374,7 @@ FOR_GIVEN = "for the given friction: friction bounds are fixed by the pressure a
 
 
 def in_words(history: Results) -> Outline:
-    """Return the summary in words: effects, certificates, cost."""
+    """Return the summary of a history in words: size, solver, certificates, errors, energy, contact, cost."""
     run, touch = history.trajectory, history.contact
     row, at_end = history.row(None), history.peak == history.stored[-1]
     sticks, slips, opened = (int(count[row]) for count in (touch.stick_count, touch.slip_count, touch.open_count))

@@ -65,13 +65,13 @@ def simulate(
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
     times : increasing sequence of instants
-        times[0] is the initial instant; data are evaluated at all others.
+        times[0] is the initial instant; data are evaluated at all later instants.
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs without friction and one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
         The displacement at times[0]. None is zero; "equilibrium" is the equilibrium a(u_0, .) = l(0) without friction;
-        "settled" is the result of one step from zero; :func:`vemcvx.projected` is P^h u_0 of a function. A history, or
-        its folder, is another run on the same mesh: slip, wear, work and losses continue from its end.
+        "settled" is the result of one step from zero; vx.projected(u_0) is P^h u_0 (:func:`vemcvx.projected`). From a
+        history, or its folder, the run continues on the same mesh, with the slip, wear, work and losses at its end.
     store : "all", "last", int n or sequence of int
         Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or the given steps and
         the last. Other steps are certified on the unknowns of contact and friction.
@@ -88,7 +88,7 @@ def simulate(
         A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
         interrupted. Only one run at a time may write there; other files in it are not changed.
     resume : bool
-        Continue the run in the folder `stream` from its last stored step; False replaces it.
+        True: continue the run in the folder `stream` from its last stored step. False: replace that run.
     bound : bool
         Compute guaranteed lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`);
         `history.bound` has the bounds of the step with the largest upper bound. All steps must be stored.
@@ -100,11 +100,11 @@ def simulate(
     Raises
     ------
     SceneError
-        The problem of scene, mesh and times is not well-posed, or has no bound; `initial` violates (3.10) on this mesh.
+        The scene is not well-posed on this mesh, or no bound is available; `initial` violates (3.10) on this mesh.
     NotAccepted
         The solver does not accept the scene's program.
     NotCertified
-        A step misses the accuracy.
+        The certificate of a step exceeds the solver's accuracy.
     HistoryError
         `stream` cannot be written to, another run writes there, or it holds a run of another problem.
 
@@ -173,11 +173,11 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 
 
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
-    """Return the instants of a run, with additional instants at which its data bend, turn or jump inside steps.
+    """Return `times` together with the instants inside steps at which data bend, turn or jump.
 
     Backward Euler evaluates data at the ends of steps. If a load reverses inside a step, backward Euler misses its
-    extreme value, and with friction the answer is wrong from then on. Data are sampled at 256 instants, or at the
-    middles of steps; a change that begins and ends between two samples is not found.
+    extreme value, and with friction all later results are wrong. Data are sampled at least 256 times per run, and in
+    the middle of each step. A change that begins and ends between two samples is not found.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     Returns
     -------
     (N + 1,) array
-        Increasing instants, among them one on either side of each jump, at most a billionth of the run apart.
+        Increasing instants. A jump lies between two of them that are at most a billionth of the run apart.
 
     Examples
     --------
@@ -206,7 +206,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
 
 
 def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
-    """Log a warning of instants inside steps at which data bend, turn or jump; the check takes 1/20 of a run."""
+    """Log a warning that names the instants inside steps at which data bend, turn or jump."""
     if len(times) < 2:
         return
     with suppress_scene_warnings():
@@ -233,7 +233,7 @@ def programs(
     condense: bool = True,
     linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
-    """Simulate a scene, and yield the convex program of every step with its certified answer, step after step.
+    """Simulate a scene, and yield the convex program and the certified solution of every step, in order.
 
     One factorisation serves all programs.
 
@@ -300,17 +300,17 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
 
     a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly if u_0 is linear.
 
-    If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). State 0
-    is the end of one step at times[0] from P^h u_0, and obeys (2.1) exactly. If this step is longer than the error of
-    the projection, a warning follows: u_0 violates (2.1), or the mesh is too coarse.
+    If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). One step
+    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. If this step is longer than the
+    projection error, a warning is issued: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
-        u_0, a vector for each of the points x (m, dim); t is times[0]. At supports it equals their displacement.
+        u_0, a vector for each of the points x (m, dim); t is times[0]. At supports, u_0 must obey their conditions.
     settle : bool
-        False: state 0 is P^h u_0 itself, (3.26) to the letter, which Theorem 3.10 allows. Its certificate is then the
-        relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
+        False: the initial state is P^h u_0 itself, (3.26), which Theorem 3.10 allows. Its certificate is the relative
+        energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------
@@ -349,7 +349,7 @@ def begins(initial: object) -> str:
 def free_unknowns(
     initial: ArrayLike | str | Path | Projected | Results | None, posed: PosedScene, times: Floats
 ) -> Beginning:
-    """Return the initial state of a march at times[0]: the free unknowns of a displacement, or the given word."""
+    """Return the initial state of a march at times[0]: free unknowns, or `initial` itself if it is a word."""
     if isinstance(initial, Path) or (isinstance(initial, str) and Path(initial).is_dir()):
         initial = read_history(initial)
     if isinstance(initial, Results):

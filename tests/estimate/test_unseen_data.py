@@ -216,7 +216,7 @@ def test_a_bump_of_the_obstacle_is_seen_at_an_angle(angle):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:.*slide on air")
+@pytest.mark.filterwarnings("ignore:.*move freely along its normal")
 def test_waves_of_the_bound_are_seen_at_an_angle():
     """As long as an edge, so that their mean is what nodes say; their work is less by the cosine of the angle."""
     pull = vx.Traction(lambda x, t: t * np.tile([6.0, -6.0], (len(x), 1)), on="left")

@@ -75,16 +75,16 @@ class PrescribedSlip(Effect):
     ----------
     value : number, or callable f(x, t) -> (m,)
         The slip along the tangent (n rotated by +90 degrees), length, evaluated at t_n. Positive slip is right-lateral:
-        seen from either side, the other side moves to the right. So it does not depend on which body is first. In space
-        a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
+        seen from either side, the other side moves to the right. So the sign does not depend on which body is first. In
+        space a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact. At shared nodes the slips of parts must agree.
 
     Raises
     ------
     SceneError
-        By `contribute` or a run: `value` has a wrong shape, is not finite, or contradicts other supports (for example
-        around a corner of the fault).
+        Raised by `contribute` or in a run: `value` has a wrong shape, is not finite, or contradicts other supports (for
+        example around a corner of the fault).
 
     Examples
     --------
@@ -208,7 +208,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # On a curve, edges that move out by d move the node by d / cos; the pressure along n is smaller by cos, too.
+        # On a curve, a node moves by d / cos if its edges move out by d; its pressure along n has the factor cos, too.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -219,16 +219,16 @@ class NormalCompliance(Effect):
 SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# Friction in closed contact only has the weight g where p > 0, and 0 where p = 0. With this jump a step need not have a
-# solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) equals the
-# bound wherever the pressure exceeds g / STEEPNESS. It is continuous, so every step has a solution (Brouwer). This is
-# Coulomb's law with the coefficient STEEPNESS and the cap g. Pressures below a millionth of the bound count as grazing.
+# With while_closed=True the weight of friction is g where p > 0, and 0 where p = 0. With this jump a step need not have
+# a solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) equals
+# the bound wherever the pressure exceeds g / STEEPNESS. It is continuous, so every step has a solution (Brouwer). This
+# is Coulomb's law with the coefficient STEEPNESS and the cap g.
 STEEPNESS = 1e6
 
 
 @dataclass(frozen=True)
 class TrescaFriction(Effect):
-    """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and slip against it at the bound.
+    """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
 
     The bound does not depend on pressure. With UnilateralContact or NormalCompliance, friction therefore also acts
     where contact is open, and a warning is issued if that happens. ``while_closed=True`` restricts friction to closed
@@ -236,7 +236,7 @@ class TrescaFriction(Effect):
 
     Where two parts of the boundary meet at a node, each part has the bound of its own edges; bounds of overlapping
     parts add up. If a prescribed displacement moves nodes along the obstacle, friction g acts against their slip, and
-    the support bears it. In a step without such a motion, friction at these nodes is taken as 0.
+    the support carries this friction. In a step without such a motion, friction at these nodes is taken as 0.
 
     Parameters
     ----------
@@ -248,17 +248,17 @@ class TrescaFriction(Effect):
         The nodal weights: w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
-        then depends on pressure, and is certified as with CoulombFriction. A step is refused if a node opens with
-        friction but closes without, because the step has no solution. False: g everywhere. None (default): g
-        everywhere, with a warning if friction acts where contact is open.
+        then depends on pressure, and is certified as with CoulombFriction. A step may be refused if a node opens with
+        friction but closes without, because the solver alternates. False: g everywhere. None (default): g everywhere,
+        with a warning if friction acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
         Friction acts against the slip of the body relative to the obstacle. Only changes in time along the boundary
         count. For an obstacle that moves along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
         Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface), and
-        `across` against slip across it. The ellipse with these axes bounds forces, and slip is normal to the ellipse
-        (:mod:`vemcvx.effects.effect`).
+        `across` against slip across it. Friction lies in the ellipse with these two semi-axes, and slip is normal to
+        the ellipse (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 
@@ -300,7 +300,7 @@ class TrescaFriction(Effect):
 
 
 def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
-    """Return the law min(mu p, cap) of weights for normal contact forces p (m,)."""
+    """Return the law with the weights min(mu p, cap), where p (m,) are normal contact forces."""
 
     def weights(t: float, p: Floats, *slips: Floats) -> Floats:
         return np.minimum(coefficient(t) * np.maximum(p, 0.0), cap(t))
@@ -358,14 +358,14 @@ class CoulombFriction(Effect):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
     Nodes stick below the bound; at the bound friction acts against the slip. The effect needs UnilateralContact or
-    NormalCompliance on the same boundary. The solution of a step minimises no energy: it solves the convex Tresca
-    problem with the weights coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous
-    1991). The certificate is for the given friction: it bounds the error of the Tresca problem with the pressures of
-    the answer. A solution exists, and is unique for small coefficients.
+    NormalCompliance on the same boundary. The solution of a step minimises no energy. It solves the convex Tresca
+    problem with the weights coefficient * nodal pressure, for the pressures of this solution (Necas, Jarusek and
+    Haslinger 1980; Licht, Pratt and Raous 1991). The certificate is "for the given friction": it bounds the error in
+    the Tresca problem with the computed pressures. A solution exists, and is unique for small coefficients.
 
-    Where two parts of the boundary meet at a node, each part has friction by the fraction of the nodal force on its own
-    edges. Where a prescribed displacement moves nodes along the obstacle, friction acts as with TrescaFriction. There
-    the normal component must not be prescribed, because no pressure would be known.
+    Where two parts of the boundary meet at a node, the nodal force is divided by edges, and each part has friction by
+    its fraction. Where a prescribed displacement moves nodes along the obstacle, friction acts as with TrescaFriction.
+    There the normal component must not be prescribed, because the pressure would be unknown.
 
     Parameters
     ----------
@@ -400,7 +400,7 @@ class CoulombFriction(Effect):
         self._check_dimension(space)
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
 
-        @lru_cache(maxsize=3)  # A step evaluates it about ten times.
+        @lru_cache(maxsize=3)  # A step calls `read` about ten times.
         def read(name: str, t: float) -> Floats:
             return self._read(name, data.At(space.mesh.points[rows.nodes], t))
 

@@ -27,7 +27,7 @@ from vemcvx.vem import component_names
 
 
 class Tabulated:
-    """A table of values over time, linear in between, for any datum f(x, t): loads, bounds, gaps, temperatures, ...
+    """A table of values over time, interpolated linearly, for any datum f(x, t): loads, bounds, gaps, temperatures, ...
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class Tabulated:
     Raises
     ------
     SceneError
-        `times` do not increase, or `values` are not finite or not as many as `times`. A call raises it at an instant
-        outside the table.
+        `times` do not increase, or `values` are not finite, or `times` and `values` differ in length. A call at an
+        instant outside the table also raises SceneError.
 
     Examples
     --------
@@ -78,8 +78,8 @@ class Tabulated:
         return f"Tabulated({len(self.times)} instants from {self.times[0]:.6g} to {self.times[-1]:.6g})"
 
 
-# Every value of a scene that reaches a matrix is checked here once. A wrong shape, a NaN or a wrong signature raises a
-# SceneError with one sentence, not an exception of numpy.
+# Every value of a scene is checked here once, before it enters a matrix. A wrong shape, a NaN or a wrong signature
+# raises a SceneError with one sentence, not an exception of numpy.
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, or f(x); for materials also one value per cell, or the name of a cell datum (str is ArrayLike)."""
@@ -87,7 +87,7 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 
 @dataclass(frozen=True)
 class Holds:
-    """The shape and sign that the values of a field of an effect must have, and this rule in words."""
+    """The shape and sign required of the values of a field of an effect, and this requirement in words."""
 
     shape: str = "number"  # "number" or "vector", for each place
     sign: str = ""  # "> 0", ">= 0", or "" for any; for vectors "!= 0"
@@ -160,19 +160,19 @@ def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
     return At(x).read(value, subject)
 
 
-def number_a_row(raw: object, m: int, subject: str) -> Floats:
+def read_numbers(raw: object, m: int, subject: str) -> Floats:
     """Return one number for each of m rows of a part of the boundary."""
     return np.full(m, as_shaped_array(raw, subject, f"one number, or ({m},), one per row", (), (m,)))
 
 
-def finite_a_row(raw: object, m: int, subject: str) -> Floats:
+def read_finite(raw: object, m: int, subject: str) -> Floats:
     """Return one finite number for each of m rows of a part of the boundary."""
-    return finite(number_a_row(raw, m, subject), subject)
+    return finite(read_numbers(raw, m, subject), subject)
 
 
-def weight_a_row(raw: object, m: int, subject: str) -> Floats:
+def read_weights(raw: object, m: int, subject: str) -> Floats:
     """Return the weights of friction (m,) of m rows of a part; infinite where the row always sticks."""
-    found = number_a_row(raw, m, subject)
+    found = read_numbers(raw, m, subject)
     finite(np.where(found == np.inf, 0.0, found), subject)
     return found
 
@@ -189,7 +189,7 @@ class InCells:
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # points that count; elsewhere constants with a sign rule become 1, the others 0
+    inside: Bools | None = None  # points in the material; elsewhere constants with a sign rule become 1, the others 0
 
     def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
         """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""

@@ -1,18 +1,18 @@
 """The base class of effects, and the contributions of effects to the assembled problem.
 
 Displacements are vectors u of n_nodes * dim nodal values; component a of node i has the position i * dim + a. A
-contribution consists of arrays, and of data f(x, t) that are evaluated at t_n. The kinds of contributions are a closed
-set; effects are an open set, and each of them returns any of these kinds.
+contribution consists of arrays, and of data f(x, t) that are evaluated at t_n. The kinds of contributions are fixed.
+Users may define further effects; each effect returns contributions of any of these kinds.
 
-Friction by direction on a surface in space bounds friction by an ellipse. Let g be the bound along a unit vector e of
-the surface and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. Its dissipation in the
-slip s is the largest work of such forces. By Cauchy and Schwarz on (q_e / g, q_c / h) this is
+Friction by direction, on a surface in space, is bounded by an ellipse. Let g be the bound along a unit vector e in the
+surface and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. The dissipation in a slip s is
+the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, q_c / h) this work is
 
     max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
 
 attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse (Michalowski and Mroz, Arch. Mech. 30, 1978).
-So the norm term has the weight g, as for isotropic friction, but reads slip by the vectors e and r c in place of two
-orthonormal tangents. Cone, certificate and active sets are unchanged. r must not change in time.
+So the norm term has the weight g, as for isotropic friction, but multiplies slip by the vectors e and r c instead of
+two orthonormal tangents. Cone, certificate and active sets are unchanged. r must not change in time.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Load:
     times : tuple of float
         The instants of the run, if they are known.
     between : bool
-        True for forces of two bodies on each other.
+        True if the load consists of opposite forces of two bodies on each other.
 
     Examples
     --------
@@ -95,10 +95,10 @@ class Load:
 
     @cached_property
     def borne(self) -> Floats:
-        """The total force (q, dim) of each point if the datum is 1 along each axis, or the scalar 1."""
+        """The total force (q, dim) due to each point if the datum is the vector (1, ..., 1), or the scalar 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
         total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
-        # Basis functions sum to one. So the rows of one component add up to the total force along its axis.
+        # Basis functions sum to one. So the rows of all nodes for one axis add up to the total force along this axis.
         return total if self.matrix.shape[1] == len(self.points) else total.reshape(-1, dim, dim).sum(axis=1)
 
     @property
@@ -129,11 +129,11 @@ class Support:
     value : callable t -> (m,), optional
         Prescribed components, length; None means zero at all times.
     contact : bool
-        True for bilateral contact, u . n = 0, which yields to other supports in the same direction at shared nodes.
+        True for bilateral contact, u . n = 0. At shared nodes, other supports in the same direction take precedence.
     partners : (m,) array, optional
-        Nodes of other bodies, or -1; components of u(node) - u(partner) are prescribed.
+        Nodes of other bodies, or -1. With a partner, components of u(node) - u(partner) are prescribed.
     patterns : (m, k) array, optional
-        Independent columns, which multiply k unknown amplitudes c.
+        Linearly independent columns, multiplied by k unknown amplitudes c.
 
     Examples
     --------
@@ -177,7 +177,7 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ellipse:
-    """The ellipses of friction at m rows of nodes and normals."""
+    """The ellipses that bound friction in m contact rows; a row is a node with a normal."""
 
     subject: str
     points: Floats  # (m, 3)
@@ -198,7 +198,7 @@ class Ellipse:
         return np.stack([first, self._ratio(times)[:, None] * np.cross(normals, first)], axis=1) + 0.0
 
     def _ratio(self, times: Sequence[float]) -> Floats:
-        """Return r (m,), evaluated at the first instant with friction; 1 where there is never friction."""
+        """Return r (m,), evaluated at the first instant with friction; 1 in rows that never have friction."""
         ratio = np.full(len(self.points), np.nan)
         for t in times if len(times) else (0.0,):
             along, across = self.bounds(float(t))
@@ -231,9 +231,9 @@ class ContactSurface:
     lengths : (m,) array
         Integrals of the nodal basis functions over the edges (in space faces) with that normal.
     ends : EdgeEnds, optional
-        The edges of each row. Without them, `lengths` belong to edges that no other part has.
+        The edges of each row. Without `ends`, edges of this surface count as distinct from those of other surfaces.
     partners : (m,) array, optional
-        Nodes of other bodies, or -1; rows read u(node) - u(partner).
+        Nodes of other bodies, or -1. With a partner, a row depends on u(node) - u(partner).
 
     Examples
     --------
@@ -280,7 +280,7 @@ class Friction(ContactSurface):
     directions : (m, dim) array, optional
         Unit vectors e_i: terms are w_i |e_i . (v - v_prev)| instead.
     bond : bool
-        True for a term that locks the amplitude of a support; it is no place of contact.
+        True for a term that locks the amplitude of a support; it is not reported as contact.
     ellipse : Ellipse, optional
         For friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|.
 
@@ -326,7 +326,7 @@ class Friction(ContactSurface):
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     def read(self, times: Sequence[float]) -> Floats:
-        """Return the vectors (m, dim - 1, dim) by which terms read slip; for `directions` in space the second is 0."""
+        """Return the vectors (m, dim - 1, dim) that multiply slip; for `directions` in space the second is 0."""
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
@@ -334,9 +334,9 @@ class Friction(ContactSurface):
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """Return the weights (m,) for normal forces p (m,), slips (m,) before the step, and slips (m,) of the step."""
+        """Return the weights (m,) for normal forces p (m,), and slips (m,) before the step, `past`, and in the step."""
         law = self.law
-        w = data.weight_a_row(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
+        w = data.read_weights(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if law is None:
             return w
         added = self._evaluate("law of friction", law.weights, t, (p, past, slip))
@@ -350,21 +350,21 @@ class Friction(ContactSurface):
         return w + added
 
     def slope_under(self, t: float, p: Floats, past: Floats) -> Floats:
-        """Return the derivatives (m,) of the weights by the normal forces; zero if the law has no slope."""
+        """Return the derivatives (m,) of the weights with respect to normal forces; zero if the law has no slope."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
         return self._evaluate("slope", self.law.slope, t, (p, past))
 
     def _evaluate(self, name: str, function: Callable[..., object], t: float, arguments: Sequence[Floats]) -> Floats:
-        """Return the values (m,) of a function of the law; arguments that the law does not declare are empty."""
+        """Return the values (m,) of a function of the law; arguments that the law does not use are empty arrays."""
         law, none, (p, *slips) = self.law, np.zeros(0), arguments
         assert law is not None
         given = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
         call = f"f(t, p, past{', slip' * (len(slips) > 1)}) with t = {t:.6g}"
         wanted = "take the values of all rows at once and return one number for each"
-        rule = "; p is empty without pressed=True, slips are without slips=True"
+        rule = "; p is empty without pressed=True, past and slip are empty without slips=True"
         raw = call_function(function, given, f"{self.subject}: its {name} failed when called as {call}", wanted + rule)
-        return data.number_a_row(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
+        return data.read_numbers(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
 
     @property
     def softening(self) -> Floats:
@@ -372,11 +372,11 @@ class Friction(ContactSurface):
         law = self.law
         if law is None:
             return np.zeros(len(self.nodes))
-        rate = data.number_a_row(law.softening, len(self.nodes), f"{self.subject}: softening")
+        rate = data.read_numbers(law.softening, len(self.nodes), f"{self.subject}: softening")
         if law.pressed or not ((rate >= 0) & (rate < np.inf)).all():
             raise SceneError(
-                f"{self.subject}: found softening {rate.max():.6g} and pressed={law.pressed}; it is a finite number "
-                ">= 0 of a law that reads no normal forces, or None if it is not known."
+                f"{self.subject}: found softening {rate.max():.6g} and pressed={law.pressed}; softening is a finite "
+                "number >= 0 of a law without pressed=True, or None if it is not known."
             )
         return rate
 
@@ -418,12 +418,12 @@ class Material:
     thermal_stress_moduli : (n_cells, components) array
         Minus the stress under a blocked unit strain in all directions of space.
     plane : {"strain", "stress"}
-        One for the whole body; "strain" in space.
+        The same for all materials of a body; "strain" in space.
     cells : (n_cells,) array of bool, optional
         The cells of the material; None means all.
     out_of_plane : (n_cells, 4) array, optional
         The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus zz for a blocked unit eigenstrain. Zero in
-        plane stress; None in space, and if the law does not define it.
+        plane stress; None in space, and if the law does not define zz.
     stabilisation : Stabilisation, optional
         S_K; None means "shear" (:func:`vemcvx.vem.softest_shear`).
     at : callable (x, cells) -> (moduli, thermal stress moduli), optional
@@ -599,7 +599,7 @@ class Effect(ABC):
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
     def _read(self, name: str, at: data.At | data.InCells, value: object = None, label: str | None = None) -> Floats:
-        """Return the values of a field at places; raise SceneError unless shape and sign are as `data.holds` declares.
+        """Return the values of a field at points or cells; raise SceneError unless `data.holds` allows shape and sign.
 
         `value` replaces the value of the field, and `label` its name in messages.
         """
@@ -609,7 +609,7 @@ class Effect(ABC):
         return found
 
     def _check_dimension(self, space: Space) -> None:
-        """Raise SceneError if a field is given that its metadata exclude for bodies of this dimension."""
+        """Raise SceneError if a field is given that is excluded, by its metadata, for bodies of this dimension."""
         for one in fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
             if value is not None and "in the plane" in one.metadata:

@@ -49,7 +49,7 @@ class Traction(Effect):
 
 @dataclass(frozen=True)
 class Pressure(Effect):
-    """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p, as of Traction.
+    """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p.
 
     The pressure does not follow the body: n is the normal of the undeformed boundary (small displacements).
 
@@ -87,8 +87,8 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K, as in the paper, (3.2) and before (3.14). For constant f_1 the
-    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices, and O(h) otherwise.
+    v_hat is the average of the vertex values of v on K: see (3.2) and the text before (3.14). For constant f_1 the
+    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices, else O(h) accurate.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class BodyForce(Effect):
         Cartesian components, force per area (in space per volume), evaluated at t_n.
     on : str or sequence of str, optional
         Names of cell data, such as names of bodies: the force acts where one of them is nonzero. By default it acts on
-        all cells. A function f that is zero outside a region is less exact on cells that the region cuts.
+        all cells. A function f that is zero outside a region is integrated less exactly in cells that the region cuts.
 
     Examples
     --------
@@ -124,8 +124,8 @@ class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
     Refinement does not improve this model: under a point force, displacement and energy grow without bound (in the
-    plane like log(1/h), Flamant's solution). A run spreads the force over about one cell. Away from the point the
-    solution converges.
+    plane like log(1/h), Flamant's solution). On a mesh the force acts as if spread over about one cell. Away from the
+    point the solution converges.
 
     Parameters
     ----------
@@ -205,10 +205,9 @@ def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
-    The condition is the same as for BilateralContact, but this is a support and not contact: its force is in
-    `reaction`, it is not in `history.contact`, and it does not yield to other supports. A prescribed displacement that
-    contradicts it at a shared node is an error. Where a curve of contact ends on a line of symmetry, contact has the
-    normals and pressures of the whole body.
+    The condition is the same as for BilateralContact, but Symmetry is a support, not contact. Its force is part of
+    `history.reaction`, not of `history.contact`. A prescribed displacement that contradicts Symmetry at a shared node
+    is an error. Where a contact curve ends on a line of symmetry, normals and pressures are those of the whole body.
 
     Parameters
     ----------
@@ -248,7 +247,7 @@ class PrescribedDisplacement(Effect):
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only), so the body lies on the
         left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed. Sides whose normals
-        differ by less than 42.5 degrees form a curve; its nodes move so that all its sides move outward by the value.
+        differ by less than 42.5 degrees form a curve; all sides of a curve move outward by the value.
 
     Examples
     --------
@@ -315,12 +314,12 @@ class Rigid(Effect):
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
-        Force at that point (per unit thickness), evaluated at t_n.
+        Force at the point `at` (per unit thickness), evaluated at t_n.
     moment : number, in space (3,), or callable f(x, t), optional
         Moment (per unit thickness); in the plane positive anticlockwise.
     motion : sequence of 3, in space 6, optional
-        The components of the translation of that point, length, and of the rotation, radians (in space about the axes).
-        Each is a number, or f(x, t) with the point x (1, dim), or None for a free component. By default all are free.
+        The translation of the point `at`, length, then the rotation, radians (in space about x, y, z). Each component
+        is a number, or f(x, t) with the point x (1, dim), or None if it is free. By default all are free.
 
     Examples
     --------
@@ -358,7 +357,7 @@ class Rigid(Effect):
             value if data.varies(*held.values()) or value(0.0).any() else None,
             patterns=modes[:, free] if free else None,
         )
-        # On every rigid motion T c the nodal forces T (T'T)^{-1} (F, M) do the work of the force F and the moment M.
+        # On every rigid motion T c, the nodal forces T (T'T)^{-1} (F, M) do the same work as the force F and moment M.
         spread = np.zeros((space.mesh.n_nodes, dim, modes.shape[1]))
         spread[nodes] = np.linalg.pinv(modes).T.reshape(len(nodes), dim, -1)
         own = (("force", self.force, slice(dim)), ("moment", self.moment, slice(dim, None)))
@@ -405,13 +404,13 @@ class Pretension(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. All sides of one effect are
-        one bolt and share the force; for another bolt use another effect.
+        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. All sides in `on` belong to
+        one bolt and share the force; give every bolt its own effect.
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
-        The last instant of tightening, which is an instant of the run, or outside it. By default the bolt is never
-        locked.
+        The last instant of tightening: one of the instants of the run, or a time outside the run. By default the bolt
+        is never locked.
 
     Examples
     --------
@@ -453,7 +452,7 @@ class Pretension(Effect):
         def tension(x: Floats, t: float) -> Floats:
             return data.scalar(self.force, x, min(t, until), f"{subject}: force")
 
-        # A norm term that reads the jump locks it: its weight is infinite after `until`, so it always sticks.
+        # A norm term on the jump locks the jump: after `until` the weight is infinite, so the term always sticks.
         first = np.flatnonzero(rows.ends.row == 0)
         lock = Friction(
             f"{subject}: lock",

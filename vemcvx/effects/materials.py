@@ -27,7 +27,7 @@ NO_PLANE_IN_SPACE = "leave it out: plane strain and plane stress are for plane b
 
 
 class MaterialLaw(Effect):
-    """The base class of effects that give cells a material. A scene has at least one, and every cell exactly one.
+    """The base class of materials. A scene has at least one material, and every cell exactly one.
 
     Examples
     --------
@@ -37,7 +37,7 @@ class MaterialLaw(Effect):
 
 
 class Moduli(NamedTuple):
-    """The constants of k cells; the first three attributes are those of :class:`Material`."""
+    """The constants of k cells; :class:`Material` explains the first three."""
 
     moduli: Floats  # (., k)
     thermal_stress_moduli: Floats  # (k, components)
@@ -134,7 +134,7 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
 # A free strain s in all three directions of space, blocked in the plane, causes the stress -b s in the plane. In space
-# and in plane strain (where it is also blocked across the plane) b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress
+# and in plane strain (s is then blocked in all directions) b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress
 # b = 2 (lam + mu) = E / (1 - nu), with the reduced lam. In plane strain the stress across the plane is
 # sigma_zz = lam (e_xx + e_yy) - b s.
 STABILISATIONS = ("shear", "unit")
@@ -153,8 +153,8 @@ class Elasticity(_Elastic):
     plane : {"strain", "stress"}, optional
         The state of a plane body; "strain" by default. It must be left out for bodies in space.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
-        The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: it does
-        not depend on units and does not lock. "unit" is S_K of (3.13), without a factor.
+        The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: results
+        do not depend on units, and the stabilisation does not lock. "unit" is S_K of (3.13), without a factor.
     on : None, str or sequence of str
         Names of cell data: the material fills the cells where at least one of them is nonzero. None is the whole body.
         Moduli must be finite on all cells, but only their values on cells of the material count.
@@ -212,8 +212,8 @@ class Elasticity(_Elastic):
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
 # with nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
-# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Tensors rotate by e' = R e R', vectors of strains by e' = Q e, where
-# the row of e'_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij. So C = Q'C'Q.
+# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Tensors rotate by e' = R e R', vectors of strains by e' = Q e. The
+# row of Q for e'_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij. So C = Q'C'Q.
 #
 # A plane body is a body in space with axis 3 across the plane. Plane strain (e_3 = 0) uses the rows of C in the plane,
 # and the row of zz gives the stress across it. In plane stress (sigma_3 = 0) S and C have no coupling to axis 3.
@@ -371,7 +371,7 @@ class Viscosity(Effect):
 
     The form b^h(u', v) is the form of elasticity with `shear` for mu and `volume` for lambda, with the same kind of
     stabilisation (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
-    chapter 6). Results then depend on the lengths of steps. `history.energy` remains 1/2 a^h(u, u), and `dissipated`
+    chapter 6). Results then depend on step sizes. `history.energy` remains 1/2 a^h(u, u), and `history.dissipated`
     includes the viscous loss. Forces include viscous forces at the rate of the last step; `stress` is the elastic part.
     The initial state need not satisfy condition (2.1), because viscous forces restore balance.
 
@@ -453,8 +453,8 @@ class ThermalStrain(Effect):
 class Prestress(Effect):
     """Initial stress, a stress at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    It acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`. Energy and work are as with
-    ThermalStrain. If sigma_0 is nonzero at times[0], begin with ``initial="settled"`` or "equilibrium".
+    Initial stress acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`. Energy and work are
+    defined as for ThermalStrain. If sigma_0 is nonzero at times[0], begin with ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.base.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.effects import ContactSurface, Friction, Law, Obstacle, Support
-from vemcvx.effects.data import finite_a_row, weight_a_row
+from vemcvx.effects.data import read_finite, read_weights
 from vemcvx.meshes import Interface
 from vemcvx.meshes.polygons import find_all_in
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits, Norms
@@ -22,12 +22,12 @@ from vemcvx.scene.rows import ContactRows, along, build_summation, distinct_pair
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
-# A node belongs to contact if its tangent is free, or its normal (on the axis of a half model, where a support holds
-# the tangent); also if contact holds its normal and a support its tangent, and if supports drag it against friction.
-# The component of the forces H'R along the contact normal of a held node is a contact force. So is the force of a
-# single support that moves a node along this normal (a moving obstacle).
+# A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
+# a half model, where a support holds the tangent); contact holds the normal and a support the tangent; or supports drag
+# the node against friction. At a held node, the component of H'R along the contact normal is a contact force. So is the
+# force of a single support that moves a node along this normal (a moving obstacle).
 Moving = Callable[[float], Floats]
-"""t -> displacements (k, dim) of the ground under k rows, or their components along the rows."""
+"""t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
 
 
 class Freedom(NamedTuple):
@@ -35,7 +35,7 @@ class Freedom(NamedTuple):
 
     slides: Bools  # True if some free unknown moves the node along the boundary
     dragged: Bools  # True if a tangent is held, and supports or the ground move along the boundary
-    normal_only: Bools  # True if all tangents are held, but contact or nothing holds the normal: it has a pressure
+    normal_only: Bools  # True if all tangents are held, and the normal is free or held by contact: there is a pressure
 
 
 def _freedom(
@@ -63,14 +63,14 @@ def _freedom(
 
 
 def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
-    """Return True (k,) for rows whose node some free unknown moves along the normal."""
+    """Return a mask (k,) of the rows whose node can move along the normal."""
     return np.diff(supports.on_free(rows.normal_rows(supports.points)).indptr) > 0
 
 
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Return True (k,) for rows whose `slip` changes during `times`; without times, for rows that may be moved."""
+    """Return a mask (k,) of the rows whose `slip` changes during `times`; without times, of rows that may be moved."""
     dragged = np.zeros(len(rows), dtype=bool)
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
@@ -89,15 +89,15 @@ def _find_dragged(
 
 
 def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
-    """Return g (k, n_u), zero if contact does not hold a row's normal: its force is -g . R for reactions R."""
+    """Return g (k, n_u): the contact force of a row under reactions R is -g . R; zero if it has no such force."""
     entries, places = _match_normals(rows, supports)[1:]
     return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return True (k,) for rows whose normal contact alone holds.
+    """Return a mask (k,) of the rows whose normal is held by contact alone, and matches of rows with rows of A.
 
-    Return also which row of A holds the normal of which row as a contact force: cosines, and pairs (row, row of A).
+    A row matches a row of A whose force is a contact force along its normal: return cosines and pairs (row, row of A).
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
@@ -112,7 +112,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
     same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
     row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]
-    # Count the rows of A at the site of each row, and those of them that are of contact.
+    # Count the rows of A at the site of each row, and the rows of contact among these.
     site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
     count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
     held_by_contact = np.zeros(len(rows), dtype=bool)
@@ -122,10 +122,10 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows of one node with one normal form one term, unless their grounds move differently. Its weight is the sum
-# of theirs, and it owns all their edges. Over u the matrix of the terms is B^ (orthonormal tangents), over the free
-# unknowns B = B^ P. Terms that no free unknown moves come last. They are kept if supports drag their nodes along the
-# contact, which dissipates, or if contact presses on them, which is reported.
+# Friction rows with the same node and normal form one term, unless their grounds move differently. The weight of a term
+# is the sum of the weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u
+# (orthonormal tangents), and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is
+# kept if supports drag its node along the boundary (this dissipates), or if it has a pressure (this is reported).
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
@@ -139,13 +139,13 @@ class Terms(ContactRows):
     acting: int = 0  # number of the terms, the first ones, that some free unknown moves
     dragged: Bools | None = None  # (m,) True if supports move the node along the boundary, in some direction at least
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
-    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the same motion as a vector
+    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion in `ground` as a vector
     press: sp.csr_matrix | None = None  # (rows, r) shares of the limits' forces that laws depend on; None without laws
 
     def weights(self, t: float) -> Floats:
-        """Return the weights (m,) at the instant `t`, summed over rows, without those that depend on the answer."""
+        """Return the weights (m,) at the instant `t`, without the weights of laws, which depend on the solution."""
         at, own = f"weights at t = {t:.6g}", self.frictions
-        each = (weight_a_row(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
+        each = (read_weights(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
         return self.gather @ np.concatenate([np.zeros(0), *each])
 
     @property
@@ -188,9 +188,9 @@ class Terms(ContactRows):
         )
 
     def _law(self, some: slice) -> Law | None:
-        """Return the law of `some` of the terms, by the forces p (r,) of all limits and the slip of these terms.
+        """Return the weights of `some` terms as a law of the forces p (r,) of all limits and the slip of these terms.
 
-        Return None if no weight depends on the answer. A row reads the forces that press on it and its term's slip.
+        Return None if no weight depends on the solution. A row has the normal force on it and the slip of its term.
         """
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
@@ -225,7 +225,7 @@ def _friction_terms(
     known: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
-    """Return the friction terms, from their rows in the `table`, that can slip, are dragged or have a pressure."""
+    """Return the friction terms that can slip, are dragged or have a pressure; `table` has the friction rows."""
     points = supports.points
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
     each = np.concatenate([tangents_of(points[:0]), *(f.read(known) for f in frictions)])
@@ -242,7 +242,7 @@ def _friction_terms(
         _repeat_by_row(frictions, flags).astype(bool)[first][kept]
         for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
     )
-    # Slip is reported along unit tangents, even where an ellipse scales it down or ignores it.
+    # Reported slip has components along unit tangents, although terms of an ellipse scale the second by r (maybe 0).
     unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     ground = slid = None
     if under is not None and len(kept):
@@ -266,9 +266,9 @@ def _friction_terms(
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return the kind of each row of all frictions, its first friction's number; one term has rows of one kind.
+    """Return the kind of each row of all frictions: a term merges rows of one kind only.
 
-    Frictions of a kind have the same ground and ellipse and, in space, all or none of them have given directions.
+    Frictions of one kind (numbered by the first) have one ground, one ellipse and, in space, all or no `directions`.
     """
     grounds = [f.ground and id(f.ground.value) for f in frictions]
     ways = [(f.ellipse and id(f.ellipse), f.directions is not None and not f.in_plane) for f in frictions]
@@ -277,7 +277,7 @@ def _kinds(frictions: Sequence[Friction]) -> Ints:
 
 
 def _repeat_by_row(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
-    """Return for each row the number of its friction."""
+    """Return for each row the one of `numbers` that belongs to its friction."""
     return np.repeat(np.array(numbers, dtype=np.int64), [len(f.nodes) for f in frictions])
 
 
@@ -288,13 +288,13 @@ def _ground_motion(frictions: Sequence[Friction], rows: Ints, t: float) -> Float
 
 
 def _since(tangents: Floats, moved: Moving, times: Sequence[float]) -> Moving:
-    """Return the motion along the tangents since the first instant."""
+    """Return the motion along the tangents since the first of `times`."""
     start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
     return lambda t: along(tangents, moved(t)) - start
 
 
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
-    """Raise SceneError if two terms own the same edge, but their grounds move differently."""
+    """Raise SceneError if two terms include the same edge, but their grounds move differently."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
     if len(twice):
         owner = _repeat_by_row(frictions, range(len(frictions)))
@@ -312,7 +312,7 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
 def warn_of_free_normals(
     frictions: Sequence[Friction], supports: Supports, obstacles: Obstacles, springs: sp.csr_matrix | None
 ) -> None:
-    """Warn of friction where nothing holds the normal; contact is almost always forgotten there."""
+    """Warn of friction where nothing holds the normal; usually an effect of contact was forgotten."""
     sprung = [] if springs is None else [np.flatnonzero(springs.diagonal() > 0) // supports.points.shape[1]]
     stopped = np.concatenate([obstacles.nodes, *sprung, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
@@ -324,7 +324,7 @@ def warn_of_free_normals(
         if free.any():
             warnings.warn(
                 f"{friction.subject}: at {free.sum()} of {len(free)} places nothing holds the body in the normal "
-                "direction; add BilateralContact on the same boundary, unless it is meant to slide on air.",
+                "direction; add BilateralContact on the same boundary, unless it may move freely along its normal.",
                 SceneWarning,
                 stacklevel=2,
             )
@@ -332,9 +332,9 @@ def warn_of_free_normals(
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The contact nodes that supports do not hold, in order; at a corner, a row stands for both sides.
+    """The contact nodes that supports do not hold, ascending; at a corner, one row stands for both sides.
 
-    There the normal is the mean weighted by length, and lengths add up. The opposite pressure acts on partners.
+    The normal of such a row is the mean weighted by length, and lengths add up. The opposite pressure acts on partners.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact
@@ -345,7 +345,7 @@ def _contact_surface(
 ) -> Surface:
     """Return the contact surface, from all rows of the table; an edge that several parts name counts once.
 
-    A node that supports drag, or whose ground `moves` (m,), belongs to it if it has a term in `terms`.
+    A node that supports drag, or whose ground `moves` (m,), belongs to the surface if it has a term in `terms`.
     """
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
@@ -363,8 +363,8 @@ def _contact_surface(
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
-# Rigid obstacles with one normal at a node form one limit, with the smallest of their gaps, which acts on all their
-# edges. Each compliant obstacle is a limit of its own.
+# Rigid obstacles with the same node and normal form one limit, with the smallest gap and all edges of these obstacles.
+# Each row of a compliant obstacle is a separate limit.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene."""
@@ -373,7 +373,7 @@ class Obstacles(ContactRows):
     compliance: Floats
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # the effects that contribute them, in words
-    prescribed: Obstacles | None = None  # obstacles at nodes that only supports move: no limits, but checked
+    prescribed: Obstacles | None = None  # rows at nodes that only supports move: no limits, but checked for penetration
 
     def limits(self, supports: Supports) -> Limits | None:
         """Return the limits over the free unknowns; None if there are none."""
@@ -385,7 +385,7 @@ class Obstacles(ContactRows):
 def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
     """Return the limits of all obstacles, from their rows in the `table`, at nodes that can move."""
     points = supports.points
-    each = (finite_a_row(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
+    each = (read_finite(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
     compliance = np.concatenate([np.zeros(0), *each])
     kinds = np.where(compliance == 0, -1, np.arange(len(table)))
     lead, place = merge_terms((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
@@ -393,13 +393,13 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
     every = table.merge(first, limit)
     rows = every.normal_rows(points)
     moves = np.diff(supports.on_free(rows).indptr) > 0
-    # Gaps are differences of rounded coordinates: a gap negative by no more than this is zero.
+    # Gaps are differences of rounded coordinates: a negative gap of at most this size counts as zero.
     rounding = 4 * EPS * float(np.abs(points).max())
 
     def select(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
             nearest = np.full(len(first), np.inf)
-            gaps = [finite_a_row(o.gap(t), len(o.nodes), f"{o.subject}: gap at t = {t:.6g}") for o in obstacles]
+            gaps = [read_finite(o.gap(t), len(o.nodes), f"{o.subject}: gap at t = {t:.6g}") for o in obstacles]
             np.minimum.at(nearest, limit, np.concatenate([nearest[:0], *gaps]))
             return np.where((-rounding <= nearest) & (nearest < 0), 0.0, nearest)[chosen]
 
@@ -417,9 +417,9 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return (rows of all frictions, r) the share of each limit's force that presses on a row, if its law reads it.
+    """Return the fractions (rows of all frictions, r) of limit forces that press on rows with a law of pressure.
 
-    Return None if no friction has a law. Raise SceneError if a law reads the pressure at a free node without any.
+    Return None if no friction has a law. Raise SceneError if a law needs the pressure at a free node without obstacle.
     """
     if all(f.law is None for f in frictions):
         return None
@@ -455,7 +455,7 @@ def through_obstacles(obstacles: Obstacles, supports: Supports, times: Sequence[
 
 
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
-    """Return a sentence for each friction and obstacle without effect, all nodes of which stand still."""
+    """Return a sentence for each friction and obstacle that has no effect because none of its nodes can move."""
     moving = np.arange(len(terms.nodes)) < terms.acting
     if terms.dragged is not None:
         moving = moving | terms.dragged
@@ -487,7 +487,7 @@ def pose_contact(
 ) -> tuple[Terms, Obstacles, Surface]:
     """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows.
 
-    Terms are dragged if they move between any two of `times`; `known` are the instants at which directions are read.
+    Terms are dragged if supports move them during `times`; `known` are the instants at which ellipses are evaluated.
     """
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)

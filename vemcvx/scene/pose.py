@@ -33,7 +33,7 @@ from vemcvx.vem import Space, energy_rows, rigid_modes
 def build_load(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
 ) -> Callable[[float], Floats]:
-    """Return the load of a System, t -> (n,); a load on a part of the body is evaluated on its unknowns only."""
+    """Return the load of a System, t -> (n,); loads on parts of the body are evaluated on unknowns of these parts."""
     others = [load for load in loads if not isinstance(load, Load)]
     touched = [(load.values, *_nonzero_rows(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
     if not supports.still:
@@ -60,7 +60,7 @@ def build_load(
 
 
 def _force_by_rows(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """Return P'A u_D by its nonzero rows: the moved nodal values, t -> (q,), the rows' numbers, and their matrix."""
+    """Return the moved nodal values, t -> (q,), and the nonzero rows of P'A on these values: row numbers and matrix."""
     moved = supports.moved
     return lambda t: supports.motion(t)[moved], *_nonzero_rows(supports.gather(A[:, moved]))
 
@@ -113,7 +113,7 @@ class PosedScene:
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
-    surface: Surface  # contact nodes not held otherwise
+    surface: Surface  # contact nodes that supports do not hold
     material: Material
     prestress: InitialStresses | None = None  # stresses at zero strain, also among the loads; None if there are none
     springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
@@ -123,11 +123,10 @@ class PosedScene:
     laws: tuple[Contribution, ...] = ()  # contributions of materials, without their stiffness
     stops: Sequence[Obstacle] = ()  # the obstacles as contributed; their limits are `obstacles`
     causes: Mapping[str, Ints] = field(default_factory=dict)
-    """"supports", "frictions" or "obstacles" -> for each of them the number of its effect in canonical order; -1 for
-    pins"""
+    """"supports", "frictions" or "obstacles" -> the number of the effect of each, in canonical order; -1 for pins"""
     caused_loads: tuple[tuple[int, Load], ...] = ()  # loads, each with the number of its effect
-    caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # stiffness of springs to the ground, likewise
-    pins: tuple[Support, ...] = ()  # a support without force, which pins a body that nothing holds
+    caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # springs to the ground, each with its effect's number
+    pins: tuple[Support, ...] = ()  # a support without force, if nothing else holds the body (scene.rigid)
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
@@ -156,17 +155,17 @@ class PosedScene:
 
 @contextmanager
 def suppress_scene_warnings() -> Iterator[None]:
-    """Suppress warnings about scenes inside the block: the run has already issued them."""
+    """Suppress warnings about scenes inside the block, because the run has already issued them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)
         yield
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; effects that are zero at all of `times` are dropped.
+    """Assemble a scene on a mesh; drop effects that are zero at all of `times`.
 
-    Give `between` instead of `times` if effects may act between these instants: then none is dropped. Raise SceneError
-    if the mesh lacks a name that the scene uses, or if the body floats.
+    If effects may act between the instants, give these as `between`, not as `times`: then no effect is dropped. Raise
+    SceneError if the mesh lacks a name that the scene uses, or if the body floats.
     """
     space = Space(mesh)
     parts, inactive = active_parts(scene.canonical, space, times)
@@ -185,7 +184,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
     viscosity = _sum(p.viscosity for p in parts)
-    # The moduli of a material give its stiffness unless it contributes another.
+    # The moduli of a material give its stiffness, unless it contributes a stiffness matrix.
     forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
     A = reduce(add, [*forms, *(p.stiffness for p in parts if p.stiffness is not None)])
     posed = PosedScene(
@@ -233,7 +232,7 @@ def _build_system(
     norms, limited = terms.norms(supports), obstacles.limits(supports)
     kernel = _find_kernel(space, supports, norms, limited, springs)
     warn_of_free_normals(terms.frictions, supports, obstacles, springs)
-    # Springs to the ground resist rigid motions, which therefore stay.
+    # Springs to the ground resist rigid motions; then the frame does not subtract these motions.
     body_frame = build_body_frame(space) if springs is None else lambda u: u
     return System(
         K=_restrict(A, supports),
@@ -250,7 +249,7 @@ def _build_system(
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return, by fields of PosedScene, the number of the effect behind each support, friction, obstacle and load."""
+    """Return the fields of PosedScene that give the number of the effect of each support, friction, obstacle, load."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
@@ -273,7 +272,7 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
 def _find_kernel(
     space: Space, supports: Supports, norms: Norms | None, limited: Limits | None, springs: sp.csr_matrix | None
 ) -> Kernel | None:
-    """Return the rigid motions that only friction or contact resists; warn of them, or log those of named bodies."""
+    """Return the rigid motions that only friction or contact resists; warn of them (of named bodies: log)."""
     felt = ([] if norms is None else [norms.B]) + ([] if limited is None else [limited.D])
     kernel, of_bodies = floating_motions(space, supports, felt, springs)
     if kernel is not None:

@@ -1,9 +1,9 @@
 """Floating bodies: find motions without strain that no support resists, and describe them in words.
 
-A body that nothing holds has an answer if its loads balance: R'f(t) = 0 for its rigid motions R (n_u, k). The answer is
-unique up to a rigid motion. To choose one, k nodal values on which R is regular are held at zero (*pins*). Pins take no
-force: R'(A u - f) = 0, so that their forces r obey R'r = 0, hence r = 0. Results are the answer without its mean rigid
-motion (:mod:`vemcvx.results.results`).
+The problem of a body that nothing holds has a solution if the loads balance: R'f(t) = 0 for the rigid motions R
+(n_u, k). The solution is unique up to a rigid motion. To choose one solution, k nodal values on which R is regular are
+held at zero (*pins*). R'(A u - f) = 0, so the forces r of pins obey R'r = 0; hence r = 0. Results are the solution
+without its mean rigid motion (:mod:`vemcvx.results.results`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the body of each piece, known from interfaces at its nodes; None if unclear. `node` i is in `piece` i."""
+    """Return the body of each piece, found from interfaces at its nodes; None if unclear. `node` i is in `piece` i."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -63,7 +63,7 @@ class ConnectedPart:
 
 
 def describe_combination(motions: Sequence[tuple[ConnectedPart, Floats]], c: Floats) -> str:
-    """Describe the combination of motions with coefficients `c`, part by part, with its sense."""
+    """Describe the combination of motions with coefficients `c`, part by part, with the sense of each motion."""
     parts: dict[str, tuple[ConnectedPart, Floats]] = {}
     for share, (part, motion) in zip(c, motions, strict=True):
         before = parts[part.which][1] if part.which in parts else 0.0
@@ -97,8 +97,8 @@ def _format_vector(components: Floats) -> str:
 #
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 #
-# and the body floats if and only if this vanishes for some c != 0. For a single piece, it is the square of the part of
-# c that supports resist. If springs to the ground have the matrix F, a field v of zero distance floats if v'Fv = 0.
+# and the body floats if and only if this vanishes for some c != 0. For one piece, the squared distance is the square of
+# the part of c that supports resist. With springs of matrix F, a field v of zero distance floats if v'Fv = 0.
 
 
 # A motion is free if supports resist less than this part of it (squared); one clamped node of a million resists 1e-6.
@@ -110,8 +110,8 @@ def floating_motions(
 ) -> tuple[Kernel | None, bool]:
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
-    Return also whether all are motions of named bodies, which contact at an interface usually holds. `felt` are the
-    matrices (rows, n) of norm terms and limits. Raise SceneError if none of these matrices resists some motion.
+    Return also whether all are motions of named bodies: contact at an interface usually holds such bodies. `felt` are
+    the matrices (rows, n) of norm terms and limits. Raise SceneError if there is a motion that none of them resists.
     """
     piece, node = space.pieces
     count = np.bincount(node, minlength=space.mesh.n_nodes)
@@ -145,7 +145,7 @@ def floating_motions(
         field = fields @ loose
         rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
         _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
-        # An orthonormal basis of the motions that contact does not resist. If it resists no motion, `size` is rounding.
+        # An orthonormal basis of motions that contact does not resist. If contact resists none, `size` is rounding.
         least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding * largest)
         unfelt = loose @ rotated[int((size > least).sum()) :].T
         if unfelt.shape[1] > 0:
@@ -173,7 +173,7 @@ def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body with these supports, frictions and obstacles; none if one of them needs the ground.
+    """Return the pins of a body with these supports, frictions and obstacles; none if one of them acts on the ground.
 
     Pins are placed at nodes on which none of `parts` acts. `points` (n_nodes, dim) are the coordinates of all nodes.
     """

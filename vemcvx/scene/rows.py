@@ -1,9 +1,10 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
-A row reads n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first
-body; rows along tangents do likewise. A row owns the edge ends at its node, each with half the edge's length: int phi_i
-over that edge. Rows of several parts that form one term own the union of their ends, so a shared edge counts once. A
-row carries a share of another row's force: the length that both own, divided by the length of the other row.
+A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
+rows along tangents have a tangent in place of n. Every row has the *ends* of edges of its part at its node, each with
+half the edge length, which is int phi_i over the edge. If rows of several parts form one term, it has the union of
+their ends: a shared edge counts once. If a force acts on one row, the fraction on another row is the length of their
+common ends, divided by the length of the first row.
 """
 
 from __future__ import annotations
@@ -64,9 +65,9 @@ class ContactRows:
     """Contact rows of a scene's surfaces, frictions and obstacles, in one table."""
 
     nodes: Ints  # (m,) the nodes on which rows act; the opposite force acts on their partners
-    partners: Ints  # (m,) nodes of other bodies; -1 where a row reads its node alone
+    partners: Ints  # (m,) nodes of other bodies; -1 where a row depends on one node only
     normals: Floats  # (m, dim) outward unit normals
-    ends: sp.csr_matrix  # (m, e) the half lengths of the edge ends that each row owns
+    ends: sp.csr_matrix  # (m, e) the half edge lengths of the ends of each row
     names: Ints  # (e, 2) the node of each end, and the other node of its edge; -1 if the part has no `ends`
 
     @classmethod
@@ -95,7 +96,7 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, of: Ints) -> Ints:
-        """Return for each end (e,) the number in `of` (m,) of the row that owns it; -1 if no row does."""
+        """Return for each end (e,) the entry in `of` (m,) of the row with this end; -1 if no row has it."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = of[each.row]
         return found
@@ -111,7 +112,7 @@ class ContactRows:
         return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
 
     def find(self, rows: ContactRows) -> Ints:
-        """Find a row (k,) with the node and partner of each of the k `rows`; -1 if there is none."""
+        """Find rows of this table (k,) with the node and partner of each of the k `rows`; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
         return find_in(known, wanted)
@@ -134,7 +135,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, of: ContactRows) -> sp.csr_matrix:
-        """Return the share (m, r) of a force on each of the r rows `of` that falls on the edges of these rows."""
+        """Return the fraction (m, r) of a force on each of the r rows `of` that acts on each row of this table."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
 
@@ -142,11 +143,11 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows of one pair, kind and normal (up to sign) into terms; return their first rows, and each row's term."""
+    """Merge rows with equal pair, kind and normal (up to sign) into terms; return first rows, and the term per row."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
-        # The first remaining row of each pair leads a term; rows with its kind and normal join it.
+        # The first remaining row of each pair begins a term; rows with the same kind and normal join the term.
         lead, mine = np.unique(place[left], return_index=True, return_inverse=True)[1:]
         leader = left[lead][mine]
         cosine = np.einsum("ij,ij->i", normals[left], normals[leader])
@@ -160,7 +161,7 @@ def merge_terms(
 
 
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
-    """Replace normals of contact by nearly parallel directions, at the same node, of supports or earlier parts.
+    """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
 
     Supports that hold a node fully are left out, because their directions are usually coordinate axes. On a floor
     tilted by half a degree, lifting along an axis would slide the node by a hundredth of the lift.

@@ -103,8 +103,8 @@ class InitialStresses:
         """Return the nodal force (n_u,) at the instant `t`; zero where stresses around a node balance to rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # A force sums about ten products. Without this cut, rounding of a uniform stress would leave small forces that
-        # violate the condition on initial states of a held body.
+        # A nodal force is a sum of about ten products. Without this cut, rounding of a uniform stress would leave small
+        # forces that violate the condition on initial states of a held body.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
@@ -139,7 +139,7 @@ def _contact(part: Contribution) -> Ints:
 
 
 def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
-    """Return the planes of symmetry at contact nodes; None if supports hold each of these fully or not at all."""
+    """Return the planes of symmetry at contact nodes; None if supports hold each such node fully or not at all."""
     still = [s for part in parts for s in part.supports if s.value is None and s.patterns is None and not s.contact]
     touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
     if not still or not len(touching):
@@ -160,7 +160,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
 
 
 def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
-    """Yield nodes (m, n) and normals (m, dim) of sides that supports hold in their plane, for each n nodes per side."""
+    """Yield nodes (m, n) and normals (m, dim) of the sides that supports hold in their plane, grouped by n."""
     part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
     place[held.nodes] = np.arange(len(held.nodes))
     for rule in part.rules(1):
@@ -189,18 +189,18 @@ Datum = Callable[[float], Floats | Bools]
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Drop parts that have no influence at all of `times`; return the contributions, and a sentence for each drop.
+    """Drop parts without influence at any of `times`; return the contributions, and a sentence for each dropped part.
 
     Such parts are loads that are zero at every instant, friction with a bound of zero, ground that does not move along
-    the boundary, and springs and dashpots of zero strength. The scene without them has the same unknowns, terms and
-    cones, and the same answer to the last bit. Supports and outputs of contact stay.
+    the boundary, and springs and dashpots of zero strength. Unknowns, terms, cones and the solution are the same, to
+    the last bit, as for a scene without these parts. Supports and reported contact surfaces are kept.
     """
     notes: list[str] = []
     return [_without_inactive(effect, part, times, notes) for effect, part in contributions(effects, space)], notes
 
 
 def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], notes: list[str]) -> Contribution:
-    """Return a contribution without the parts that vanish at all of `times`; append a sentence for each to `notes`."""
+    """Return a contribution without parts that vanish at all `times`; append a sentence for each part to `notes`."""
 
     def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
         zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
@@ -245,7 +245,7 @@ def _drop_still_ground(friction: Friction, times: Sequence[float], notes: list[s
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return a function of time that is zero where there is no friction under any pressure."""
+    """Return a function of time whose values are zero in rows without friction under any pressure."""
     law, ellipse, m = friction.law, friction.ellipse, len(friction.nodes)
     if ellipse is not None:
         return lambda t: np.maximum(*ellipse.bounds(t))
@@ -267,12 +267,12 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 class Scene:
     """A set of effects, independent of any mesh: materials, supports, loads, contact and friction.
 
-    The order of the effects changes nothing; a scene runs on every mesh that has the boundaries named in it.
+    The order of effects changes nothing. A scene can be simulated on every mesh that has the boundaries it names.
 
     Parameters
     ----------
     *effects : Effect
-        A scene needs a material to run. Several materials name their cells by `on`; every cell has exactly one.
+        A simulation needs a material. If there are several, each names its cells by `on`; every cell has exactly one.
 
     Raises
     ------
@@ -305,7 +305,7 @@ class Scene:
         return tuple(sorted(self._effects, key=_rank))
 
     def with_(self, *effects: Effect) -> Scene:
-        """Return a scene with these effects in addition."""
+        """Return a scene with these additional effects."""
         return Scene(*self._effects, *effects)
 
     def without(self, *kinds: type[Effect] | Effect) -> Scene:

@@ -1,20 +1,20 @@
-"""Supports: the free unknowns that they leave, and the motion of the held ones.
+"""Supports: the free unknowns, and the displacement that supports prescribe.
 
 Supports prescribe A u = g(t), one row per node (or pair of nodes) and direction. Elimination gives
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0:
 
-y are the free unknowns, u_D = H g is the held displacement, and H'R is the force on each row under the reactions R.
+y are the free unknowns, u_D = H g is the prescribed displacement, and H'R are the forces on the rows under reactions R.
 
 Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: the motions of rigid parts. Then
 u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these, P'H = 0 need
-not hold. Loads act on c by M'H'f, contact rows read c, and M'mu = 0 is the balance of the rows' forces mu.
+not hold. The load on c is M'H'f, contact rows may depend on c, and the forces mu on rows balance: M'mu = 0.
 
 Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a site of its own. P and H
 are found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
 bilateral contact, then from normals of friction and obstacles; axes complete it. Rows that depend on earlier rows add
-nothing. Directions of the first two kinds are held, the others are columns of P. Each friction term thus has unknowns
-of its own, and sticking is represented exactly, by y_i = 0.
+nothing. Directions of the first two kinds are held, the others are columns of P. Each friction term thus has separate
+unknowns, and sticking is represented exactly, by y_i = 0.
 """
 
 from __future__ import annotations
@@ -42,24 +42,24 @@ Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
 @dataclass(frozen=True, kw_only=True)
 class Supports:
-    """The free unknowns of a body, and the motion of the held ones."""
+    """The free unknowns of a body, and the displacement that supports prescribe."""
 
-    P: sp.csr_matrix  # (n_u, n) orthonormal columns, one a free unknown, ordered by site
-    columns: Ints | None  # (n,) positions in u where P merely selects (all frames are along the axes), else None
+    P: sp.csr_matrix  # (n_u, n) orthonormal columns, one per free unknown, ordered by site
+    columns: Ints | None  # (n,) positions of free unknowns in u if P only selects (frames along the axes), else None
     owner: Ints  # (n,) the site of each free unknown
     sites: Ints  # (n_nodes,) the site of every node, numbered by their first nodes
     points: Floats
     given: Sequence[Support]  # the supports whose rows make up A, in this order
-    A: sp.csr_matrix  # (s, n_u) what is prescribed
+    A: sp.csr_matrix  # (s, n_u) the prescribed components
     H: sp.csr_matrix  # (n_u, s) displacements with one row at 1 and the others at 0; zero for dependent rows
-    depends: Bools  # (s,) which rows depend on earlier ones
+    depends: Bools  # (s,) True for rows that depend on earlier rows
     reach: Floats  # (s,) the length of each row's component orthogonal to earlier rows
     amplitudes: int = 0  # number of the free unknowns, the last ones, that are amplitudes; they belong to no site
     _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)  # the motion computed last
 
     @cached_property
     def still(self) -> bool:
-        """True if every held value is zero at all times."""
+        """True if every prescribed value is zero at all times."""
         return all(support.value is None for support in self.given)
 
     @cached_property
@@ -71,7 +71,7 @@ class Supports:
 
     @cached_property
     def linked(self) -> Ints:
-        """The site (n_nodes,) of every node, with one number for all sites that move with one amplitude."""
+        """The site (n_nodes,) of every node; sites that move with the same amplitude have the same number."""
         count, last = len(self.points), self.P.shape[1] - self.amplitudes
         entries = self.P[:, last:].tocoo()
         links = np.column_stack([self.sites[entries.row // self.points.shape[1]], count + entries.col])
@@ -91,7 +91,7 @@ class Supports:
         return self.P.T @ f if self.columns is None else f[self.columns]
 
     def on_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
-        """Return rows over u as rows over the free unknowns; entries 0 and 1 are made exact."""
+        """Return rows over u as rows over the free unknowns; entries near 0, 1 and -1 are made exact."""
         B: sp.csr_matrix = rows @ self.P
         B.data[np.abs(B.data) < SAME] = 0.0
         unit = np.abs(np.abs(B.data) - 1.0) < SAME
@@ -115,7 +115,7 @@ class Supports:
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
     def motion(self, t: float) -> Floats:
-        """Return the held displacement u_D (n_u,) at an instant; raise SceneError if prescriptions contradict."""
+        """Return the prescribed displacement u_D (n_u,) at an instant; raise SceneError if rows contradict others."""
         motion = self._last.get(t)
         if motion is None:
             each = [np.zeros(len(s.nodes)) if s.value is None else np.asarray(s.value(t)) for s in self.given]
@@ -128,13 +128,13 @@ class Supports:
         return motion
 
     def _check(self, motion: Floats, each: Sequence[Floats], t: float) -> None:
-        """Raise SceneError if a dependent row prescribes another value than earlier rows impose."""
+        """Raise SceneError if the value of a dependent row differs from the value that earlier rows impose."""
         present, size, first = self.A @ motion, np.abs(motion).max(initial=0.0), 0
         for support, wanted in zip(self.given, each, strict=True):
             rows = slice(first, first := first + len(wanted))
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
-            # A nearly dependent row also reads displacements orthogonal to earlier rows.
+            # A nearly dependent row also has a small component orthogonal to earlier rows.
             wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
@@ -167,7 +167,7 @@ def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle])
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
     """Choose the frame of every site and split it into held and free directions.
 
-    Supports and normals are in canonical order. Normals become axes; so do tangents where rows read a jump.
+    Supports and normals are in canonical order. Normals become axes; so do tangents of rows that join two nodes.
     """
     dim, given = points.shape[1], by_precedence(supports)
     pairs, across = pairs_of(given), pairs_of(normals)
@@ -185,7 +185,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     spanned = _span_amplitudes(given, A, H, reach, points)
     if spanned.shape[1] and P.shape[1] == 0:
         subjects = ", ".join(s.subject for s in given if s.patterns is not None)
-        raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that deforms.")
+        raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that can deform.")
     P = sp.csr_matrix(sp.hstack([P, spanned])) if spanned.shape[1] else P
     by_columns = sp.csc_matrix(P)
     selects = by_columns.nnz == len(owner) and (by_columns.data == 1.0).all()
@@ -211,7 +211,7 @@ def _split_sites(
 
     Row i is at the site `at_site[i]`; the first `count` rows are prescribed, the others are normals and tangents.
     """
-    # Nodal values are numbered within their site, and each row reads those of its own site.
+    # Nodal values are numbered within their site; each row depends only on nodal values of one site.
     n_nodes = len(site)
     members = np.argsort(site, kind="stable")
     first = np.searchsorted(site[members], np.arange(site.max() + 2))
@@ -295,9 +295,10 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Group sites with equal numbers of nodes, rows and prescribed rows; yield nodes (S, .), rows (S, .), and the last.
+    """Group sites with equal numbers of nodes, rows and prescribed rows.
 
-    Row i belongs to the site `at_site[i]`; the first `count` rows are prescribed.
+    Yield for each group its nodes (S, .), its rows (S, .), and the number of prescribed rows per site. Row i belongs to
+    the site `at_site[i]`; the first `count` rows are prescribed.
     """
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
@@ -312,8 +313,8 @@ def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Itera
 def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
     """Build orthonormal frames (S, D, D) from rows (S, k, D) by Gram-Schmidt.
 
-    Return also, both (S, k), the axis that each row gave (-1 if the row depends on earlier rows) and the length of its
-    component orthogonal to these. Coordinate axes complete a frame, so that axis-aligned frames stay exact.
+    Return also two arrays (S, k): the axis that each row gave (-1 if the row depends on earlier rows), and the length
+    of its component orthogonal to earlier rows. Coordinate axes complete a frame: axis-aligned frames stay exact.
     """
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)

@@ -66,7 +66,7 @@ CASES = (
         "no clamp, friction cannot hold",
         lambda: Setting(slab(4.5), MESH, TIMES),
         REFUSAL,
-        "The load pushes it there with a force of 4.5 and friction holds 4 at most: 0.5 are lacking",
+        "The load pushes it in this motion with a force of 4.5, and friction resists with at most 4: 0.5 is missing",
     ),
     Case(
         "no clamp, no friction",

@@ -124,7 +124,7 @@ def test_units_change_nothing_but_rounding(kind):
 @pytest.mark.parametrize("kind", ["Tresca", "contact", "Coulomb", "viscous"])
 def test_loads_whose_energy_is_no_number_are_refused(force, kind):
     with pytest.raises(
-        vx.SceneError, match=r"^data: what drives the step to t = 0\.5 has an energy norm of .*; between"
+        vx.SceneError, match=r"^data: loads and motions in the step to t = 0\.5 have an energy norm of .*; it must be"
     ):
         vx.simulate(pulled(force, kind=kind), vx.meshes.squares(3), [0.0, 0.5, 1.0])
 

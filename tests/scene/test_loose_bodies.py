@@ -75,7 +75,7 @@ def test_rotations_are_named_by_their_axes():
 @pytest.mark.long
 def test_a_step_without_equilibrium_names_the_body():
     pull = vx.Traction(lambda x, t: [t, 0.0], on="upper.left")
-    force = r"The load pushes it there with a force of 1 and friction holds 0\.08 at most"
+    force = r"The load pushes it in this motion with a force of 1, and friction resists with at most 0\.08"
     with pytest.raises(vx.SceneError, match=rf"hold the body against the translation \(1, 0\) of upper\. {force}"):
         vx.simulate(vx.Scene(STEEL, FOOT, BOND, RUB, pull), blocks(), [0.0, 1.0])
 
@@ -115,7 +115,7 @@ AROUND = (vx.TrescaFriction(0.1, on="boundary"),)
 def test_a_refusal_says_where_the_load_pushes(mesh, held, load, motion):
     """Loads to the left were said to push to the right."""
     scene = vx.Scene(STEEL, *held, vx.Traction(load, on="boundary" if held is AROUND else "top"))
-    with pytest.raises(vx.SceneError, match=re.escape(f"against {motion} of the body. The load pushes it there")):
+    with pytest.raises(vx.SceneError, match=re.escape(f"against {motion} of the body. The load pushes it in")):
         vx.simulate(scene, mesh, [0.0, 1.0])
 
 

@@ -171,7 +171,7 @@ CASES = {
     ),
     "a load from the start": (
         lambda: run(load=vx.Traction((50.0, 0.0), "left"), friction=None),
-        r"initial: the state at t = 0 is not in equilibrium .* say initial='settled'",
+        r"initial: the state at t = 0 is not in equilibrium .* use initial='settled'",
     ),
     "a state of a system": (lambda: marched(growing, initial=[1, 2, 3]), r"initial: found .* \(3,\); wanted 2 finite"),
     "against each other": (
@@ -214,7 +214,7 @@ CASES = {
     "compliance": (lambda: vx.Limits(np.eye(2), 0.0, compliance=-1.0), "Limits: found the compliance -1 of limit 0"),
     "D": (lambda: vx.System(np.eye(3), pull, limits=vx.Limits(np.eye(2), 0.0)), "System: found limits over 2"),
     "limits": (lambda: vx.System(np.eye(2), pull, limits=5), "System: found limits = 5; wanted Limits"),
-    "a scene for a system": (lambda: vx.march(scene(), TIMES), r"march: found Scene\(.* where the System goes"),
+    "a scene for a system": (lambda: vx.march(scene(), TIMES), r"march: found Scene\(.*; wanted a System"),
 }  # fmt: skip
 
 
@@ -270,4 +270,4 @@ def test_advice_can_be_followed():
         run(solver=lost)
     advised = re.search(r"accuracy=(\S+) or more", str(caught.value))
     assert advised is None or 0 < float(advised.group(1)) < 1
-    assert "The solver said: user_limit" in str(caught.value)
+    assert "Status of the solver: user_limit" in str(caught.value)

@@ -124,7 +124,7 @@ def test_wrong_answers_are_not_certified(lie):
         vx.NotCertified, match=r"^step 1 at t = .*Spoilt reached .*but 1\.0e-06 was requested"
     ) as caught:
         vx.simulate(scene(), small("squares", 4), TIMES, solver=solver)
-    assert ("The largest share of the gap sits at node" in str(caught.value)) == ("multipliers" in lie)
+    assert ("The largest part of the gap is at node" in str(caught.value)) == ("multipliers" in lie)
 
 
 class Misspelt(vx.Solver):

@@ -116,7 +116,7 @@ def test_loads_from_the_start_need_one_word_and_no_ramp():
         return vx.Scene(*block, vx.Traction(course((0.0, -1.0)), on="top"), *bottom)
 
     constant = pressed(lambda force: force)
-    with pytest.raises(vx.SceneError, match=r"If something acts from the start, say initial='settled'"):
+    with pytest.raises(vx.SceneError, match=r"If loads or motions act from the start, use initial='settled'"):
         vx.simulate(constant, mesh, times)
     history = vx.simulate(constant, mesh, times, initial="settled")
     assert equal_but_for_rounding(history.displacement, np.repeat(history.displacement[:1], 5, axis=0))

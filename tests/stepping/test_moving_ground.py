@@ -152,6 +152,6 @@ def test_an_abstract_slider_on_a_belt():
         w * (2.0 - w / k) + np.sum(k * found.state[1:, 0] * np.diff(found.state[:, 0]))
     )
     with pytest.raises(
-        vx.SceneError, match=r"^Norms: ground: found an array of shape \(2,\); wanted \(1,\) ways, one a"
+        vx.SceneError, match=r"^Norms: ground: found an array of shape \(2,\); wanted \(1,\) displacements, one per"
     ):
         vx.march(vx.System(np.array([[k]]), lambda t: [0.0], replace(norms, ground=lambda t: [t, t])), times)

@@ -23,8 +23,8 @@ inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinit
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
 The gap is linear in the slip of a sticking term: with $|\lambda| < w$ it is $w |s| - \lambda \cdot s$. A slip of 1e-16
-due to rounding makes a gap of this size, which bounds the error by its root only, 1e-8. A move $v$ that removes the
-slip enters quadratically:
+due to rounding makes a gap of this size, and the bound on the error is the root of the gap, 1e-8. A move $v$ that
+removes the slip enters quadratically:
 
 **Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
 parts of norm terms and limits in the gap at $d - v$,
@@ -35,13 +35,13 @@ Proof. $|d - d^*|_K \le |v|_K + |d - v - d^*|_K$. The residual at $d - v$ is $r 
 $\frac12 |d - v - d^*|_K^2 \le \frac12 |r + K v|^2 + T(v)$ by theorem 1, with $|r + K v| \le |r| + |v|_K$; finally
 $\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
 
-We use it for rows whose part of the gap exceeds the energy of a move of this row alone, and take the smaller bound.
+We use theorem 2 for each row whose part of the gap exceeds $|v|_K^2$ of the least move $v$ of this row alone, and take
+the smaller of both bounds.
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
-The error is bounded by error + error_floor, the roots of twice the gap and of twice the floor. A condensed program
-contains the unknowns of its rows only, and does not include the rounding of S. Stored steps are certified with $r$ and
-floor of all unknowns.
+The error is bounded by error + error_floor, the roots of twice the gap and of twice the floor. The floor of a condensed
+program covers only the retained unknowns, and not the rounding of S. Stored steps are certified with all unknowns.
 """
 
 from __future__ import annotations
@@ -71,15 +71,15 @@ class Certificate(ArrayRecord):
     equilibrium : float
         1/2 r'K^{-1}r.
     friction : (m,) array
-        w_i |s_i| - lam_i . s_i of each norm term; it shows where on the boundary the answer is not converged.
+        w_i |s_i| - lam_i . s_i of each norm term; large entries show where on the boundary the answer is not converged.
     floor : float
-        Energy that rounding may hide in the gap or add to it.
+        Energy by which rounding may change the gap.
     limits : (r,) array
         The part of each limit in the gap.
     moved : float
         2 |v|_K of the move v of theorem 2; the other parts are evaluated after the move.
     given_friction : bool
-        True if weights depend on the answer: the bound then holds for the weights at its pressure and slip.
+        True if weights depend on the answer: the bound then holds for the weights at the answer's pressure and slip.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Static condensation, once for all steps: a system reduced to the unknowns of its norm terms and limits.
 
-Norm terms and limits read the retained unknowns c; the others are the interior unknowns i. The Schur complement is
-S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in K = L U, then S = L_cc U_cc, at no extra cost.
+Norm terms and limits act on the retained unknowns c; the others are the interior unknowns i. The Schur complement is
+S = K_cc - K_ci K_ii^{-1} K_ic. If K = L U is ordered with c last, then S = L_cc U_cc, at no extra cost.
 
 A force phi is *reduced* to the interior response xi with fixed retained unknowns, and to the force tau that fixes them:
 
@@ -17,8 +17,8 @@ so that no energies are subtracted from each other.
 If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, with E the
 diagonal matrix of the anchors' stiffness, and its Schur complement is S + E. K_ii, K_ci, xi and tau do not depend on E.
 
-The loads of a run are combinations of few shapes. Each shape costs one solve, and energies of combinations are sums
-over products of shapes. So a step works with one number per shape; vectors of all unknowns are computed on demand.
+The loads of a run are combinations of few shapes. Each shape costs one solve; the energy of a combination is a sum over
+pairs of shapes. So a step works with one number per shape, and vectors of all unknowns are computed on demand.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Reduced:
     def work_inside(self, other: Reduced) -> float:
         """Return phi'xi, the work of this force on the xi of another force."""
         pairs = ((one, a, two, b) for one, a in self.shares.items() for two, b in other.shares.items())
-        # Each share carries the unit of its force: a * b may overflow although a * b * work does not.
+        # Coefficients have the units of their forces: a * b may overflow even if a * b * work does not.
         return float(sum(a * (b * one.work_inside(two)) for one, a, two, b in pairs))
 
     def __add__(self, other: Reduced) -> Reduced:
@@ -125,8 +125,8 @@ class Condensation:
     """A system reduced to its retained unknowns.
 
     `operators` act on the `retained` (m,) unknowns: the dense S, and the rows of norm terms and limits. `full` are the
-    operators on all unknowns. Both are equal if the system is kept `whole`: with ``condense=False``, or if the linear
-    solver cannot eliminate. `factor` is the factor of K with the anchors' stiffness.
+    operators on all unknowns. Both are equal if the system is not condensed (`whole`): with ``condense=False``, or if
+    the linear solver cannot eliminate. `factor` is the factor of K with the anchors' stiffness.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -137,7 +137,7 @@ class Condensation:
             if not self.linear.eliminates:
                 raise NotAccepted(
                     f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
-                    "body), which it does not accept; SuperLU() does."
+                    "body), which this linear solver does not accept; SuperLU() does."
                 )
             anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
@@ -173,7 +173,7 @@ class Condensation:
     def reduce(self, phi: Floats, rows: Ints | None = None) -> Reduced:
         """Return the reduced form of a force (n,), or of a force on the unknowns `rows` alone.
 
-        A combination of earlier forces on the same rows costs no solve.
+        If the force is a combination of earlier forces on the same rows, no solve is needed.
         """
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CvxpyStep:
-    """The program in cvxpy, and once it is solved its multipliers, with the signs of `vemcvx.program.StepProgram`.
+    """The program in cvxpy, and after a solve the multipliers, with the signs of `vemcvx.program.StepProgram`.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ def to_cvxpy(
             lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
         return lam, p
 
-    # OSQP prints, verbose or not, if it finds no constraint active; the added constraint idle >= 0 always is active.
+    # OSQP prints, even without verbose, if no constraint is active; the added constraint idle >= 0 is always active.
     # SCS fails on programs without constraints.
     idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

@@ -10,8 +10,8 @@ W = A K^{-1}A'. So the vector off = (s, z - c p) changes by
 
     off(x + dx) = off(x) - (W + C) dx,     C = diag(0, c),
 
-and W + C is all that a step needs of the body. Rows are scaled by units u such that W + C has a unit diagonal; then
-tolerances do not depend on the system of units.
+and W + C is the only property of the body that a step needs. Rows are scaled by units u such that W + C has a unit
+diagonal, so that tolerances do not depend on the system of units.
 
 If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then also have a component N a, which
 changes s and z by R a, R = A N. Forces must balance on the kernel: `rest` = N'g - R'x = 0. N makes R orthonormal.

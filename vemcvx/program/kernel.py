@@ -1,14 +1,14 @@
 r"""A matrix K with a kernel N: motions without energy, held by norm terms and limits alone.
 
-An example is a body without supports, held by friction, or by its weight on an obstacle. A step min 1/2 d'Kd - g'd +
-sum_i w_i |B_i d - b_i| subject to Dd <= e then has a solution if no motion Nc gains energy,
+An example is a body without supports, held by friction, or by its weight on an obstacle. The step min 1/2 d'Kd - g'd +
+sum_i w_i |B_i d - b_i| subject to Dd <= e has a solution if no motion Nc gains energy,
 
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \text{ with } D N c \le 0, \quad \text{so that} \quad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0, $$
 
 and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness added on k unknowns
 (*anchors*) that the motions move makes K positive definite, so that it can be factorised. Newton's method has the
-coordinates c as unknowns (:mod:`vemcvx.program.forces`). Solvers that do not accept a semidefinite K are refused.
+coordinates c as unknowns (:mod:`vemcvx.program.forces`). Solvers that need a definite K raise NotAccepted.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.program.certificate import ROUNDED
 
 MAX_CORRECTIONS = 50
-"""Largest number of corrections of unbalanced multipliers; each but the last cuts some of them at their bounds."""
+"""Largest number of corrections of unbalanced multipliers; each correction but the last cuts some at their bounds."""
 
 
 @dataclass(frozen=True)
@@ -68,18 +68,18 @@ class Kernel:
     moved: Floats | None = None
 
     def __post_init__(self) -> None:
-        modes = as_real_array(self.modes, "Kernel: modes", "(n, k) motions, one a column")
+        modes = as_real_array(self.modes, "Kernel: modes", "(n, k) motions, one per column")
         names = self.names if isinstance(self.names, (tuple, list)) else ()
         if modes.ndim != 2 or len(names) != modes.shape[1] or not all(isinstance(name, str) for name in names):
             raise SceneError(
                 f"Kernel: found modes of shape {modes.shape} and names = {brief(self.names)}; wanted one column of "
-                "numbers, and one name, a motion."
+                "numbers and one name per motion."
             )
-        function(self.in_words, "Kernel: found in_words", "a function of (k,) shares of the motions")
+        function(self.in_words, "Kernel: found in_words", "a function of (k,) coefficients of the motions")
         object.__setattr__(self, "modes", finite(modes, "Kernel: modes"))
         object.__setattr__(self, "names", tuple(names))
         if self.moved is not None:
-            moved = as_real_array(self.moved, "Kernel: moved", "(n_u, k) displacements, one column a motion")
+            moved = as_real_array(self.moved, "Kernel: moved", "(n_u, k) displacements, one column per motion")
             if moved.ndim != 2 or moved.shape[1] != modes.shape[1]:
                 raise SceneError(f"Kernel: found moved of shape {moved.shape} for {modes.shape[1]} motions.")
             object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
@@ -109,9 +109,9 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 
 
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish the modes (m, k) best; else zero.
+    """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish modes (m, k) best, zero elsewhere.
 
-    If the diagonal is rounding there, its largest entry is used. Softer anchors would make W = A K^{-1}A' lose digits.
+    Where the diagonal is only rounding, its largest entry is used. With softer anchors W = A K^{-1}A' loses digits.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness = np.zeros(len(modes))

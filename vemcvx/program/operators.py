@@ -246,7 +246,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def norm_flexibility(self) -> Floats:
-        """The largest diagonal entry (m,) of B_i K^{-1} B_i'; |B_i d| is at most about its root times |d|_K."""
+        """The largest diagonal entry f_i (m,) of B_i K^{-1} B_i'; |B_i d| is at most about f_i^{1/2} |d|_K."""
         return np.asarray(self.blocks(self.flexibilities[: self.B.shape[0]]).max(axis=1))
 
     @property
@@ -258,8 +258,8 @@ class Operators(ArrayRecord):
     def scaled_delassus(self) -> tuple[Floats, Floats | LinearOperator]:
         """Units u (N,) of forces, equal in a block, and u (W + C) u, W = A K^{-1} A', C the diagonal of compliances.
 
-        W has double precision: with single precision, terms at their bounds that do not slip would alternate between
-        stick and slip. If A has too many nonzero columns to form W, each product with W takes a solve.
+        W has double precision: in single precision, terms at their bounds without slip would alternate between stick
+        and slip. If A has too many nonzero columns to form W, W is an operator, and each product takes a solve.
         """
         yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
         own = np.append(np.repeat(self.norm_flexibility, self.block), self.limit_flexibility) + yielding
@@ -300,7 +300,7 @@ class Operators(ArrayRecord):
 
 
 class DenseInverse(Factor):
-    """The inverse of a dense K: every run needs its diagonal, and its block on the nonzero columns of A."""
+    """The inverse of a dense K: every run needs its diagonal, and its block at the nonzero columns of A."""
 
     def __init__(self, K: Floats):
         # LAPACK reads columns: K' = K avoids a copy, and halves the time.
@@ -324,7 +324,7 @@ class DenseInverse(Factor):
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:
-    """Return K d (n,). A dense K is read in one triangle only, which halves the time if K exceeds the cache."""
+    """Return K d (n,). Only one triangle of a dense K is read, which halves the time if K exceeds the cache."""
     if not isinstance(K, np.ndarray) or len(d) == 0:
         return np.asarray(K @ d)
     return np.asarray(dsymv(1.0, K if K.flags.f_contiguous else K.T, d, lower=1))

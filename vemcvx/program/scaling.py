@@ -5,8 +5,8 @@ With d = alpha d^ the program of :mod:`vemcvx.program.step_program`, divided by 
     K^ = K / kappa,  g^ = g / (kappa alpha),  w^ = w / (kappa alpha),  b^ = b / alpha,  e^ = e / alpha,  c^ = c kappa,
 
 and lam = kappa alpha lam^, p = kappa alpha p^. kappa is the size of diag(K). alpha is the size of the data in the
-energy norm, divided by the root of kappa. Both are powers of two, so that scaling is exact. Without scaling,
-interior-point solvers stop at 40-70 % energy error in small units, and report "solved".
+energy norm, divided by the root of kappa. Both are powers of two, so that scaling is exact. In units in which data are
+tiny, interior-point solvers without scaling report "solved" at 40-70 % energy error.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
-"""Range of energy norms: outside it squares, or gaps far smaller than them, overflow or underflow."""
+"""Range of energy norms: outside it their squares, or the much smaller gaps, overflow or underflow."""
 
 OPEN_GAP = 1e4
 """Largest gap of a scaled program, relative to the motion of a row in a state with energy norm one."""
@@ -33,9 +33,9 @@ def check_norm(norm: float, t: float) -> float:
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
-        f"data: what drives the step to t = {t:.6g} has an energy norm of {norm:.1e}; between {SMALLEST_NORM:.0e} "
-        f"and {LARGEST_NORM:.0e} energies, and errors beside them, are numbers. Take other units of force or length, "
-        "or zero for loads and motions that are meant to be none."
+        f"data: loads and motions in the step to t = {t:.6g} have an energy norm of {norm:.1e}; it must be between "
+        f"{SMALLEST_NORM:.0e} and {LARGEST_NORM:.0e}, or energies and errors overflow or underflow. Take other "
+        "units of force or length, and zero for negligible loads and motions."
     )
 
 
@@ -74,14 +74,14 @@ class Scaling:
     def length(self, program: StepProgram) -> float:
         """Return the length alpha of a step; one if its data vanish."""
         size = program.size / np.sqrt(self.kappa)
-        if self.operators.kernel is not None:  # Moving ground carries a floating body along as far as it moves.
+        if self.operators.kernel is not None:  # A floating body moves as far as the ground that carries it.
             size = max(size, np.abs(program.b).max(initial=0.0))
         return float(power_of_two(size)) if size > 0 else 1.0
 
     def scale(self, program: StepProgram, alpha: float) -> StepProgram:
         """Return the scaled program of a step.
 
-        If supports hold the body, gaps far beyond its reach are cut: interior-point methods fail on gaps such as 1e20.
+        If supports hold the body, gaps that it cannot close are reduced: interior-point methods fail on gaps of 1e20.
         """
         force, e = self.kappa * alpha, program.e / alpha
         if len(e) and self.operators.anchor is None:

@@ -1,12 +1,12 @@
-"""The program of a step in the increment d = y - y_prev, and its answers; :mod:`.cvxpy_step` has its form in cvxpy.
+"""The convex program of a step for the increment d = y - y_prev, and its answers (in cvxpy: :mod:`.cvxpy_step`).
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. Increments keep all digits of d if
-steps are tiny compared with y. If the compliance c_j of a *limit* vanishes, its term in the last sum stands for the
-bound D_j d <= e_j; else it is a squared positive part. The program consists of arrays; each solver converts them.
+with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown is d, not y, so that d
+keeps all digits if it is tiny compared with y. A *limit* j with compliance c_j = 0 is the bound D_j d <= e_j. A limit
+with c_j > 0 adds a squared positive part, the last sum. Each solver converts these arrays to its own format.
 
 A term of infinite weight always sticks: it is the constraint B_i d = b_i, and lam_i is free.
 """
@@ -58,7 +58,7 @@ GAIN_TOLERANCE = 1e-9
 
 
 def has_diverged(x: Floats) -> bool:
-    """Return True if squares of entries are close to overflow, as in motions that no support holds."""
+    """Return True if the squares of entries are close to overflow, which happens if nothing holds the body."""
     return bool(np.vdot(x, x) > 1e250)
 
 
@@ -70,7 +70,7 @@ class StepProgram(ArrayRecord):
     energy (D_j d - e_j)_+^2 / (2 c_j) replaces its bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
     p >= 0: friction acts on the body with the forces -B'lam, limits with -D'p.
 
-    :meth:`StepProgram.to_cvxpy` poses it to any solver, :meth:`StepProgram.certify` bounds the error of any answer.
+    :meth:`StepProgram.to_cvxpy` writes the program in cvxpy; :meth:`StepProgram.certify` bounds errors of answers.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class StepProgram(ArrayRecord):
     w : (m,) array
         Weights >= 0: friction bounds, as forces; infinite for terms that always stick.
     b : (m * block,) array
-        Minus the slip due to moving supports and ground: the slip is B d - b.
+        Minus the slip that moving supports and ground cause; the total slip is B d - b.
     e : (r,) array
         Gaps at the beginning of the step; negative if the body overlaps its obstacle.
 
@@ -99,7 +99,7 @@ class StepProgram(ArrayRecord):
     e: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check the shapes, and make the arrays read-only: certificates use them after a solver had access."""
+        """Check the shapes, and make the arrays read-only, because certificates use them after the solver."""
         for name, count in zip("gwbe", self.operators.sizes, strict=True):
             array = np.asarray(getattr(self, name))
             if array.shape != (count,):
@@ -128,7 +128,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The norm of the data: energy norm of the frictionless step or of overlaps; else root of frictional work."""
+        """The largest energy norm due to g, overlaps, or forced slips of stuck terms; else root of friction work."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -150,8 +150,8 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        A level is STILL_TOLERANCE times the larger of two motions: the largest of all rows in d, and the motion of this
-        row in a state with the energy norm `size`.
+        A level is STILL_TOLERANCE times the larger of two motions: the largest motion of a row of this kind in d, and
+        the motion of the row itself in a state with the energy norm `size`.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
@@ -173,7 +173,7 @@ class StepProgram(ArrayRecord):
         return self.g - self.multiplier_force(lam, p) - product(self.operators.K, d)
 
     def objective(self, d: Floats) -> float:
-        """Return the energy that the step minimises; infinite beyond a bound."""
+        """Return the energy that the step minimises; infinite if d violates a bound or moves a term that sticks."""
         z, c = self.excess(d), self.operators.compliance
         over = np.where(z <= self.zero_levels(d)[1], 0.0, z)
         s = lengths(self.slip(d))
@@ -189,7 +189,7 @@ class StepProgram(ArrayRecord):
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
         """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0, balanced on K's kernel if possible.
 
-        Balancing changes multipliers of rows that stick or touch at the increments `d`: it adds least to the gap.
+        Balancing changes mostly the multipliers of rows that stick or touch at d, because this adds least to the gap.
         """
         lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
         if N is None or has_diverged(d):
@@ -200,9 +200,9 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c without energy and within limits that gains most against friction; None if none gains.
+        """Return the motion N c of K's kernel, within limits, with the largest gain; None if no motion has a gain.
 
-        The gain is g'N c - sum w_i |B_i N c| with |c| = 1. Below GAIN_TOLERANCE times the load it counts as zero.
+        The gain is g'N c - sum w_i |B_i N c| with |c| <= 1. Below GAIN_TOLERANCE times the load it counts as zero.
         """
         import cvxpy as cp
 
@@ -226,8 +226,8 @@ class StepProgram(ArrayRecord):
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
         """Return admissible multipliers (m, block) and (r,) of the increments `d`, computing those that are not given.
 
-        Least squares solve K d = g - B'lam - D'p in two ways: for all missing multipliers, or with those fixed that the
-        law determines: w s/|s| of slipping terms, (z)_+/c of soft limits, zero of open bounds. The smaller gap decides.
+        We solve K d = g - B'lam - D'p by least squares, without and with fixing multipliers that the law determines:
+        w s/|s| of slipping terms, (z)_+/c of soft limits, zero of open bounds. The result of smaller gap is returned.
         """
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
@@ -242,7 +242,7 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return the multipliers of least imbalance at `d`; given ones stay fixed, and if `lawful` those by the law."""
+        """Return multipliers of least imbalance at `d`, with given ones fixed; if `lawful`, the law fixes more."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -253,7 +253,7 @@ class StepProgram(ArrayRecord):
             law = of_terms, np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
-        if operators.own_columns is None:  # Rows that share unknowns must share the forces on them within their bounds.
+        if operators.own_columns is None:  # Rows with common unknowns divide the forces on them, each within its bound.
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
             return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
@@ -296,12 +296,12 @@ class StepProgram(ArrayRecord):
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
         """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
 
-        The floor includes the rounding of displacements `before` (n,), to which d is added.
+        The floor includes the rounding of the unknowns `before` the step (n,), to which d is added.
         """
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # If K^{-1} has lost all digits, the sign of the energy is rounding. Its size is the error; zero would hide it.
+        # If K^{-1} has lost all digits, the energy may be negative. We take its size: zero would hide the error.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -318,8 +318,8 @@ class StepProgram(ArrayRecord):
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
         """Return the certificate by theorem 2, with a move v that removes small slips and gaps.
 
-        v corrects bounds violated by rounding, and rows whose part of the gap is at least x_i^2 / f_i, the energy that
-        correcting the row alone by x_i takes, with f_i = (A K^{-1}A')_ii.
+        v corrects bounds that are violated by rounding. It also corrects each row i whose part of the gap is at least
+        x_i^2 / f_i, the least |v|_K^2 of a move v of this row by x_i, with f_i = (A K^{-1}A')_ii.
         """
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         rigid, met, size = operators.compliance == 0, operators.compliance * p, lengths(s)
@@ -345,8 +345,8 @@ class StepProgram(ArrayRecord):
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
         """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.
 
-        a = |g| + |B|'|lam| + |D|'p + |K||d| is the size of the terms of r, f the diagonal of K^{-1}. Rounding of the
-        entries of K is not included.
+        a = |g| + |B|'|lam| + |D|'p + |K| (|d| + |before|) is the size of the terms of r, and f the diagonal of K^{-1}.
+        Rounding of the entries of K is not included.
         """
         if has_diverged(d):
             return 0.0
@@ -388,7 +388,7 @@ class StepProgram(ArrayRecord):
         return to_cvxpy(self.operators, (self.g, self.finite_weights, self.b, self.e), cones, stuck=self.stuck)
 
     def at_rest(self) -> Floats | None:
-        """Return multipliers (m, block) for which d = 0 is the exact answer, if each row reads its own unknown."""
+        """Return multipliers (m, block) with which d = 0 is exact; None without such, or if rows share unknowns."""
         operators, own = self.operators, self.operators.own_columns
         if own is None or self.b.any() or (self.e < 0).any():
             return None
@@ -397,13 +397,13 @@ class StepProgram(ArrayRecord):
         return lam if exact and (lengths(lam) <= self.w).all() else None
 
     def feasible(self, d: Floats) -> Floats:
-        """Return the increments (n,) within the bounds, close to d."""
+        """Return increments (n,) close to d that satisfy the bounds."""
         D, rigid = self.operators.D, np.flatnonzero(self.operators.compliance == 0)
         if not (self.excess(d)[rigid] > 0).any():
             return d
         if not (np.diff(D.indptr)[rigid] == 1).all():
             return self._project_onto_limits(d, rigid.astype(np.int64))
-        # Several bounds, and soft limits, may read the same unknown.
+        # Several bounds, and soft limits, may act on the same unknown.
         column, coefficient, moved = D.indices[D.indptr[rigid]], D.data[D.indptr[rigid]], d.copy()
         edge, upper = self.e[rigid] / coefficient, coefficient > 0
         np.minimum.at(moved, column[upper], edge[upper])
@@ -413,9 +413,9 @@ class StepProgram(ArrayRecord):
     def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
         """Return increments (n,) within the `rigid` limits, by projections in the energy norm.
 
-        A round replaces d by d - K^{-1}D'q, the nearest point that satisfies all rows violated so far: q minimises
-        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. Rows are only added. After several rounds the
-        result is close to the nearest point, but not equal to it.
+        Each round replaces d by d - K^{-1}D'q, the nearest point that satisfies all rows violated in this or an earlier
+        round. q minimises q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. After several rounds the
+        result is close to the feasible point nearest to the given d, but not equal to it.
         """
         from scipy.optimize import nnls
 
@@ -493,7 +493,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
     if "d" not in read:
         raise SolverFailed(
             f"solver {solver}: found the answer {brief(raw)}; it must return vx.Answer(d, lam, iterations), "
-            "(d, lam, p), (d, lam), or d; a tuple may end in its iterations."
+            "(d, lam, p), (d, lam), or d; a tuple may end with the number of iterations."
         )
     d, lam, p = read["d"], read.get("lam"), read.get("p")
     if lam is None or p is None:
@@ -513,7 +513,7 @@ class SolvedProgram(StepProgram):
     answer : Answer
         Increments d, and multipliers lam and p.
     step : int
-        Number of the step; 1 follows the initial instant.
+        Number of the step; step 1 begins at the initial instant.
     t : float
         The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
@@ -521,7 +521,7 @@ class SolvedProgram(StepProgram):
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
     energy_rows : callable () -> (k, n) sparse matrix, optional
-        A sparse matrix F with F'F = K, for conic file formats: of a body, the roots of its cells' matrices.
+        A sparse matrix F with F'F = K, for conic file formats; for a body, roots of the stiffness matrices of cells.
 
     Examples
     --------
@@ -549,20 +549,20 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def norm(self) -> float:
-        """The energy norm |d|_K of the increments, to compare errors with."""
+        """The energy norm |d|_K of the increments, the reference for errors."""
         return self.operators.energy_norm(self.answer.d)
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
         """Lower and upper bound of the minimal objective: the dual and the primal objective at the answer.
 
-        They include rounding: the certificate's floor, and for sums of n terms at most n eps times their sizes.
+        Both bounds allow for rounding: the certificate's floor, and n eps times the sizes of terms in sums of n terms.
         """
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
         rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # Here slips and gaps at rounding level count, which certificates leave out.
+        # Unlike certificates, these bounds include slips and gaps at rounding level.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
         s = np.where(self.stuck[:, None], 0.0, self.slip(d))
         parts = norm_gaps(self.w, lam, s).sum() + limit_gaps(c, p, z).sum()

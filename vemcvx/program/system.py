@@ -1,8 +1,8 @@
 """A system K y + B'lam + D'p = f(t) in plain arrays, possibly with moving supports: the argument of `march`.
 
-It is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> =
-v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. It contains no mesh and no contact. `Norms` are the terms
-w_i |B_i v|, with laws of their weights. `Limits` are the bounds D_j y <= e_j, or soft limits. `Motion` describes the
+The system is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku,
+<l(t), v> = v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. It does not refer to a mesh. `Norms` are the terms
+w_i |B_i v|, with laws for the weights. `Limits` are the bounds D_j y <= e_j, or soft limits. `Motion` describes the
 contributions of moving supports to the energy, the norm terms and the limits.
 """
 
@@ -41,11 +41,11 @@ from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""Slips are differences of positions. Below this fraction of the positions they count as zero."""
+"""Fraction of the size of two positions below which their difference, a slip, counts as zero."""
 
 
 class Rows(ArrayRecord):
-    """The base class of norm terms and limits: several rows of one `kind`, with their places in words."""
+    """The base class of norm terms and of limits, with the `kind` and the places of the rows in words."""
 
     kind: ClassVar[str]
     places: Callable[[int], str] | None
@@ -56,15 +56,15 @@ class Rows(ArrayRecord):
         raise NotImplementedError
 
     def name(self, i: int) -> str:
-        """Return the place of number `i`, in words."""
+        """Return the place of norm term or limit `i`, in words."""
         if self.places is None:
             return f"{self.kind} {i}"
-        asked = "take the number of a term and say where it acts"
+        asked = "take the number of a term and return its place in words"
         return str(call_function(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one number per row (count,), finite or an infinite weight; raise SceneError for wrong signs."""
-        wanted, owner = f"a {what}, or ({self.count},) of them, one a {self.kind.split()[-1]}", type(self).__name__
+        """Return one number per term or limit (count,); raise SceneError for wrong signs or (but weights) infinity."""
+        wanted, owner = f"a {what}, or ({self.count},) of them, one per {self.kind.split()[-1]}", type(self).__name__
         found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
         if not signed and (found < 0).any():
@@ -75,7 +75,7 @@ class Rows(ArrayRecord):
 
 @dataclass(frozen=True, repr=False)
 class Norms(Rows):
-    """The terms w_i |B_i v|: rows i * block to (i + 1) * block of B make the vector B_i v.
+    """The terms w_i |B_i v|: rows i * block to (i + 1) * block - 1 of B form the matrix B_i.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Norms(Rows):
         Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`); `w` are then the weights while no
         limit acts.
     ground : callable t -> (m * block,), optional
-        The displacement g of the ground, which does work. Slips are relative to it:
+        The displacement g of the ground, whose motion does work. Slips are relative to the ground: the terms are
         w_i |B_i (y - y_prev) - (g_i - g_i,prev)|.
 
     Examples
@@ -111,8 +111,8 @@ class Norms(Rows):
     def __post_init__(self) -> None:
         object.__setattr__(self, "B", as_read_only_rows(self.B, "Norms: B"))
         object.__setattr__(self, "block", whole_blocks(self.block, self.B.shape[0], "Norms"))
-        function(self.places, "Norms: found places", "a function of i that says where term i acts")
-        function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
+        function(self.places, "Norms: found places", "a function of i that returns the place of term i in words")
+        function(self.ground, "Norms: found ground", "a function of t that returns the displacement of the ground")
         instance(self.law, Law, "Norms: found law", "a Law(weights)")
         if self.law is not None and self.law.softening is not None:
             softening = self.read_numbers(self.law.softening, "softening", "softening")
@@ -137,7 +137,7 @@ class Norms(Rows):
 
     @property
     def softening(self) -> Floats | None:
-        """The largest rate (m,) at which weights fall with slip, if it is known."""
+        """The largest rate (m,) at which weights fall with slip; None if unknown."""
         known: Any = None if self.law is None else self.law.softening
         return known
 
@@ -157,7 +157,7 @@ class Norms(Rows):
         )
 
     def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
-        """Return the derivative (m, r) of the law by limit forces p (r,), after slips `past` (m,), or None."""
+        """Return the derivative (m, r) of the law by limit forces p (r,), after slips `past` (m,); None without one."""
         if self.law is None or self.law.slope is None:
             return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
@@ -198,7 +198,7 @@ class Limits(Rows):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "D", as_read_only_rows(self.D, "Limits: D"))
-        function(self.places, "Limits: found places", "a function of j that says where limit j acts")
+        function(self.places, "Limits: found places", "a function of j that returns the place of limit j in words")
         object.__setattr__(self, "compliance", self.read_numbers(self.compliance, "compliance", "compliance"))
         if callable(self.e):
             return
@@ -228,7 +228,7 @@ class DraggedTerms:
     position: Callable[[float], Floats]
     """Function t -> (q * block,): the positions c of supports, minus the displacement of the ground."""
     weights: Callable[[float, Floats, Floats, Floats], Floats]
-    """Function (t, p, past, slip) -> (q,): the weights, as by a :class:`vemcvx.base.weight_law.Law`."""
+    """Function (t, p, past, slip) -> (q,): the weights, as in :class:`vemcvx.base.weight_law.Law`."""
     count: int
     block: int = 1
     remembers: bool = False
@@ -237,7 +237,7 @@ class DraggedTerms:
 
 @dataclass(frozen=True)
 class ForceOnPart:
-    """A force on the unknowns `rows` (k,), ascending, out of n; `entries` maps t to the forces (k,) there."""
+    """A force on k of n unknowns: `rows` (k,) are their indices, ascending, and `entries` maps t to the forces (k,)."""
 
     n: int
     rows: Ints
@@ -255,11 +255,11 @@ def force_on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, I
 
 @dataclass(frozen=True)
 class Motion:
-    """The terms of moving supports: u = P y + u_D(t), with A the matrix of a over all of u.
+    """The contributions of moving supports: u = P y + u_D(t), and A is the matrix of a(u, v).
 
     a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure B (y - y_prev) plus the change of
-    `prescribed_slip` in the step. If supports move far and strain little, these sums cancel; `pair` of two fields of
-    `frame` computes a(u, u) without cancellation.
+    `prescribed_slip` in the step. If supports move a body far and strain it little, the terms of a(u, u) cancel;
+    `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]
@@ -271,7 +271,7 @@ class Motion:
     frame: Callable[[float, Floats], Floats]
     """Function (t, y) -> (n_u,): u minus a motion without strain."""
     pair: Callable[[Floats, Floats], float]
-    """Function (u, v) -> a(u, v) of two such fields."""
+    """Function (u, v) -> a(u, v) of two fields of `frame`."""
     remaining_gap: Callable[[float], Floats] | None = None
     """Function t -> (r,): the part of the limits e that u_D uses up."""
 
@@ -290,7 +290,7 @@ class Damping(ArrayRecord):
     C : (n, n) array or sparse matrix
         The matrix of b, symmetric, positive semidefinite.
     motion : Motion, optional
-        Terms of moving supports with the matrix of b instead of the matrix of a. Its slips and gaps are not used.
+        The contributions of moving supports, with b instead of a. The slips and gaps in it are not used.
 
     Examples
     --------
@@ -366,7 +366,7 @@ class System(ArrayRecord):
         object.__setattr__(self, "K", as_read_only_rows(self.K, "System: K"))
         check_symmetric(self.K, "System: K")
         diagonal, largest = self.K.diagonal(), self.K.diagonal().max(initial=0.0)
-        # The kernel of a body that is rigid altogether has unknowns without stiffness, but for rounding.
+        # In a wholly rigid body some unknowns have no stiffness, up to rounding.
         if (diagonal <= (0.0 if self.kernel is None else -SYMMETRY_TOLERANCE * largest)).any():
             i = int(np.argmin(diagonal))
             raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
@@ -384,7 +384,7 @@ class System(ArrayRecord):
         if self.order is not None and not callable(self.order):
             object.__setattr__(self, "order", self._permutation(self.order))
         if self.near_kernel is not None:
-            wanted = f"({self.n}, k) motions of little energy, one a column"
+            wanted = f"({self.n}, k) motions of little energy, one per column"
             found = as_real_array(self.near_kernel, "System: near_kernel", wanted)
             if found.ndim != 2 or len(found) != self.n or not found.shape[1] or not np.isfinite(found).all():
                 raise SceneError(f"System: found near_kernel = {brief(self.near_kernel)}; wanted {wanted}, or None.")
@@ -396,7 +396,7 @@ class System(ArrayRecord):
         N = kernel.modes
         if len(N) != self.n:
             raise SceneError(
-                f"System: found a kernel over {len(N)} unknowns; wanted one column of {self.n} and one name a motion."
+                f"System: found a kernel over {len(N)} unknowns; wanted one column of {self.n} numbers per motion."
             )
         work = (
             np.abs(self.K @ N).max(axis=0, initial=0.0)
@@ -408,7 +408,7 @@ class System(ArrayRecord):
         if rank_on(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
             raise SceneError(
                 f"System: a motion of K's kernel ({', '.join(kernel.names)}) moves no norm term and no limit: "
-                "nothing holds it. Add stiffness, norm terms or limits that do."
+                "nothing holds it. Add stiffness, norm terms or limits that resist it."
             )
 
     def _permutation(self, raw: ArrayLike) -> Ints:
@@ -446,7 +446,7 @@ class System(ArrayRecord):
 
     @property
     def retained(self) -> Ints:
-        """The unknowns (m,) that norm terms or limits read; condensation eliminates all others."""
+        """The unknowns (m,) on which norm terms or limits act; condensation eliminates all others."""
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
     def remaining_gap(self, t: float) -> Floats:
@@ -467,7 +467,7 @@ class System(ArrayRecord):
             return None
         rows, subject = self.B.shape[0], "Norms: ground"
         raw = at_instant(self.norms.ground, t, subject)
-        return finite(as_shaped_array(raw, subject, f"({rows},) ways, one a row of B", (rows,)), subject)
+        return finite(as_shaped_array(raw, subject, f"({rows},) displacements, one per row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
         """Return the given linear solver, or one chosen by size; raise SceneError if it has no fitting `factorise`."""
@@ -481,7 +481,7 @@ class System(ArrayRecord):
         return choose_linear(self.n, asked, modes=modes)
 
     def elimination_order(self) -> Ints | None:
-        """Return the order of elimination (n,), or None."""
+        """Return the order of elimination (n,); None if none is given."""
         if not callable(self.order):
             return self.order
         return self._permutation(
@@ -496,5 +496,5 @@ class System(ArrayRecord):
 
     def force(self, t: float) -> Floats:
         """Return the load vector (n,) at the instant `t`, checked."""
-        subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
+        subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one per unknown"
         return finite(as_shaped_array(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)

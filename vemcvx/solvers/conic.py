@@ -1,11 +1,11 @@
 """Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
 
-`TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. There,
-"certified 5e-5" means: a request for an accuracy of 1e-6 reached 5e-5.
+`TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. "Certified
+5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5.
 
 Solvers without cones receive absolute values as inequalities. Solvers with cones receive inequalities when they solve a
-missed step again. On a slipping term a cone needs the difference t - |s|, which is as small as the gap: below 1e-12 it
-has no correct digits. Inequalities have a slack variable for this difference.
+missed step again. On a slipping term a cone uses the difference t - |s|, which is as small as the gap and has no
+correct digits below 1e-12. Inequalities have a slack variable for this difference.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Condition(Enum):
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of one solver, by the name that cvxpy passes on, with the reason `why`."""
+    """One setting of one solver, with the name that cvxpy passes on and the reason `why`."""
 
     name: str
     value: GapTolerance | float | str
@@ -75,9 +75,9 @@ class Setting:
 
 
 TIGHT = GapTolerance(TARGET_FRACTION, 1e-14)
-"""Tolerance of solvers that have one for gap and residuals, whose meaning differs between solvers."""
+"""Tolerance of solvers with one tolerance for both gap and residuals; its meaning differs between solvers."""
 SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
-"""Tolerance like TIGHT, for solvers that break down below 1e-13."""
+"""The tolerance TIGHT for solvers that break down below 1e-13."""
 RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
 """Tolerance of OSQP's residuals."""
 
@@ -89,20 +89,20 @@ _ECOS = (
 
 TUNED: Mapping[str, tuple[Setting, ...]] = {
     "CLARABEL": (
-        Setting("tol_gap_abs", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from that of the certificate"),
-        Setting("tol_gap_rel", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from that of the certificate"),
+        Setting("tol_gap_abs", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from the certificate's gap"),
+        Setting("tol_gap_rel", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from the certificate's gap"),
         Setting("tol_feas", GapTolerance(TARGET_FRACTION, 1e-13, power=0.5), "residuals enter the gap squared"),
-        Setting("max_threads", 1, "two threads are three times slower on the patterns cvxpy makes"),
-        Setting("direct_solve_method", "faer", "on the paper's full program 4.6 s, with qdldl 22 s"),
-        Setting("iterative_refinement_enable", False, "doubles the time, mostly for no digit"),
+        Setting("max_threads", 1, "two threads take three times as long on the patterns that cvxpy makes"),
+        Setting("direct_solve_method", "faer", "the paper's full program takes 4.6 s, with qdldl 22 s"),
+        Setting("iterative_refinement_enable", False, "refinement doubles the time, and rarely gains digits"),
         Setting("presolve_enable", False, "there is nothing to remove"),
         Setting("equilibrate_enable", False, "programs are scaled already"),
         Setting("static_regularization_constant", 1e-15, "with 1e-13 a sixth of the paper's steps miss by 1e6"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
         # The case in hard_cases.py: K has one motion without energy, and friction just holds it.
         Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", Condition.SEMIDEFINITE),
-        Setting("iterative_refinement_enable", True, "gains the digits that were missed", Condition.RETRY),
-        # Fixed points that need the last digits are in janssen_silo.py, the steps in solver_accuracy.py.
+        Setting("iterative_refinement_enable", True, "gains the missing digits", Condition.RETRY),
+        # Examples: fixed points that need the last digits in janssen_silo.py, and the steps in solver_accuracy.py.
         Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", Condition.RETRY),
         Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", Condition.RETRY),
     ),
@@ -112,13 +112,13 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("eps_prim_inf", 1e-15, "by default a step counts as infeasible"),
         Setting("eps_dual_inf", 1e-15, "by default a step counts as unbounded"),
         Setting("max_iter", 100_000, "the default, 4000, is too few for such tolerances"),
-        Setting("polishing", True, "gains the last digits; must be set on every solve"),
+        Setting("polishing", True, "gains the last digits; must be set for every solve"),
         Setting("polish_refine_iter", 10, "gains the last digits of polishing"),
     ),
     "SCS": (
         Setting("eps_abs", SHORT, "by default, 1e-4, certified 2e-3; below 1e-13 some steps do not converge"),
-        Setting("eps_rel", 0.0, "data are scaled; its reference differs from step to step"),
-        Setting("max_iters", 200_000, "first-order method: small tolerances take many"),
+        Setting("eps_rel", 0.0, "data are scaled; the reference of eps_rel differs from step to step"),
+        Setting("max_iters", 200_000, "first-order method: small tolerances take many iterations"),
         Setting("normalize", False, "programs are scaled already"),
     ),
     "PIQP": (
@@ -172,7 +172,7 @@ class ThroughCvxpy(Solver):
     accuracy : float
         Requested relative energy error of a step, which its certificate must meet.
     polish : bool
-        Add one active-set step to every answer. Off by default, so that solvers stay independent.
+        Add one active-set step of Newton's method to every answer. Off by default, so that solvers stay independent.
     options : mapping, optional
         Options of the solver, which replace the tuned settings of the same name.
     tuned : bool
@@ -196,14 +196,14 @@ class ThroughCvxpy(Solver):
 
     def __post_init__(self) -> None:
         if not isinstance(self.solver, str):
-            raise SceneError(f"ThroughCvxpy: found solver = {brief(self.solver)}; wanted its name in cvxpy, as 'SCS'.")
+            raise SceneError(f"ThroughCvxpy: found solver = {brief(self.solver)}; wanted a name in cvxpy, like 'SCS'.")
         object.__setattr__(self, "solver", self.solver.upper())
         super().__post_init__()
         flag(self.polish, f"{self.name}: polish")
         flag(self.tuned, f"{self.name}: tuned")
         named = isinstance(self.options, Mapping) and all(isinstance(name, str) for name in self.options)
         if not named:
-            raise SceneError(f"{self.name}: found options = {brief(self.options)}; wanted a dict of its own names.")
+            raise SceneError(f"{self.name}: found options = {brief(self.options)}; wanted a dict of names to values.")
 
     @property
     def name(self) -> str:
@@ -234,7 +234,7 @@ class ThroughCvxpy(Solver):
 
     def prepare(self, operators: Operators) -> _PreparedConic:
         if self.corners is not None and operators.block > 2:
-            raise NotAccepted(f"solver {self.name}: polygons are for norms of two components, not {operators.block}.")
+            raise NotAccepted(f"solver {self.name}: polygons require norms of two components, not {operators.block}.")
         if self.solver not in list_installed():
             raise NotAccepted(
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(list_installed()))}. "
@@ -248,7 +248,7 @@ class ThroughCvxpy(Solver):
         return TUNED.get(self.solver, ()) if self.tuned else ()
 
     def choose_options(self, gap: float, *, semidefinite: bool, retry: bool) -> dict[str, Any]:
-        """Return the solver's options for a duality gap of a scaled program; the user's replace tuned ones."""
+        """Return the solver's options for a duality gap of a scaled program; options of the user replace tuned ones."""
         now = (
             {Condition.ALWAYS}
             | ({Condition.SEMIDEFINITE} if semidefinite else set())
@@ -292,8 +292,8 @@ class OSQP(ThroughCvxpy):
         See :class:`ThroughCvxpy`.
     polygon : int, optional
         Replace the discs |lam_i| <= w_i by inscribed regular polygons with this many corners, at least 4. Certificates
-        still refer to discs: the gap is up to (1 - cos(pi / polygon)) sum w_i |s_i|, with 16 corners .019 of the sum.
-        By default programs with discs are not accepted.
+        still refer to discs: the gap is up to 1 - cos(pi / polygon) times sum w_i |s_i|, which is .019 times the sum
+        for 16 corners. By default programs with discs are not accepted.
 
     Examples
     --------
@@ -329,15 +329,15 @@ class OSQP(ThroughCvxpy):
 
 
 class _PreparedConic:
-    """A cvxpy problem compiled once, with g, w, b, e as parameters; if K is sparse, it is posed anew in every step.
+    """A cvxpy problem, compiled once with g, w, b, e as parameters; if K is sparse, it is posed anew in every step.
 
-    With sparse K the parameter g has as many entries as K has unknowns, and compiles in 26 s at 33,000 unknowns.
+    With sparse K the parameter g has one entry per unknown: at 33,000 unknowns compiling takes 26 s.
     """
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        # The keys are `cones` and the terms that always stick. The values are the step in cvxpy, and the solver objects
-        # that cvxpy keeps for a warm start.
+        # Each key consists of `cones` and the terms that always stick, each value of the step in cvxpy and the solver
+        # objects that cvxpy keeps for a warm start.
         self._compiled: dict[tuple[bool, bytes], tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
@@ -372,7 +372,7 @@ class _PreparedConic:
 
 
 def polish_answer(program: StepProgram, answer: Answer) -> Answer:
-    """Return the answer after one active-set step, or the answer itself if its gap is smaller."""
+    """Return the answer after one active-set step, or the given answer if that step does not reduce the gap."""
     d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
     before = replace(answer, d=d, lam=lam, p=p)
     sharper = PreparedNewton(program.operators, 1).solve_from(program, GivenWeights(program.w), before)
@@ -386,9 +386,9 @@ def _gap(program: StepProgram, answer: Answer) -> float:
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
-    """Solve by cvxpy's single stages, and return status and iterations.
+    """Solve by the separate stages of cvxpy's `solve`, and return status and iterations.
 
-    cvxpy's `solve` would also warn about inaccuracy, which the certificate measures.
+    `solve` itself would also warn about inaccuracy, which the certificate measures.
     """
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
@@ -408,7 +408,7 @@ def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options:
             raise
         raise NotAccepted(
             f"solver {settings.name}: refused the options {dict(settings.options)}: {error}. "
-            "They must be options of this solver, by the names that cvxpy passes on."
+            "They must be options of this solver, under the names that cvxpy passes on."
         ) from error
     if solution.status in SOLUTION_PRESENT:
         problem.unpack(solution)

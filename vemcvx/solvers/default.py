@@ -28,7 +28,7 @@ from vemcvx.solvers.solver import INNER_FRACTION, Prepared, ScaledSolver, Solver
 
 
 class Solves(Protocol):
-    """The protocol of a user-defined solver: `solve`, and optionally `accepts`, `accuracy` and `semidefinite`."""
+    """The protocol of user-defined solvers: `solve`, and optionally `accepts`, `accuracy` and `semidefinite`."""
 
     @property
     def solve(self) -> Callable[..., Any]:
@@ -38,7 +38,7 @@ class Solves(Protocol):
 def as_solver(given: Solver | Solves) -> Solver:
     """Return a Solver unchanged, and wrap any other object with `solve`.
 
-    Raise SceneError for a class, for an object without `solve`, and if `accepts` contains other words than features.
+    Raise SceneError for a class, for an object without `solve`, and if `accepts` contains words that name no feature.
     """
     if isinstance(given, Solver):
         _features(given.accepts, given.name)
@@ -52,7 +52,7 @@ def as_solver(given: Solver | Solves) -> Solver:
 
 
 def _features(accepts: Any, name: str) -> frozenset[str]:
-    """Return the features that a solver accepts; raise SceneError for other words."""
+    """Return the features that a solver accepts; raise SceneError for words that name no feature."""
     several = isinstance(accepts, (set, frozenset, list, tuple))
     if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
         there_are = ", ".join(map(repr, sorted(FEATURES)))
@@ -134,7 +134,7 @@ class FixedPointSolver:
     """A prepared solver of programs with given weights, which solves steps under a law by fixed-point iteration.
 
     With T(w) the answer for the weights w, the law requires w = law(p(T(w)), |s(T(w))|). The next weights come from one
-    Newton step on the active sets of the answer. If these are the sets of the solution, so are the weights.
+    Newton step on the active sets of the answer. If these sets are those of the solution, this step gives its weights.
     """
 
     name: str
@@ -150,7 +150,7 @@ class FixedPointSolver:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve one step. Under a law, return the answer with the least gap under its own weights."""
+        """Solve one step. Under a law, return the answer with the least gap under the weights for this answer."""
         if law is None or law.is_given:
             return read_answer(self.prepared.solve(program, target, lam, p), program, self.name)
         # Friction at earlier pressures may not hold a body without supports: begin with weights that hold any load.
@@ -168,7 +168,7 @@ class FixedPointSolver:
                 best, least = answer, gap
             if least <= target or waited == PATIENCE:
                 return replace(best, iterations=iterations)
-            # If the Newton step gains nothing, use the weights of the answer itself: this breaks cycles of sets.
+            # If the gap was not halved, take the weights for the answer, without a Newton step: this breaks cycles.
             ahead = answer if waited else self.newton.solve_from(program, law, answer)
             w = law.at(ahead.p, lengths(program.slip(ahead.d)))
 
@@ -194,7 +194,7 @@ class LastResort:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve a missed step by Clarabel, and by Newton's method from its sets; return the better answer."""
+        """Return the better answer to a missed step: of Clarabel, or of Newton's method from Clarabel's active sets."""
         law = law or GivenWeights(program.w)
         first = self.conic.solve(program, target, lam, p, law)
         last = self.newton.solve_from(program, law, first)
@@ -206,8 +206,8 @@ def prepare_run(solver: Solver, operators: Operators) -> LastResort | FixedPoint
     """Prepare a solver for a run; raise NotAccepted if K has a kernel and the solver accepts none."""
     if operators.kernel is not None and not solver.semidefinite:
         raise NotAccepted(
-            f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite, which it "
-            "does not accept. Newton and Clarabel do; a solver of your own declares it by `semidefinite = True`."
+            f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "
+            "needs a definite K. Take Newton or Clarabel, or set `semidefinite = True` in a solver of your own."
         )
     with name_failures(solver.name):
         found = FixedPointSolver.prepare(solver, operators)
@@ -223,7 +223,7 @@ log = logging.getLogger("vemcvx")
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
     """Return the given solver, or the smallest that accepts the programs of `operators`.
 
-    Raise NotAccepted if the given solver does not accept one of their features.
+    Raise NotAccepted if the given solver does not accept a feature of these programs.
     """
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)

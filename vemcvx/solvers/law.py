@@ -1,8 +1,8 @@
 """The weights w(p, |s|) of one step: given numbers or a law of friction, in any units.
 
 A law has two derivatives: J = dw/dp if the law defines it, and dw/d|s|, by differences, if the law depends on the slip
-of the step. A step under a law is one set-valued equation. Each solution also solves the program of given weights, with
-the weights for its own pressure and slip.
+of the step. A step under a law is one set-valued equation. Each of its solutions also solves the program with weights
+fixed at the values that the law has for the pressure and slip of this solution.
 """
 
 from __future__ import annotations

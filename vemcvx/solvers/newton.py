@@ -17,17 +17,17 @@ This is the Newton step for x = projection of x + SHIFT off onto discs of radius
 slipping term adds no unknown in the plane, and one in space. REGULARISATION is added to the diagonal, because rows may
 be linearly dependent. If K has a kernel, N'A'x = N'g borders the system.
 
-The matrix is factorised only if sets change, or if the error of the law no longer halves. Otherwise corrections on the
-last factors, also on those of the step before, remove the errors of regularisation and of turning slips. The error of
-the law decides when to stop. Unchanged sets do not: rounding may change sets for ever. If W is an operator (iterative
-linear solvers, very many rows), GMRES solves the system.
+The matrix is factorised only if sets change, or if the error of the law no longer halves. Otherwise corrections with
+the last factors, which may be factors of the step before, remove errors due to regularisation and to slips that turn.
+We stop by the error of the law; unchanged sets are no criterion, because rounding may change sets for ever. If W is an
+operator (iterative linear solvers, very many rows), GMRES solves the system.
 
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'free over discs and half-lines, with gradient -off.
 Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a solution,
-because the set is convex and W positive semidefinite. In space they follow the first active sets; in the plane they
-start when sets recur. Then active sets continue, and the next safeguard resumes where the last one ended. A kernel
-enters by the augmented Lagrangian with multipliers a. If weights follow a law, convergence is not proven: we then first
-try the point of least error on the segment to the last point.
+because the set is convex and W positive semidefinite. In space these gradients run after the first active sets; in the
+plane they run when sets recur. Then Newton's method continues. Under given weights the next safeguard resumes where the
+last one ended. A kernel enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is
+not proven: we then first try the point of least error on the segment to the last point.
 
 If all this misses the accuracy of a run, Clarabel solves the step, and Newton's method starts from its active sets
 (:class:`vemcvx.solvers.default.LastResort`).
@@ -53,12 +53,12 @@ from vemcvx.solvers.law import GivenWeights, Weights, WeightsInUnits
 from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
-"""Weight of `off` against forces x in predicting active sets, where W has a unit diagonal. At 1 sets cycle more
-often."""
+"""Factor of `off` in the prediction x + SHIFT off of active sets; W has a unit diagonal. With the factor 1 sets cycle
+more often."""
 REGULARISATION = 1e-11
 """Number added to a unit diagonal: dependent rows then share their force. Corrections remove the error."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Errors of the law relative to the largest force at which we stop corrections, a step, and a step that stalls."""
+"""Errors of the law, relative to the largest force, at which we stop corrections, a step, and a step that stalls."""
 MAX_CORRECTIONS = 20
 """Largest number of corrections on one factorisation: they take as long as factorising 2,000 unknowns."""
 FIRST_SWEEPS = 100
@@ -100,7 +100,7 @@ class ActiveSets:
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
-        """Return the sets predicted by q = x + SHIFT off, with weights at the slips s (m, block), else the point's."""
+        """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), by default `off`."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
         size = lengths(q)
@@ -120,7 +120,7 @@ class ActiveSets:
         return self.held.tobytes() + ((self.direction > 0).tobytes() if self.direction.shape[1] == 1 else b"")
 
     def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
-        """Return x_law (N,): x with w along slips, and zero on open limits."""
+        """Return x_law (N,): w along `direction` on slipping terms, zero on open limits, and x elsewhere."""
         w = np.where(self.stick, 0.0, w)  # The weight of a sticking term may be infinite.
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
@@ -165,8 +165,8 @@ class ActiveSetSystem:
 def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
     """Return P (k, N) and its compliances (k,).
 
-    P has a row of the identity for each held row. A slip has rows across its direction, and one along it if its weight
-    depends on |s|.
+    P has a row of the identity for each held row. A slipping term has rows across the direction of slip, and one along
+    it if the weight depends on |s|.
     """
     (m, block), act = sets.direction.shape, np.flatnonzero(sets.act)
     moves = ~sets.stick & (sets.w > 0)
@@ -239,7 +239,7 @@ class Search:
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
-        """Return the system of the sets at a guess without slips. If a body floats, all its terms stick at first."""
+        """Return the system of the sets at a guess without slips. On a floating body all terms stick and limits act."""
         sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
@@ -295,9 +295,9 @@ class Search:
         return point
 
     def _descend(self, point: Point, most: int) -> Point:
-        """Return the point after projected gradients, with the penalty norm |rest|^2 / 2 if K has a kernel.
+        """Return the point after projected gradients, with a penalty on `rest` if K has a kernel.
 
-        R is orthonormal, so that the penalty at most doubles the curvature.
+        The penalty is norm |rest|^2 / 2, with `norm` the norm of W. R is orthonormal: the curvature at most doubles.
         """
         delassus, norm, R = self.delassus, self.delassus.norm, self.delassus.R
         length = 1.0 / (2.0 * norm if len(point.a) else norm)
@@ -329,7 +329,7 @@ class Newton(Solver):
     accuracy : float
         Requested relative energy error of a step, which its certificate must meet.
     max_iterations : int
-        Largest number of linear systems per step. A step that needs more returns its last point, uncertified.
+        Largest number of linear systems per step. If a step needs more, its last point is returned and certified.
 
     Examples
     --------
@@ -377,11 +377,11 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, lam, p))
 
     def solve_from(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
-        """Solve a step, starting on the active sets of an answer. With at most one system it is one Newton step."""
+        """Solve a step, starting on the active sets of an answer; if `most` is one, take one Newton step."""
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
-        """Solve a step from a point: on the sets of the point if it is `near`, else on the last system."""
+        """Solve a step from a point, with the active sets of the point if it is `near`, else with the last system."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = WeightsInUnits(law, delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
@@ -398,7 +398,7 @@ class PreparedNewton:
 def apply_law_to_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Floats, Floats]:
-    """Return increments d, and forces lam and p of a point that obey the law: held rows rest, slips have w s/|s|."""
+    """Return increments d and forces lam and p that obey the law: held rows do not move, lam is w s/|s| at slips."""
     operators, sets = program.operators, system.sets
     d, point = correct_answer(delassus, program, point, system)
     if operators.own_columns is not None:
@@ -414,7 +414,7 @@ def apply_law_to_answer(
     slips = ~(sets.stick | program.still(d)) & (np.einsum("ij,ij->i", s, lam) > 0)
     lam = np.where(slips[:, None], np.where(slips, w, 0.0)[:, None] * directions(s, size), lam)
     if len(point.a) and operators.block > 1 and slips.any():
-        # Held rows and forces across slips take the imbalance on the kernel: there it adds least to the gap.
+        # Balance the kernel by held rows and by forces across slips, where changes add least to the gap.
         rest = delassus.N.T @ (program.g - operators.multiplier_force(lam, p))
         z = np.linalg.lstsq(delassus.R.T @ system.Q, rest, rcond=None)[0]
         more = delassus.split(delassus.u * (system.Q @ z))
@@ -425,10 +425,10 @@ def apply_law_to_answer(
 def correct_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem
 ) -> tuple[Floats, Point]:
-    """Correct increments and forces once by residual, held rows and slips; return the increments and the point.
+    """Correct increments and forces once, and return the increments and the point.
 
-    Afterwards held rows do not move, and slips point along their forces. The correction matters if contact balances
-    most of a load: increments are then small differences of large numbers.
+    The correction removes the residual, motions of held rows, and slips across their forces. It matters if contact
+    balances most of a load: increments are then small differences of large numbers.
     """
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)
@@ -446,6 +446,6 @@ def correct_answer(
 
 
 def gap_of_law(program: StepProgram, law: Weights, answer: Answer) -> float:
-    """Return the duality gap of an answer, under the weights for its own pressure and slip."""
+    """Return the duality gap of an answer, under the weights for the answer's pressure and slip."""
     followed = replace(program, w=law.at(answer.p, lengths(program.slip(answer.d))))
     return followed.duality_gap(*followed.admissible_point(answer.d, answer.lam, answer.p))

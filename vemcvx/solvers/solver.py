@@ -22,12 +22,12 @@ from vemcvx.program.scaling import Scaling
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of an accuracy or of a gap that is requested where other errors add to it: when a missed step is solved
-again, in each program under a law, for interior unknowns of stored steps, and of Clarabel, which defines its gap
+"""Fraction of an accuracy or of a gap that we request where other errors are added. We use it when we solve a missed
+step again, for each program under a law, for interior unknowns of stored steps, and for Clarabel, which defines its gap
 differently."""
 TARGET_FRACTION = 0.01
-"""Fraction of the requested gap that is negligible beside it: for tolerances on residuals, which enter the gap by their
-squares, and for tolerances whose meaning differs between solvers."""
+"""Negligible fraction of the requested gap, for tolerances on residuals, which enter the gap by their squares, and for
+tolerances whose meaning differs between solvers."""
 
 
 class Prepared(Protocol):
@@ -66,7 +66,7 @@ class Solver(ABC):
         Requested relative energy error of a step, in (0, 1): |d - d*|_K <= accuracy times the largest energy norm of
         the states so far. The target of a step's duality gap is half the square of this bound.
     semidefinite : bool
-        True if the solver accepts a K with a kernel, `operators.kernel`, as of bodies held by friction or contact only.
+        True if the solver accepts a K with a kernel, `operators.kernel`: only friction or contact then hold a body.
     any_units : bool
         True if the solver works in any units; other solvers receive scaled programs.
     instead : str
@@ -110,7 +110,7 @@ class Solver(ABC):
 
     @property
     def advice(self) -> str:
-        """Advice for a run that misses its accuracy, besides requesting less."""
+        """Advice if a run misses its accuracy, besides requesting a lower one."""
         return "use vx.Newton()"
 
     @abstractmethod
@@ -120,8 +120,8 @@ class Solver(ABC):
         Parameters
         ----------
         operators : Operators
-            The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense, its
-            unknowns are those that norm terms and limits read. `operators.factor` solves with K.
+            The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense, the
+            unknowns are those on which norm terms and limits act. `operators.factor` solves with K.
 
         Returns
         -------
@@ -147,7 +147,7 @@ class Solver(ABC):
 
 @dataclass(frozen=True, eq=False)
 class ScaledSolver:
-    """A prepared solver that receives scaled programs (:mod:`vemcvx.program.scaling`): its tolerances have no units."""
+    """A prepared solver that receives scaled programs (:mod:`vemcvx.program.scaling`), for tolerances without units."""
 
     prepared: Prepared
     scaling: Scaling
@@ -160,13 +160,13 @@ class ScaledSolver:
         return cls(solver.prepare(scaling.operators), scaling, solver.name)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one step by way of its scaled program."""
+        """Solve the scaled program of a step, and return the answer in the step's units."""
         alpha = self.scaling.length(program)
         force, scaled = self.scaling.kappa * alpha, self.scaling.scale(program, alpha)
         pressed = np.zeros_like(program.e) if p is None else p
         answer = self.prepared.solve(scaled, self.scaling.energy(target, alpha), lam / force, pressed / force)
         answer = self.scaling.restore(read_answer(answer, scaled, self.name), alpha)
-        # Interior-point methods also leave small forces at gaps that were cut.
+        # Remove the small forces that interior-point methods leave at gaps that were reduced.
         return replace(answer, p=np.where(alpha * scaled.e < program.e, 0.0, answer.p))
 
 

@@ -1,32 +1,32 @@
 """March through time by backward Euler, (2.34): one certified convex program per step.
 
-- Pose: find the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step.
-- Solve by the solver, and again with a smaller target if the answer misses the accuracy.
-- Certify on the unknowns that friction and limits read; certify stored states on all unknowns, with one residual of K.
-- Record (:mod:`.trajectory`).
+- Pose the program of the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step.
+- Solve the program; if the answer misses the accuracy, solve again with a smaller target.
+- Certify the step on the unknowns of friction and limits, and stored states on all unknowns, with one residual of K.
+- Record the state (:mod:`.trajectory`).
 
 With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.
 
-Dashpots. With b(u', v) in addition to a(u, v), a step of length k is the same step with K + C/k in place of K, and with
-the additional force -P'A_b (u_D,n - u_D,n-1) / k of moving supports. C is the matrix of b on y, A_b its matrix on u.
-Nothing is condensed then, and dashpots, too, balance g_n - K d_n. The certificate bounds the error in the norm of
-K + C/k, which is at least the norm of K.
+Dashpots. With b(u', v) in addition to a(u, v), a step of length k has the matrix K + C/k in place of K, and moving
+supports add the force -P'A_b (u_D,n - u_D,n-1) / k. C is the matrix of b on y, and A_b the matrix of b on u. Such
+systems are not condensed. Friction, limits and dashpots together balance g_n - K d_n. The certificate bounds the error
+in the norm of K + C/k, which is at least the norm of K.
 
 Errors are relative to the largest energy norm of the states so far. A body that moves without contact, or that is
-completely fixed, has no energy: its norm is rounding, and cannot be a reference. The reference is then the largest
-energy norm that the load could cause without contact and friction, |K^{-1}f|_K. A state counts as zero if its norm and
-its certified error are at most accuracy times this reference, or if its norm is rounding.
+completely fixed, has no energy: its norm is only rounding, and cannot be a reference. The reference is then the largest
+energy norm that the data could cause, for a load f |K^{-1}f|_K without contact and friction. A state counts as zero if
+its norm is at most accuracy times this reference, or if its norm is rounding.
 
-A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. It holds if and
-only if one step at times[0] from u_0 returns u_0. The jump of this step measures a violation: the distance of u_0 from
-a state that obeys (2.1) is at most jump + (certified error of the step) in the energy norm. This is the certificate of
-step 0. The step maps are nonexpansive, so that it adds no more than this to the errors of later states. For
-P^h u_0, (3.26), the run begins after this step, unless settle=False: a state that obeys (2.1) in the continuum violates
-it in V^h by O(h), because loads and friction are integrated by other rules than a(u_0, v).
+A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. The condition holds
+if and only if one step at times[0] from u_0 returns u_0. If u_0 violates (2.1), its distance from a state that obeys
+(2.1) is at most the jump of this step plus the certified error of the step, in the energy norm. This bound is the
+certificate of step 0. Step maps are nonexpansive: an error of u_0 adds at most this bound to the errors of later
+states. If u_0 is the projection P^h u_0, (3.26), the run begins after this step, unless settle=False. A state that
+obeys (2.1) in the continuum violates (2.1) in V^h by O(h): loads and friction have other quadratures than a(u_0, v).
 
-We do not use the midpoint rule, which also solves one convex program per step: its states at the instants violate
-(2.1), and if slips begin inside steps it is of order one, too (problems/midpoint_rule.py).
+We do not use the midpoint rule, which also solves one convex program per step. Its states at the instants violate
+(2.1), and it is of first order, like backward Euler, if slips begin inside steps (problems/midpoint_rule.py).
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class PosedStep:
     before: State
     data: StepData
     frame: Frame
-    g: Floats  # unbalanced force at its beginning, on the unknowns that states store
+    g: Floats  # unbalanced force at the beginning of the step, on the unknowns that states store
     program: StepProgram
 
     def solve(self, n: int) -> State:
@@ -107,13 +107,13 @@ class PosedStep:
         return state
 
     def _at_rest(self) -> State | None:
-        """Return the unchanged state if the data of the step are negligible; else None."""
+        """Return the unchanged state if the data of the step are negligible or unchanged; else None."""
         program, before, accuracy, m = self.program, self.before, self.run.solver.accuracy, len(self.program.w)
         if program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
             return self._rest(np.zeros_like(before.lam[:m]), np.zeros_like(before.p), "nothing pushes")
         if before.scale == 0.0 and (held := program.at_rest()) is not None:
             still = self._rest(held, np.zeros_like(before.p), "nothing slips")
-            # Before anything has moved there is no reference norm for an accuracy.
+            # Before anything has moved, no reference norm exists for relative errors.
             if still.scale == 0.0:
                 return still
         now, last = (self.g, self.data.remaining_gap), (before.unbalanced, before.data.remaining_gap)
@@ -143,7 +143,7 @@ class PosedStep:
         return replace(best, iterations=state.iterations + other.iterations)
 
     def _certify(self, solve: Callable[..., Answer], gap: float) -> State:
-        """Return the state after the answer of `solve`, within the bounds and certified."""
+        """Return the certified state after the answer of `solve`, moved within the bounds."""
         program, law = self.program, self.law
         guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
@@ -237,7 +237,7 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 def remove_kernel_rounding(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:
     """Return the force g of a step without its part on K's kernel, if this part is rounding.
 
-    g is a sum of the loads at both ends of the step, the unbalanced force before it, and interior forces, which cancel.
+    g is computed from both loads, the unbalanced force before the step, and interior forces, which nearly cancel.
     """
     N, operators = run.operators.kernel, run.operators
     if N is None:
@@ -263,7 +263,7 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
-    """Return the state after step `n` from `before` to `t`; raise NotCertified if a checked run misses its accuracy."""
+    """Return the state after step `n` from `before` to `t`. A checked run raises NotCertified for a missed accuracy."""
     state = pose_step(run, before, StepData.evaluate(run.condensation, t)).solve(n)
     if run.check:
         require_certified(run, state, n)
@@ -275,12 +275,12 @@ def prepare(
 ) -> PreparedRun:
     """Factorise, condense, and prepare the solver of a run; raise SceneError for settings of wrong types."""
     if not isinstance(system, System):
-        raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
+        raise SceneError(f"march: found {brief(system)}; wanted a System. simulate() takes a scene and a mesh.")
     if solver is not None:
         as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(
-            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), one of yours, or None."
+            f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), your own, or None."
         )
     check, condense = flag(check, "check"), flag(condense, "condense") and system.damping is None
     linear = system.linear(linear)
@@ -318,7 +318,7 @@ def march(
     times : increasing sequence of N + 1 instants
         times[0] is the initial instant.
     solver : Solver, or object with solve(program, target), optional
-        By default the smallest that accepts the program.
+        By default the first of Direct, Newton, OSQP and Clarabel that accepts the program.
     initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
         The initial state: zero, a given state, K y = load(t_0) without friction, or one step from zero at t_0.
     store : "all", "last", int or sequence of int
@@ -402,7 +402,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The initial state K y = force (n,), then one step if `settle`; its part in K's kernel is that of `near` (n,)."""
+    """The initial state y with K y = `force` (n,) and the kernel part of `near` (n,), then a step if `settle`."""
 
     force: Floats
     near: Floats
@@ -448,12 +448,12 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
         if jump > WARNING_RATIO * energy_norm(K, y - initial.near) + WARNING_FRACTION * norm:
             log.warning(
                 f"initial: u_0 violates condition (2.1), or the mesh is too coarse for it: one step at t = {now.t:.6g} "
-                f"moves P^h u_0 by {jump:.3g} in the energy norm, which is {norm:.3g}. The run begins "
+                f"moves P^h u_0 by {jump:.3g} in the energy norm, to a state of norm {norm:.3g}. The run begins "
                 f"{'where the body settles' if initial.settle else 'at P^h u_0'}. Check that loads and friction at the "
                 "first instant balance the stresses of u_0; if they do, refine the mesh."
             )
         if initial.settle:
-            # A body that nothing holds in P^h u_0 relaxes to zero up to rounding: keep its norm as a reference.
+            # If nothing holds the stresses of P^h u_0, they relax to rounding: keep the norm of P^h u_0 as a reference.
             return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
     if not isinstance(initial, Balanced) and not jump <= START_TOLERANCE * scale + settled.certificate.error:
@@ -492,7 +492,7 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
 
 
 def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
-    """Return the state after one step at the same instant, certified in full; if (2.1) holds, it is `given`."""
+    """Return the state after one step at the same instant, certified in full; it equals `given` if (2.1) holds."""
     posed = pose_step(run, given, given.data, given.weights[: run.operators.count])
     settled = certify_in_full(run, posed.solve(0))
     if check:

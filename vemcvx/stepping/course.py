@@ -1,9 +1,9 @@
 """The course of a run's data in time: samples of loads, gaps, friction bounds and motions, with bends, turns and jumps.
 
-Of each kind of data we sample a sum with random weights, at instants 1/256 of the run apart, or at the ends and
-midpoints of shorter steps. Changes that begin and end between two samples are not found. A *bend* is the point where
-the lines on both sides of an interval meet. A *turn* is the vertex of the parabola through three samples whose middle
-one is extreme. A *jump* is a change that stays large when its interval is halved repeatedly.
+For each kind of data we sample one sum with random weights, at the ends and midpoints of all steps, and at intervals of
+at most 1/256 of the run. Changes that begin and end between two samples are not found. A *bend* is the point where the
+lines on both sides of an interval meet. A *turn* is the vertex of the parabola through three samples, the middle one of
+which is extreme. A *jump* is a change that stays large when its interval is halved repeatedly.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vemcvx.base.errors import WARNING_FRACTION
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Smallest mismatch of two lines at a bend, and of values at a turn, relative to the largest datum."""
+"""Smallest mismatch of two lines at a bend, and of values at a turn, relative to the largest value of the data."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
@@ -31,7 +31,7 @@ class Course:
     times: Floats  # (q,) instants of the samples
     values: Floats  # (q, k) weighted sums of data, relative to their largest size
     bends: Floats  # (b,) instants of bends, turns and jumps; a jump has two, at most JUMP_WIDTH apart
-    jumps: tuple[str, ...]  # one sentence per jump
+    jumps: tuple[str, ...]  # one sentence for each jump
 
     def find_missed(self, times: Floats) -> Floats:
         """Return the bends (c,) in steps whose linear interpolant differs from the data by more than a twentieth."""
@@ -76,7 +76,7 @@ def subdivide(times: Floats, least: int, in_all: int) -> Floats:
 
 
 def inside_steps(times: Floats, bends: Floats) -> Floats:
-    """Return the bends that are not instants, without duplicates; a jump contributes its two sides."""
+    """Return the bends that are not instants of steps, without duplicates; each jump contributes both its sides."""
     span = float(times[-1] - times[0])
     inside = np.sort(bends[np.abs(bends[:, None] - times).min(axis=1, initial=np.inf) > JUMP_WIDTH * span])
     # Two data may bend at the same instant, found twice up to rounding.
@@ -89,7 +89,7 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
     found = [("load", system.force(t)), ("gap", gap)]
     if system.norms is not None:
         w = system.norms.weights_under(t, np.ones(len(gap)))
-        found.append(("bound of friction", np.where(w == np.inf, 0.0, w)))  # Where it is infinite nothing slips.
+        found.append(("bound of friction", np.where(w == np.inf, 0.0, w)))  # Terms of infinite weight do not slip.
     found += [] if ground is None else [("ground", ground)]
     return found + ([] if motion is None else [("support", motion.prescribed_slip(t))])
 
@@ -124,10 +124,10 @@ def _jumps(
     """Return two instants and a sentence for each jump."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)
     usual, instants, sentences = np.median(change) if len(change) else 0.0, [], []
-    # A jump is large compared with the datum, and with its usual change in an interval.
+    # A jump is large compared with the data, and with their median change in an interval.
     for j in np.flatnonzero((change > 0.02) & (change > 4.0 * usual)).tolist():
         a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]
-        # At a jump at least a quarter of the change remains, however short the interval; on a steep slope none remains.
+        # At a jump at least a quarter of the change remains in ever shorter intervals; on a steep slope none remains.
         for _ in range(30):
             t = 0.5 * (a + b)
             if not a < t < b or np.abs(right - left).max() < 0.25 * change[j]:
@@ -140,5 +140,5 @@ def _jumps(
         apart = np.abs(right - left)
         if apart.max() >= 0.25 * change[j]:
             instants += [a, b]
-            sentences.append(f"the {names[int(np.argmax(apart))]} jumps at t = {b:.9g}; no step is put inside")
+            sentences.append(f"the {names[int(np.argmax(apart))]} jumps at t = {b:.9g}; steps do not divide the jump")
     return np.array(instants), tuple(sentences)

@@ -1,4 +1,4 @@
-"""The programs of a run's steps, unscaled and with their answers, to be solved by other means."""
+"""The programs of a run's steps, unscaled and with answers, for other solvers."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def programs_of_trajectory(
 ) -> Iterator[SolvedProgram]:
     """Yield the programs of the steps `numbers`, posed again from the stored states before and after them.
 
-    Raise HistoryError if a step does not exist, or if these states are not stored.
+    Raise HistoryError if a step does not exist, or if a state before or after it is not stored.
     """
     for n in numbers:
         _check_stored(trajectory, n)
@@ -101,8 +101,8 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
     missing = [str(m) for m in (n - 1, n) if m not in {0, *trajectory.stored.tolist()}]
     if missing:
         raise HistoryError(
-            f"program({n}): the state after step {' and '.join(missing)} is not stored, but a step's program is posed "
-            f"from the states before and after it; simulate with store=[{n - 1}, {n}], or store='all'."
+            f"program({n}): the state after step {' and '.join(missing)} is not stored, but the program of a step "
+            f"needs the states before and after it; simulate with store=[{n - 1}, {n}], or store='all'."
         )
 
 

@@ -19,7 +19,7 @@ from vemcvx.solvers import Solver
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
 STABLE_RATIO = 0.999
-"""Largest ratio of softening to stiffness: above it the rounding of answers is amplified by more than a thousand."""
+"""Ratio of softening to stiffness at which a warning is issued: steps amplify rounding a thousandfold there."""
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
@@ -31,7 +31,7 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    # The relative rounding floor also estimates the error of K^{-1} in the certificate, which is void above .1.
+    # The relative rounding floor also estimates the error of K^{-1}; above .1 the certificate is void.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
     refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")
@@ -40,8 +40,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     worst = ""
     # Name the worst norm term only if the gap is finite and friction contributes to it.
     if norms is not None and np.isfinite(certificate.error) and certificate.friction.max(initial=0.0) > 0:
-        worst = f" The largest share of the gap sits at {norms.name(int(np.argmax(certificate.friction)))}."
-    said = f" The solver said: {state.status}." if state.status else ""
+        worst = f" The largest part of the gap is at {norms.name(int(np.argmax(certificate.friction)))}."
+    said = f" Status of the solver: {state.status}." if state.status else ""
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
         f"but {accuracy:.1e} was requested.{said}{worst} "
@@ -94,15 +94,15 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
-    # Unknowns of a joint are jumps, which are smaller than the displacements of the bodies.
+    # Normalise by displacements of nodes: the unknowns of a joint are jumps, which are smaller.
     field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))
     holds = holds if holds > 1e-12 * push else 0.0  # Smaller values are rounding of zero slips.
     raise SceneError(
         f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
-        f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
-        f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
+        f"The load pushes it in this motion with a force of {push:.6g}, and friction resists with at most {holds:.6g}: "
+        f"{push - holds:.6g} is missing, and there is no equilibrium. Change the load, raise the bound, add a "
         "support, or move the body by PrescribedDisplacement instead."
     )
 
@@ -125,29 +125,29 @@ def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) ->
         worst = int(np.argmax(way))
         where = f" It slips most at {norms.name(worst)}, by {way[worst]:.3g}." if way[worst] > 0 else ""
     of_a_function = (
-        " Nodal values of a u_0 that obeys (2.1) miss it on a mesh: give simulate the function, "
-        "initial=vx.projected(u_0). After another run (initial=history) begin with the loads and "
-        "supports that it ended with."
+        " If the function u_0 obeys (2.1), its nodal values still violate it: give simulate the function, "
+        "initial=vx.projected(u_0). To continue another run (initial=history), begin with the loads and "
+        "supports at the end of that run."
         if state.y.any()
         else ""
     )
-    much = f"by {jump:.1e} of the energy norm, allowed is 1e-06" if np.isfinite(jump) else "from rest"
+    much = f"by {jump:.1e} of the energy norm, more than 1e-06" if np.isfinite(jump) else "from rest"
     raise SceneError(
         f"initial: the state at t = {state.t:.6g} is not {'in equilibrium' if norms is None else 'held by friction'} "
-        f"(condition (2.1)): one step there moves it {much}.{where} If something acts from the start, say "
-        "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
+        f"(condition (2.1)): one step at this instant moves it {much}.{where} If loads or motions act from the start, "
+        "use initial='settled', in a problem file too: the run then begins after one step from zero. Or start from "
         f"'equilibrium' (no friction), from a given state, or with a load that begins at zero.{of_a_function}"
     )
 
 
 def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[float, int] | None:
-    """Return rho, the ratio of softening to stiffness, and the term with the largest part; None if it is unknown.
+    """Return rho, the ratio of softening to stiffness, and the term that contributes most; None if rho is unknown.
 
     Weights fall by at most k_i = `softening` (m,) per slip. rho is the largest eigenvalue of
     k^{1/2} B K^{-1} B' k^{1/2}, so that sum_i k_i |(B e)_i|^2 <= rho |e|_K^2. If rho < 1, a step has one solution: the
-    difference e of two solutions satisfies |e|_K^2 = -(lam - lam*).Be - (p - p*).De, where the last term is <= 0, and
-    the one before it is at most sum k_i (|s_i| - |s*_i|)^2 <= rho |e|_K^2. rho is unknown with iterative linear
-    solvers: B K^{-1} B' would take one solve per row.
+    difference e of two solutions satisfies |e|_K^2 = -(lam - lam*).Be - (p - p*).De. Here -(p - p*).De <= 0, and
+    -(lam - lam*).Be <= sum k_i (|s_i| - |s*_i|)^2 <= rho |e|_K^2. With iterative linear solvers rho is not computed,
+    because B K^{-1} B' would take one solve per row.
     """
     if softening is None or (softening.any() and not operators.factor.exact):
         return None
@@ -169,10 +169,10 @@ def warn_of_softening(operators: Operators, norms: Norms) -> None:
     rho, worst = softening_ratio(operators, norms.softening) or (0.0, 0)
     if rho >= STABLE_RATIO:
         warnings.warn(
-            f"friction: weights may fall faster with slip than the body gives way, most at {norms.name(worst)} "
-            f"(softening over stiffness is {rho:.3g}; less than {STABLE_RATIO:g} makes steps convex). A step may have "
-            "several answers, or jump. Take a law that falls over a longer slip, a "
-            "stiffer body, or a law that reads the slip before the step alone.",
+            f"friction: weights may fall faster with slip than the elastic forces, most at {norms.name(worst)} "
+            f"(the ratio of softening to stiffness is {rho:.3g}; below {STABLE_RATIO:g} a step has one solution). A "
+            "step may have several solutions, or jump. Take a law that falls over a longer slip, a "
+            "stiffer body, or a law that depends only on the slip before the step.",
             SceneWarning,
             stacklevel=2,
         )

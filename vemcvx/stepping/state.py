@@ -1,7 +1,7 @@
 """The data of a run and of an instant, the state after a step, and its ledger of energies.
 
-States store the unknowns that friction and limits read; the interior unknowns follow from them and from the load. With
-dashpots interior unknowns also depend on the past, and nothing is condensed.
+States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
+With dashpots, interior unknowns also depend on the past, so that the system is not condensed.
 
 The ledger of a step of backward Euler consists of
 
@@ -13,11 +13,11 @@ loss     = sum_i lam_i . s_i, the work of friction, stored for each term; it is 
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step, for every balanced answer, z = D^u - e. For bounds
            the last term is -p . z_prev >= 0; for soft limits, minus the change of their energy, at least c (dp)^2 / 2
 
-Nodes that supports drag along the contact have a given slip s, the change of c. They do not enter the program. They add
-w |s| to the loss, and to the work of the supports, whose reactions balance the friction forces -lam, lam = w s / |s|.
-Dashpots dissipate b(du, du) / k, and supports that move against them do the work b(du, du_D) / k.
+Nodes that supports drag along the contact have a given slip s, the change of c. These nodes do not enter the program.
+They add w |s| to the loss, and as much to the work of the supports, whose reactions balance the friction forces -lam,
+lam = w s / |s|. Dashpots dissipate b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
 
-The sums above are of first order in the length of steps. Of second order are
+The sums above are of first order in the length of steps. The following sums are of second order:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
@@ -25,8 +25,8 @@ The loss is the trapezoidal rule on slips; weights that depend on slips are eval
 work is the energy balance of the continuum: forces at the end of a step do O(k) too much work, even if the states at
 both ends are exact.
 
-If supports move a body far and strain it little, the energy would suffer from cancellation. So a state is split,
-u = u_m + P z, into the response u_m to the supports alone and the rest, with m = P'A u_D:
+If supports move a body far and strain it little, the terms of the energy cancel. So a state is split, u = u_m + P z,
+into the response u_m to the supports alone and the rest P z, with m = P'A u_D:
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
@@ -57,7 +57,7 @@ from vemcvx.solvers.default import FixedPointSolver, LastResort, prepare_run
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
-"""Rounding of |u|_a, the root of twice an energy, relative to the root of the terms of the energy."""
+"""Rounding error of |u|_a = sqrt(2 E), relative to the root of the sizes of the terms of E."""
 MAX_STEP_LENGTHS = 4
 """Largest number of step lengths for which factors are stored in runs with dashpots."""
 
@@ -72,7 +72,7 @@ class StepData:
     remaining_gap: Floats  # (r,) gaps of the limits at y = 0
     ground: Floats | None  # (m * block,) displacement of the ground
     push: Reduced  # the Dirichlet force alone
-    field: Floats  # (n_u,) u_m of the ledger, minus a rigid motion; empty if no supports move
+    field: Floats  # (n_u,) the response u_m to the supports, minus a rigid motion; empty if no supports move
 
     @classmethod
     def evaluate(cls, condensation: Condensation, t: float) -> StepData:
@@ -192,13 +192,13 @@ class State:
     def unknowns(self) -> Floats:
         """All unknowns (n,) of a state that is certified in full."""
         if self.full is None:
-            raise LookupError("state: the unknowns inside are not recovered; certify_in_full() does.")
+            raise LookupError("state: the interior unknowns are not recovered; certify_in_full() recovers them.")
         return self.full
 
     def predict_multipliers(self, t: float, m: int) -> tuple[Floats, Floats]:
         """Return multipliers (m, block) and (r,) extrapolated linearly in time to the next instant `t`.
 
-        They change by at most the change of the last step, and p >= 0.
+        The extrapolation changes them by at most their change in the last step, and keeps p >= 0.
         """
         before, lam, p = self.earlier or (self.t, self.lam, self.p), self.lam, self.p
         share = min(1.0, (t - self.t) / (self.t - before[0])) if before[0] < self.t else 0.0
@@ -219,9 +219,9 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
     """Return the states with all their unknowns, and with certificates of the full system.
 
     Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
-    r = load - B'lam - D'p - K y of all unknowns; if all of r is rounding, it is covered by the floor. If the energy is
-    too large, interior unknowns are corrected once. The part of r on K's kernel is removed: multipliers balance the
-    force there.
+    r = load - B'lam - D'p - K y of all unknowns; it is zero if r is only rounding, which the floor covers. If this
+    energy is too large, interior unknowns are corrected once. The part of r on K's kernel is removed, because
+    multipliers balance the forces on the kernel.
     """
     if not (some := [state for state in states if state.full is None]):
         return list(states)
@@ -263,7 +263,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
     operators, motion, load = condensation.operators, condensation.system.motion, now.force
     square, kernel = float(p @ (operators.compliance * p)), operators.kernel
     if now.ground is not None and kernel is not None:
-        y = y - kernel @ (kernel.T @ y)  # A body on moving ground goes far without strain, which would cost digits.
+        y = y - kernel @ (kernel.T @ y)  # Remove rigid motions, which may be large on moving ground and cost digits.
     if motion is not None:
         y, load = y + now.push.x[condensation.retained], load + now.push
         square += motion.pair(now.field, now.field) + 2.0 * _anchor_work(condensation, now.push, y)
@@ -277,7 +277,7 @@ def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
 
 
 def advance(condensation: Condensation, before: State, after: State, d: Floats, given: Floats) -> Ledger:
-    """Return the ledger after a step with increments d; supports caused the parts `given` (terms, block) of slips."""
+    """Return the ledger after a step with increments d; `given` (terms, block) are the slips due to supports."""
     past, last, now = before.ledger, before.data, after.data
     force, change, motion = now.force, now.force - last.force, condensation.system.motion
     lost, work = dashpot_losses(condensation.system, d, last.t, now.t)
@@ -314,7 +314,7 @@ def losses(before: State, after: State) -> tuple[Floats, Floats]:
     # Compute |s| as loss / w; use |s| itself if the weight is zero at the end of the step.
     size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
     mean = 0.5 * (before.bound + after.bound)
-    # Terms that always stick, at an end of the step, lose nothing.
+    # A term that always sticks at one end of the step has no mean weight: keep its loss.
     return loss, np.maximum(np.multiply(mean, size, out=loss.copy(), where=mean < np.inf), 0.0)
 
 
@@ -346,7 +346,7 @@ def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float
 
 
 def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """Return the state y (n,) with unknown past: zero limit forces, and without `past` no slips and losses."""
+    """Return the state y (n,) with zero multipliers; slips and losses so far are those of `past`, by default zero."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
     past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)

@@ -1,7 +1,7 @@
 """The trajectory that `march` returns (states, multipliers, energies, certificates), its recorder, and its storage.
 
-Rows are stored in memory, or in a folder, with one memory-mapped ``.npy`` file per array. Then the disk bounds the size
-of a history, not memory. ``checkpoint.npy`` contains the number of the last stored step, from which an interrupted run
+Rows are stored in memory, or in a folder, with one memory-mapped ``.npy`` file per array. A history in a folder may
+exceed the memory. ``checkpoint.npy`` contains the number of the last stored step, from which an interrupted run
 continues. :mod:`vemcvx.base.owned_files` describes which files belong to a run.
 """
 
@@ -30,7 +30,7 @@ log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npy"
 BATCH_SIZE = 8
-"""Number of states that are certified in full in one batch: it takes a third of the time of single states."""
+"""Number of states certified in full in one batch, which takes a third of the time of certifying them singly."""
 
 
 class Memory:
@@ -51,9 +51,9 @@ class Memory:
 
 
 class Folder(Owned):
-    """Storage of rows in files of a folder, which resumes an earlier run or begins a new one; use it by ``with``.
+    """Storage of rows in files of a folder, for a new run or to resume an earlier run; use it in a ``with`` block.
 
-    Raise HistoryError if the folder cannot be created or written to, or if another process uses it.
+    It raises HistoryError if the folder cannot be created or written to, or if another process uses it.
     """
 
     def __init__(self, path: str | Path, resumes: bool = True):
@@ -68,7 +68,7 @@ class Folder(Owned):
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float, kept: bool = False) -> NDArray[Any]:
         """Return the array of an earlier run if it is `kept`, else a new file of zeros.
 
-        Histories that still map an earlier file of this name keep its contents.
+        Histories that still map an earlier file of this name keep the contents of that file.
         """
         if 0 in shape:
             return np.zeros(shape, dtype)
@@ -82,7 +82,7 @@ class Folder(Owned):
                 return np.lib.format.open_memmap(file, mode="r+")
             file.unlink(missing_ok=True)
             made = np.lib.format.open_memmap(file, mode="w+", dtype=dtype, shape=shape)
-            # Allocate the space now: a full disk raises an error here, but crashes the process later.
+            # Allocate the space now: a full disk raises an error here, but would crash the process later.
             if hasattr(os, "posix_fallocate"):
                 with open(file, "r+b") as opened:
                     os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
@@ -115,10 +115,10 @@ class Trajectory(ArrayRecord):
     weights : (S, m) array
         w of the norm terms.
     sticking : (S, m) array of bool
-        True if the certificate cannot distinguish the slip of the step from zero, and in row 0.
+        True if the certificate cannot distinguish the slip of the step from zero; True for the initial state.
     worn : (S, m) array
-        Work of each norm term: the sum of lam_i . s_i over all steps so far, stored or not. Without damping a row sums
-        to `dissipated`. In all arrays, dragged terms (:class:`vemcvx.program.system.DraggedTerms`) follow the others.
+        Work of each norm term: the sum of lam_i . s_i over all steps so far, stored or not. Without damping the sum of
+        a row is `dissipated`. In all arrays, dragged terms (:class:`vemcvx.program.system.DraggedTerms`) are last.
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
     stuck : (N + 1,) array of int
@@ -126,7 +126,7 @@ class Trajectory(ArrayRecord):
     energy : (N + 1,) array
         Stored energy 1/2 a(u, u).
     dissipated : (N + 1,) array
-        Dissipated energy: the sum of lam_i . s_i, which is w_i |s_i| at a solution, and of losses by damping.
+        Dissipated energy so far: the sum of lam_i . s_i (at a solution w_i |s_i|) and of losses by damping.
     dissipated_second_order : (N + 1,) array
         Dissipated energy by the trapezoidal rule, of second order in the length of steps; `dissipated` is of first
         order (:mod:`vemcvx.stepping.state`).
@@ -139,13 +139,13 @@ class Trajectory(ArrayRecord):
     gap : (N + 1,) array
         Certified duality gap of each step.
     floor : (N + 1,) array
-        The part of `gap` that may be rounding.
+        Energy by which rounding may change `gap`.
     iterations : (N + 1,) array of int
         Iterations of the solver.
     safeguards : (N + 1,) array of int
         Number of calls of a globally convergent method that replaced a faster one.
     given_friction : (N + 1,) array of bool
-        True if weights depend on the answer: the certificate then holds for the weights at its pressure and slip.
+        True if weights depend on the answer: the certificate then holds for weights at the answer's pressure and slip.
     unit : (N + 1,) array
         Reference norm of relative errors: the largest energy norm so far, or a norm of the data while all states are
         zero at the requested accuracy (:mod:`vemcvx.stepping.backward_euler`).
@@ -160,9 +160,9 @@ class Trajectory(ArrayRecord):
     initial : (n,) array
         y at the initial instant, stored or not.
     velocity : (S, n) array or None
-        (y_n - y_{n-1}) / k_n in runs with damping; zero in row 0.
+        (y_n - y_{n-1}) / k_n in runs with damping; zero for the initial state.
     work_begun : float
-        `work_second_order` at the initial instant, from the run that this one continues; else zero.
+        `work_second_order` at the initial instant: zero, or the work of the run that this run continues.
 
     Examples
     --------
@@ -316,13 +316,13 @@ class Recorder:
         if known != self._mark:
             raise HistoryError(
                 "resume: the folder holds a run of another scene, mesh, times or store, or with other settings. Resume "
-                "with what it was begun with, or choose an empty folder."
+                "with the original ones, or choose an empty folder."
             )
         if n < 0:
             return None
         self._rows = {name: folder.array(name, *shape, kept=True) for name, shape in self._shapes.items()}
         state = state_of_row(self._run, float(self._times[n]), row_of(self._rows, self._kept, n))
-        log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
+        log.info("resuming after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
         return n, state
 
     def add(self, n: int, state: State) -> None:
@@ -401,7 +401,7 @@ def _row(state: State, accuracy: float) -> dict[str, Any]:
 def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) -> State:
     """Return the state at `t` from the rows of a stored step, or of the initial state.
 
-    Only the last change of multipliers is not stored.
+    The state is complete, except that `earlier` (the multipliers one step before) is not stored.
     """
     now = StepData.evaluate(run.condensation, t)
     if "state" not in row:
@@ -410,7 +410,7 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
     ledger = Ledger(**{field.name: read[field.name] for field in fields(Ledger)})
     state, m, norms = make_given_state(run, now, read["state"], ledger), run.operators.count, run.system.norms
     lam, p, weights = (read[name] for name in ("multipliers", "pressures", "weights"))
-    # After a step without dashpots these forces are more accurate than the difference of load and K y.
+    # After a step without dashpots B'lam + D'p is more accurate than load - K y.
     balanced = run.system.damping is None and "initial" not in row
     held = run.operators.multiplier_force(lam[:m], p) if balanced else state.unbalanced
     return replace(

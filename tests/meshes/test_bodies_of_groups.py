@@ -98,7 +98,7 @@ def test_groups_without_names_and_cells_in_none(tmp_path):
     assert {"11.1", "12.2"} < set(mesh.boundaries)
     vx.meshes.squares(2).write(tmp_path / "one.vtu")
     for path, how, subject in (
-        (two_squares(tmp_path / "two.msh", outside=True), "physical", "here 1 of its cells are in none"),
+        (two_squares(tmp_path / "two.msh", outside=True), "physical", "here 1 of its cells are in no body"),
         (tmp_path / "one.vtu", "physical", "bodies='physical' makes a body of every physical group"),
         (tmp_path / "one.vtu", "all", "read: found bodies = 'all'; give bodies='physical'"),
     ):

@@ -70,8 +70,8 @@ def test_what_these_files_have_where_names_are():
     two = read(FILES / "a1_two_parts.inp", bodies="physical")
     assert list(two.interfaces) == ["Lower-1|Upper-1"]
     assert two.measures.tolist() == [1.0, 9.0]
-    for name, words in (("g3_saveall_41.msh", "1 of its cells are in several, 'all' and 'steel'"),
-                        ("a3_elset_second.inp", "2 of its cells are in none"),
+    for name, words in (("g3_saveall_41.msh", "1 of its cells are in several bodies, 'all' and 'steel'"),
+                        ("a3_elset_second.inp", "2 of its cells are in no body"),
                         ("a8b_include.inp", "there is one, 'PLATE'; read the file without bodies="),
                         ("a7_cpe4.inp", "there is none")):  # fmt: skip
         with pytest.raises(vx.MeshError, match=f"{name}: bodies='physical' makes a body of every .*; here {words}"):
@@ -496,7 +496,7 @@ def test_groups_of_gmsh(tmp_path, capfd):
     with pytest.warns(vx.MeshWarning, match="named '7'"):
         assert read(tmp_path / "mesh.msh").boundaries["floor"].tolist() == [[0, 1]]  # a curve that is turned round
     (tmp_path / "mesh.msh").write_text(GMSH.replace("$Nodes", "$PartitionedEntities\n$EndPartitionedEntities\n$Nodes"))
-    with pytest.raises(vx.MeshError, match="its mesh is in partitions, .* unpartition it"):
+    with pytest.raises(vx.MeshError, match="its mesh is partitioned, .* unpartition it"):
         read(tmp_path / "mesh.msh")
     (tmp_path / "mesh.msh").write_text(GMSH.replace("2 1 0 4\n", "2 1 1 4\n"))
     with pytest.raises(vx.MeshError, match="save without parametric coordinates"):
@@ -523,7 +523,7 @@ def test_a_cell_that_version_2_writes_once_for_each_of_its_groups(tmp_path):
     assert mesh.cell_data["steel"].tolist() == [1, 0]
     assert mesh.cell_data["8"].tolist() == [1, 1]
     assert mesh.volumes.tolist() == pytest.approx([1 / 6, 1 / 3])
-    with pytest.raises(vx.MeshError, match="1 of its cells are in several, 'steel' and '8'"):
+    with pytest.raises(vx.MeshError, match="1 of its cells are in several bodies, 'steel' and '8'"):
         read(tmp_path / "mesh.msh", bodies="physical")
 
 

@@ -2,11 +2,10 @@
 
 The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. There are three
 exceptions. The midpoints of a triangle are joined to each other (four similar triangles). A long thin convex cell with
-two midpoints is cut across. A cell without a centre is first split into triangles between its vertices. New vertices
-hang on the straight sides of unrefined neighbours, where virtual elements treat them like any vertex: no closure is
-needed.
+two midpoints is cut across. A cell without a centre is first split into triangles between its vertices. Unrefined
+neighbours get the new vertices as hanging nodes, which virtual elements treat like any vertex: no closure is needed.
 
-Grading: an unrefined cell is refined too if one of its sides would get a second hanging node, and so on.
+Grading (`balance`): cells are marked, too, until no unmarked cell has a side with two hanging nodes.
 """
 
 from __future__ import annotations
@@ -48,53 +47,53 @@ from vemcvx.meshes.quality import largest_balls, walls_of
 
 # The sides of polygonal cells, and the points at which refinement splits them.
 #
-# A vertex at which the outline continues straight hangs on a side; the other vertices are *bends*. Not every bend is a
-# corner. If the midpoints on both sides of a bend of 175 degrees were joined to the centre, the part between them would
-# keep this angle, and so would its parts in all further refinements. So a corner is a bend by at least `CORNER_ANGLE`;
-# if a cell has fewer than three such bends, all bends are corners, as in a polygon with many sides.
+# The outline of a cell is straight at hanging nodes; the other vertices are *bends*. Not every bend is a corner. If the
+# midpoints on both sides of an angle of 175 degrees were joined to the centre, the part between them would keep this
+# angle, and so would its parts in all further refinements. So a *corner* is a bend by more than `CORNER_ANGLE`. If a
+# cell has fewer than three such bends, as a polygon with many sides, all bends are corners.
 #
 # A *side* of a cell is its outline from one corner to the next, nearly always straight. If it is at least `LONG_SIDE`
 # times the diameter of the cell, it is split once: at a vertex near its midpoint if there is one, else at the midpoint
-# of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all, in both cells.
+# of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all.
 #
-# Shorter sides are not split; otherwise the short edges of Voronoi cells would lead to thinner and thinner cells. Their
-# length relative to the diameter doubles with each refinement until they are long. A run of short sides counts as one
-# side, or as several if it is very long. A run whose bends cancel is part of a longer side. The perimeter is at least
-# twice the diameter, so every cell is split in at least two points.
+# Shorter sides are not split; otherwise the short edges of Voronoi cells would lead to thinner and thinner cells. The
+# length of a short side relative to the diameter doubles with each refinement until the side is long. Consecutive short
+# sides count as one side, or as several if they are very long together. If their bends cancel, they become part of a
+# longer side. Nearly every cell is split at two points at least, because its perimeter is at least twice its diameter.
 
 
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
-"""Relative to the diameter, the length from which a side is split.
+"""Least length, relative to the cell diameter, of sides that are split.
 
-The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to 1 : 3.2 are long; thinner
-rectangles are only cut across, until they are wider. Zigzag cells with twelve sides of 0.26 get 5 children; with a
-limit of 0.25 they would get 10, thin and around one point.
+All sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to 1 : 3.2 are split. Thinner
+rectangles are only cut across, until their parts are wider. Zigzag cells with twelve sides of 0.26 are split into five
+parts; with a limit of 0.25 there would be ten thin parts around one point.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The sides of all cells, cell by cell and counter-clockwise; the first side of a cell is long if any is."""
+    """The sides of all cells, cell by cell and counter-clockwise; if a cell has long sides, its first side is long."""
 
     cell: Ints  # (n_sides,) cell of each side
     first: Ints  # (n_sides,) start of each side in `order`
     order: Ints  # (n_corners,) corners of the mesh, side after side
-    lengths: Floats  # (n_sides,) over the diameter of the cell
-    long: Bools  # (n_sides,) sides to split: of at least `LONG_SIDE`, and all sides of triangles (parts are similar)
+    lengths: Floats  # (n_sides,) divided by the diameter of the cell
+    long: Bools  # (n_sides,) sides to split: those of at least `LONG_SIDE`, and all sides of triangles
 
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """The points and edges at which cells are split, as masks of cells and of corners."""
+    """The points at which cells would be split."""
 
     sides: Ints  # (n_cells,) number of sides
-    all_long: Bools  # (n_cells,) cells of which all sides are split
-    convex: Bools  # (n_cells,) convex cells
-    places: Ints  # (n_cells,) number of points to split at: at least 2 for all but extreme shapes
-    bend: Bools  # (n_corners,) vertices at which the outline does not continue straight
-    vertex: Bools  # (n_corners,) split at the vertex of this corner
-    edge: Bools  # (n_corners,) split at the midpoint of the edge that starts here
+    all_long: Bools  # (n_cells,) True if all sides of the cell are split
+    convex: Bools  # (n_cells,)
+    places: Ints  # (n_cells,) number of points at which the outline is split: at least 2 for all but extreme shapes
+    bend: Bools  # (n_corners,) vertices at which the outline is not straight
+    vertex: Bools  # (n_corners,) True if the outline is split at this vertex
+    edge: Bools  # (n_corners,) True if it is split at the midpoint of the edge that starts at this vertex
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
@@ -126,7 +125,7 @@ def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
     length = np.hypot(edge[:, 0], edge[:, 1])
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
-    # sine of the angle below which the outline is straight, including the rounding of coordinates
+    # bound for |sine| (times both lengths) up to which the outline is straight, including the rounding of coordinates
     slack = SINGLE_EPS * length[before] * length + rounding(x) * (length[before] + length)
     bend = _choose_flags((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
@@ -142,7 +141,7 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
     """Return the sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
-    for _ in range(2):  # the second pass begins with a long side
+    for _ in range(2):  # in the second pass, each cell begins with a long side
         first = np.flatnonzero(corner[order])
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
@@ -155,9 +154,9 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
 
 
 def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
-    """Return the corners without those inside runs of short sides, except some that divide long runs.
+    """Return the corners without corners between short sides, except some that divide long runs of short sides.
 
-    A short run whose turns, ends included, nearly cancel becomes part of a longer side.
+    If the turns of a short run, ends included, nearly cancel, the run becomes part of a longer side.
     """
     new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
     run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
@@ -184,7 +183,7 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     first, long = sides.first, sides.long
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
-    end = np.cumsum(share)  # each side has length 1, so that short sides keep their digits
+    end = np.cumsum(share)  # lengths are relative to the side, so that short sides keep their digits
     begin = end - share
     base = begin[first][side]
     begin, end = begin - base, end - base
@@ -194,7 +193,7 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     nearest = np.minimum.reduceat(away, first)
     is_nearest = first + first_in_row(away == nearest[side], np.append(first, len(side)))
     # A vertex within 0.2 side lengths of the midpoint is taken as the midpoint. Otherwise the edge there is at least
-    # 0.4 side lengths long, and its midpoint is within 0.15 of the midpoint of the side.
+    # 0.4 side lengths long, and its midpoint is within 0.15 side lengths of the midpoint of the side.
     taken = nearest <= 0.2
     between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
     return is_nearest[taken], np.flatnonzero(between)
@@ -202,15 +201,15 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
 
 # The centre of a cell, to which the midpoints of its sides are joined:
 #
-#     four long sides    the intersection of the lines through opposite midpoints, (x_1 + x_2 + x_3 + x_4) / 4: repeated
-#                        quarters tend to parallelograms, so no shape degenerates
+#     four long sides    the intersection of the lines through opposite midpoints, (x_1 + x_2 + x_3 + x_4) / 4: under
+#                        repeated refinement, parts tend to parallelograms, so no shape degenerates
 #     an arrow           (four sides, right turn at x_1) the midpoint of the inner diagonal, (x_1 + x_3) / 2: two parts
 #                        are arrows of the same shape, two are parallelograms
 #     convex             the centroid, whose distance from every side is at least a third of the width
-#     else               the centroid if it is at least .1 diameters inside the lines of all sides, else the centre of
-#                        the largest ball about whose points the cell is star-shaped (:mod:`.quality`)
+#     otherwise          the centroid if it is at least .1 diameters inside the lines of all sides; else the centre of
+#                        the largest ball such that the cell is star-shaped about all its points (:mod:`.quality`)
 #
-# A cell without such a ball, or with a ball so small that angles at its centre would be flat, has no centre.
+# A cell has no centre if there is no such ball, or if the ball is so small that angles at its centre would be flat.
 def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
     """Return the centres of all cells (n_cells, 2), and a mask (n_cells,) of the cells that have one."""
     centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
@@ -228,13 +227,13 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
         rows, sides = rows_in_order(mesh.offsets, np.arange(len(mesh.vertices)), others)
         inside, clear = largest_balls(rows, walls.normals[sides], walls.away[sides])
         centres[others] += inside * mesh.diameters[others, None]
-        # at .03 diameters from the line of a side, the angle of a side of a quarter diameter is at least six degrees
+        # a centre less than .03 diameters from the line of a side would make nearly flat angles
         seen[others] = clear >= 0.03
     return centres, seen
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres of convex quadrilaterals and arrows (c, 4, 2); the first corner may be any, bit by bit."""
+    """Return the centres of convex quadrilaterals and arrows (c, 4, 2), exactly equal for every first corner."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -246,9 +245,9 @@ def _middles_of_quads(x: Floats) -> Floats:
 
 # The cells of a refined mesh: outlines of the old cells with the new midpoints, cut at the chosen points.
 #
-# The nodes of all outlines, cell by cell, and then the new centres form one list. Each new cell is a sequence of ranges
-# of it: a whole outline; or the outline from one midpoint to the next, the next midpoint, and the centre; or the three
-# midpoints of a triangle; or sides and diagonals of a cell without a centre.
+# One list has the nodes of all outlines, cell by cell, and then the new centres. The vertices of a new cell are a
+# sequence of ranges of this list: a whole outline; or the outline from one midpoint to the next, the next midpoint, and
+# the centre; or the three midpoints of a triangle; or sides and diagonals of a cell without a centre.
 
 
 Ranges = tuple[Ints, Ints, Ints]
@@ -259,10 +258,10 @@ Ranges = tuple[Ints, Ints, Ints]
 class SplitKinds:
     """The way in which each cell is split, as masks (n_cells,)."""
 
-    parted: Bools  # split at the midpoints of its sides: `centred`, `medial` or cut across
+    parted: Bools  # the sides are split at midpoints: the cell is `centred`, `medial` or cut across
     centred: Bools  # the midpoints are joined to a new centre
     medial: Bools  # a triangle, whose midpoints are joined to each other
-    unseen: Bools  # split into triangles along diagonals, because there is no centre
+    unseen: Bools  # the cell is split into triangles along diagonals, because there is no centre
 
     @classmethod
     def from_marks(cls, splitting: Splitting, marked: Bools, seen: Bools) -> SplitKinds:
@@ -274,18 +273,18 @@ class SplitKinds:
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Old cells with the new midpoints as vertices; cells to be cut begin with a mark."""
+    """Old cells with the new midpoints as vertices; the outline of a cell to be split begins with a mark."""
 
     offsets: Ints
     nodes: Ints  # the outline of cell c is nodes[offsets[c]:offsets[c + 1]]
-    marks: Ints  # (m,) positions of cuts: midpoints of sides of parted cells, all bends of unseen cells
+    marks: Ints  # (m,) positions where outlines are split: midpoints of parted cells, all bends of unseen cells
     cell: Ints  # (m,) cell of each mark
     stop: Ints  # (m,) end of the part of the outline that begins at a mark
     follower: Ints  # (m,) position of the next mark of the cell
 
 
 def outlines_of(mesh: PolygonMesh, splitting: Splitting, kinds: SplitKinds, middle: Ints) -> Outlines:
-    """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark the cuts."""
+    """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark points to split."""
     cell = cell_of_corner(mesh.offsets)
     new = middle >= 0
     place = offsets_of(1 + new)
@@ -317,7 +316,7 @@ def children_of(outlines: Outlines, kinds: SplitKinds, points: Floats, first_cen
     first = offsets_of(children)
     centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
     at_centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
-    # children of parted cells: the outline from a midpoint to the next, the next midpoint, and the centre, if any
+    # parts of parted cells: the outline from a midpoint to the next, the next midpoint, and the centre, if any
     part = np.flatnonzero(kinds.parted[outlines.cell])
     cell, start = outlines.cell[part], outlines.marks[part]
     child = first[cell] + part - offsets_of(marks)[cell]
@@ -339,7 +338,7 @@ def children_of(outlines: Outlines, kinds: SplitKinds, points: Floats, first_cen
 
 
 def _triangles(outlines: Outlines, cells: Ints, points: Floats) -> list[Ranges]:
-    """Return, for each cell, the ranges of its triangles: for each edge its first corner, or the whole side."""
+    """Return, for each cell, the ranges of its triangles: each edge gives its first corner, or the whole side."""
     found = []
     begin = np.searchsorted(outlines.cell, cells)
     end = np.searchsorted(outlines.cell, cells, side="right")
@@ -393,14 +392,14 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refineme
 
 
 def _split(marked: Bools, wanted: Bools, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask of the corners whose edges are split because a cell is marked; `edge` numbers edges."""
+    """Return a mask of the corners whose edges are split in a marked cell; `edge` has the edge of each corner."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]
 
 
 def mark_crowded(marked: Bools, wanted: Bools, mesh: PolygonMesh, bend: Bools, edge: Ints) -> Bools:
-    """Mark further cells, until no unmarked cell gets a second node between two bends of its outline."""
+    """Mark further cells, until no unmarked cell would get a second node between two bends of its outline."""
     marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
     begin = np.flatnonzero(bend[order])

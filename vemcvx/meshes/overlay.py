@@ -1,13 +1,13 @@
 """Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
 
-Nearby nodes of several bodies share a *place*, and rows of nodes become rows of places. Boundary faces of two bodies
-that lie on one another are linked to *patches*, each in one plane. In each patch, GEOS unites the outlines of all faces
-and returns the polygons between them; each face is replaced by the polygons inside it, as coplanar faces of its cell.
-Finally every place on an edge becomes a vertex of all faces with this edge. So touching bodies have the same pieces,
-which are matched by their places; no areas are compared.
+Nearby nodes of several bodies get one position, a *place*, and rows of nodes become rows of places. Boundary faces that
+lie on one another are linked; linked faces form a *patch* in one plane. In each patch, GEOS unites the outlines of all
+faces and returns the polygons between the lines. Each face is replaced by the polygons inside it, as coplanar faces of
+its cell. Finally every place on an edge becomes a vertex of all faces with this edge. So touching bodies get the same
+pieces, which can be matched by their places.
 
-Places within the tolerance of an edge are on it. Nodes of two bodies within `CORNER_FACTOR` times the tolerance share a
-place, so a node near both edges at a corner of 30 degrees or more is at the corner.
+A place within the tolerance of an edge counts as on the edge. Nodes of two bodies within `CORNER_FACTOR` times the
+tolerance get one place, so a node near both edges of a corner of 30 degrees or more is merged with the corner.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from vemcvx.meshes.polyhedra import Faces, FaceShapes, axes_in_planes, face_shap
 CORNER_FACTOR = 4.0
 """1 / sin(15 degrees), rounded up."""
 COVERAGE_TOLERANCE = 1e-3
-"""Relative difference allowed between the area of a face and the areas of its pieces, without slivers at its edges."""
+"""Relative difference allowed between the area of a face and the sum of its pieces, from which slivers were dropped."""
 Rows = tuple[Ints, Ints]
 """Offsets and entries of rows."""
 
@@ -58,7 +58,7 @@ class CutBodies(NamedTuple):
     body: Ints
     """Body of each node (n_nodes,)."""
     place: Ints
-    """Place of each node (n_nodes,): the first node in the same place."""
+    """Place of each node (n_nodes,): the number of the first node there."""
     origin: Ints
     """Original face (n_faces,) of each face."""
 
@@ -98,7 +98,7 @@ def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, toler
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Insert the vertices of `sides` that lie on edges of `sides` into the same edges of rows of places."""
+    """Insert vertices of `sides` that lie on edges of `sides` into these edges wherever they occur in `rows`."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = distinct(sides[1])
@@ -116,7 +116,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return points with new places, the split boundary faces (k,), ascending, and their pieces (k rows)."""
+    """Return points with new places, and the pieces of boundary faces: their faces (k,), ascending, and k rows."""
     linked = distinct(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -144,7 +144,7 @@ def _split_faces(
 
 
 def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
-    """Split faces (rows of places): return the face of each piece, offsets, corners; triangles if there are holes."""
+    """Split faces in one plane: return the face of each piece, and offsets and corners of pieces without holes."""
     import shapely
 
     faces = outlines(places, rows, np.arange(len(places)))
@@ -181,7 +181,7 @@ def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints
 
 
 def _replace_faces(faces: Faces, some: Ints, pieces: Rows) -> tuple[Faces, Ints]:
-    """Return the faces with `some` (k,), ascending, replaced by their pieces, and the original face of each."""
+    """Replace the faces `some` (k,), ascending, by their pieces (k rows); also return the original face of each."""
     many, (face, count) = np.ones(len(faces.face_offsets) - 1, dtype=np.int64), np.unique(some, return_counts=True)
     many[face] = count
     origin = np.repeat(np.arange(len(many)), many)

@@ -1,20 +1,18 @@
 """Polygons in flat arrays: shared edges and vertices, and geometry in the plane.
 
-Cells are rows of different lengths, laid end to end: row c is ``flat[offsets[c]:offsets[c + 1]]``. With the vertices of
-cells as rows, corner k of that flat list starts the directed edge from ``vertices[k]`` to the next vertex of the same
-cell. Packing an undirected edge {a, b}, a < b, into the one integer a * n_nodes + b makes "which corners share an edge"
-a single sort.
+Rows of different lengths are stored end to end in one array: row c is ``flat[offsets[c]:offsets[c + 1]]``. If the rows
+are the vertices of cells, entry k is called corner k. An edge starts at each corner: from ``vertices[k]`` to the next
+vertex of the cell. An undirected edge {a, b}, a < b, has the key a * n_nodes + b; sorting these integers finds the
+corners that share an edge.
 
-The sign of (b - a) x (p - a) says on which side of the line through a and b the point p lies. Differences of
-coordinates are exact up to the rounding of the coordinates themselves, so distances below `TOLERANCE` times the
-coordinates are rounding and count as zero. Areas and centroids use coordinates relative to the first vertex o of each
-cell (d_i = x_i - o):
+Distances below `TOLERANCE` times the coordinates are rounding errors of the coordinates and count as zero. Areas and
+centroids use coordinates relative to the first vertex o of each cell (d_i = x_i - o):
 
     area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
     centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
 
-so a mesh far from the origin loses no digits. Products of coordinates near 1e6 would leave four digits of the area of a
-cell of size 1e-3.
+so a mesh far from the origin loses no digits. Without the shift by o, the area of a cell of size 1 at coordinates near
+1e6 would have four digits.
 
 Shapely and SciPy's spatial structures are imported where they are used, because their imports take .1 and .3 s.
 """
@@ -34,7 +32,7 @@ from vemcvx.base.arrays import Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
-    """Return ranges end to end: counts[0] whole numbers from starts[0] on, counts[1] from starts[1] on, ..."""
+    """Return ranges end to end: counts[0] whole numbers from starts[0] on, then counts[1] from starts[1] on, ..."""
     before = np.cumsum(counts) - counts
     return np.repeat(starts - before, counts) + np.arange(counts.sum())
 
@@ -60,7 +58,7 @@ def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
 
 
 def distinct(numbers: Ints) -> Ints:
-    """Return the different numbers of (k,), ascending; in a third of the time that np.unique of numpy 2.3 takes."""
+    """Return the distinct numbers of an array (k,), ascending, in a third of the time of np.unique (numpy 2.3)."""
     ordered = np.sort(numbers)
     return ordered[np.concatenate([[True], ordered[1:] != ordered[:-1]])] if len(ordered) else ordered
 
@@ -91,7 +89,7 @@ def find_all_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
 
 
 def least_of_each(keys: Ints, values: Floats) -> Ints:
-    """Return, for each different key in ascending order, the position of the least value (k,) with this key."""
+    """Return, for each distinct key in ascending order, the position of the least of the values (k,) with this key."""
     order = np.lexsort((values, keys))
     return order[np.unique(keys[order], return_index=True)[1]]
 
@@ -112,7 +110,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
 
 
 def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
-    """Return the number of the row with the same entries, in any order, as each wanted row; -1 if there is none."""
+    """Return, for each wanted row, the number of the row with the same entries in any order; -1 if there is none."""
     count = len(offsets) - 1
     whole = np.concatenate([offsets, offsets[-1] + wanted_offsets[1:]])
     first, number = same_rows(whole, np.concatenate([flat, wanted]))
@@ -183,8 +181,8 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     """Insert nodes on some edges of outlines; return offsets and vertices.
 
-    From the first to the second of the ends (k, 2), edge k gets the nodes ``nodes[rows[k]:rows[k + 1]]``. The outlines
-    may run along the edge in either direction.
+    The edge k, from ``ends[k, 0]`` to ``ends[k, 1]``, gets the nodes ``nodes[rows[k]:rows[k + 1]]`` in this order. An
+    outline may run along the edge in either direction.
     """
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
@@ -207,7 +205,7 @@ class SharedEdges:
 
     corners: Ints  # (n_corners,) grouped by edge; within a group in the order of the cells
     first: Ints  # (n_edges,) position in `corners` of the first corner of each edge
-    counts: Ints  # (n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes
+    counts: Ints  # (n_edges,) number of cells at each edge: 1 on the boundary, 2 inside, more only in invalid meshes
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
     @cached_property
@@ -231,7 +229,7 @@ class SharedEdges:
 def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
     keys = edge_keys(corner_edges(offsets, vertices), n_nodes)
-    # A stable sort also takes a sixth of the time of a quicksort, because keys of meshes come in runs.
+    # a stable sort keeps the order of cells, and takes a sixth of the time of a quicksort, as keys come in sorted runs
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
@@ -247,8 +245,8 @@ def smallest_linked(pairs: Ints, count: int) -> Ints:
 
 
 TOLERANCE = 4.0 * np.finfo(float).eps
-"""Rounding of coordinates relative to their size: midpoints and thirds of edges differ by at most two units in the last
-place, whatever the order of operations."""
+"""Rounding of coordinates relative to their size: different formulas for midpoints and thirds of edges differ by at
+most two units in the last place."""
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -262,7 +260,7 @@ def right_of(vectors: Floats) -> Floats:
 
 
 def rounding(*points: Floats) -> Floats:
-    """Return the length (m,) below which a distance between points (m, 2) is rounding of their coordinates."""
+    """Return the lengths (m,) below which distances between points (m, 2) are rounding errors of the coordinates."""
     largest: Floats = np.max([np.abs(point).max(axis=1) for point in points], axis=0)
     return TOLERANCE * largest
 
@@ -270,7 +268,7 @@ def rounding(*points: Floats) -> Floats:
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
     """Return pairs (i, j), sorted by i, of boxes (m, d) that meet: [low_i, high_i] and [tree_low_j, tree_high_j].
 
-    A tree finds the pairs that meet along the two axes along which all boxes together extend farthest.
+    A search tree finds the pairs that meet in two coordinates, those in which all boxes together extend farthest.
     """
     from shapely import STRtree, linestrings, points
 
@@ -279,7 +277,7 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
 
     def diagonals(low: Floats, high: Floats) -> NDArray[Any]:
-        # The tree stores bounding boxes only; a diagonal has the same box as a rectangle, and is made in half the time.
+        # the tree stores bounding boxes only; a diagonal has the box of its rectangle, and takes half the time to make
         return np.asarray(linestrings(np.stack([low[:, [u, v]], high[:, [u, v]]], axis=1)))
 
     asked = points(low[:, u], low[:, v]) if low is high else diagonals(low, high)
@@ -305,9 +303,9 @@ def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]
 
 
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
-    """Return pairs (i, j) of overlapping polygons and their common parts, a pair for each part.
+    """Return pairs (i, j) of overlapping polygons and their common parts; a pair is repeated for each of its parts.
 
-    If one polygon covers the other, the smaller one is the common part: nested meshes need no intersections.
+    If one polygon covers the other, the smaller is the common part, so nested meshes need no intersections.
     """
     import shapely
 
@@ -372,7 +370,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Return signed areas (n_cells,) and centroids (n_cells, 2); without an area, the centroid is the first vertex."""
+    """Return signed areas (n_cells,) and centroids (n_cells, 2); the first vertex instead if a cell has no area."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -390,13 +388,13 @@ def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return the largest distance (n_cells,) between two vertices of each cell; rows of vertices in any order."""
+    """Return the largest distance (n_cells,) between two vertices of each cell, listed in any order."""
     counts = np.diff(offsets)
     squared = np.zeros(len(counts))
     for count in np.unique(counts):
         cells = np.flatnonzero(counts == count)
         corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-        for step in range(1, count // 2 + 1):  # in a ring, every pair is at most half a turn apart
+        for step in range(1, count // 2 + 1):  # in cyclic order, two vertices are at most half the row apart
             apart = corner - np.roll(corner, -step, axis=1)
             squared[cells] = np.maximum(squared[cells], np.einsum("cij,cij->ci", apart, apart).max(axis=1))
     return np.sqrt(squared)
@@ -414,7 +412,7 @@ RADON_WEIGHTS = np.repeat([0.225, (155.0 - np.sqrt(15.0)) / 1200.0, (155.0 + np.
 
 
 class Triangles(NamedTuple):
-    """Triangles (t, 3, 2), their areas, and the polygon of each."""
+    """Triangles (t, 3, 2), their areas (t,), and the numbers (t,) of the polygons that contain them."""
 
     corners: Floats
     areas: Floats

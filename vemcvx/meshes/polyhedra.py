@@ -1,18 +1,18 @@
 """Polyhedra: shared faces, areas, normals, volumes, and the solid angles of triangles.
 
-Two listed faces are the same if they have the same vertices. Faces are numbered as they first appear, so the first cell
-of a face has the lower number, and the face keeps the order of vertices from this cell.
+Two listed faces are the same if they have the same vertices. Faces are numbered in the order of first appearance. So
+the first cell of a face has the lower number; it also determines the order of the vertices of the face.
 
-A face is summed over the fan of triangles from its first vertex o (d_i = x_i - o), with signed areas along its normal:
+Integrals over a face are sums over triangles from its first vertex o (d_i = x_i - o), with signed areas s_i:
 
     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
 
-exact for plane faces, convex or not. A cell is summed over the pyramids from the mean p of the centroids of its faces,
-with a the area vectors outwards and c the centroids of faces:
+exact for plane faces, convex or not. Integrals over a cell are sums over pyramids V_f with the faces f as bases. Their
+apex is the mean p of the centroids c_f of the faces; a_f are the outward area vectors:
 
     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 
-Coordinates are relative to a nearby vertex or mean, so a mesh far from the origin loses no digits.
+Coordinates are relative to o or p, so a mesh far from the origin loses no digits.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Faces(NamedTuple):
 
 
 def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
-    """Join the listed faces of cells, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
+    """Join equal faces among the listed outward faces ``vertices[offsets[k]:offsets[k + 1]]`` of cells."""
     first, number = same_rows(offsets, vertices)
     owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
@@ -65,7 +65,7 @@ def list_faces(faces: Faces) -> FaceLists:
 
 
 def signs_of(faces: Faces) -> Floats:
-    """Return 1 where the stored normal of a face points out of the cell, else -1; in the order of `cell_faces`."""
+    """Return, in the order of `cell_faces`, 1 where the stored normal of the face points out of the cell, else -1."""
     return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
 
 
@@ -79,7 +79,7 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
 
 
 class FaceShapes(NamedTuple):
-    """Areas (n_faces,), unit normals and centroids (n_faces, 3); 0, 0 and the first vertex if a face has no area."""
+    """Areas (n_faces,), unit normals and centroids (n_faces, 3); if the area is 0: zeros and the first vertex."""
 
     areas: Floats
     normals: Floats
@@ -87,7 +87,7 @@ class FaceShapes(NamedTuple):
 
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
-    """Compute the shapes of faces; normals by the right-hand rule."""
+    """Compute the shapes of faces, with normals by the right-hand rule."""
     begin = range(0, max(len(offsets) - 1, 1), CHUNK_SIZE)
     parts = [_shapes_of_some(points, offsets[first : first + CHUNK_SIZE + 1], vertices) for first in begin]
     return FaceShapes(*map(np.concatenate, zip(*parts, strict=True)))
@@ -110,15 +110,15 @@ def _shapes_of_some(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes
 
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Return coordinates (m, 3) of points (m, 3) relative to a face each: two in its plane, and the height above it."""
-    # `take` needs half the time of indexing.
+    """Return coordinates (m, 3) of each point relative to its face: two in its plane, and the height above it."""
+    # `take` needs half the time of indexing
     arms, axes = places - shapes.centroids.take(faces, axis=0), axes_in_planes(shapes)
     coordinates: Floats = np.einsum("mai,mi->ma", axes.take(faces, axis=0), arms)
     return coordinates
 
 
 def axes_in_planes(shapes: FaceShapes) -> Floats:
-    """Return axes (n_faces, 3, 3) of faces: two in the plane of each, and its normal."""
+    """Return three axes (n_faces, 3, 3) for each face: two in its plane, and its normal."""
     across = np.eye(3)[np.argmin(np.abs(shapes.normals), axis=1)]
     first = np.cross(shapes.normals, across)
     first /= np.linalg.norm(first, axis=1)[:, None]
@@ -147,8 +147,8 @@ def _divide_rows(rows: Floats, by: Floats) -> Floats:
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# Faces, outwards, of cells given by their vertices: those of the bottom, counter-clockwise seen from above, then in the
-# same order those of the top, or the apex.
+# Outward faces of cells. Vertices of a cell are numbered around the bottom, counter-clockwise seen from above, and then
+# in the same order around the top (or: the apex).
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),

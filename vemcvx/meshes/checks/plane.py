@@ -1,9 +1,9 @@
 """Checks of plane meshes: from user input to arrays of cells that tile a domain, or a MeshError.
 
-The order of the checks is: numbers, coincident nodes, single cells, the tiling. Clockwise cells are reversed and unused
-nodes dropped, each with a note for a warning. Shapely decides whether a polygon is simple, and whether polygons are a
-coverage: none overlap, and two that meet have the same vertices there. So an edge belongs to at most two cells, one on
-either side.
+The checks are, in this order: numbers, coincident nodes, single cells, the tiling. Clockwise cells are reversed and
+unused nodes dropped, each with a note for a warning. Shapely decides whether a polygon is simple, and whether polygons
+form a coverage: no two overlap, and where two meet they have the same vertices. So an edge belongs to at most two
+cells, one on either side.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class CheckedMesh(NamedTuple):
 def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> CheckedMesh:
     """Return points, offsets and vertices of a `PolygonMesh`, or raise MeshError.
 
-    Two nodes may have the same place only at interfaces. The tiling is checked as if they were one node.
+    Only nodes at interfaces may coincide. They count as one node when the tiling is checked.
     """
     points = check_points(points)
     offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), _cell)
@@ -71,7 +71,7 @@ def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, I
 
 
 def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
-    """Return points and vertices without unused nodes, new numbers of all nodes (-1 if dropped), and a note."""
+    """Return points and vertices without unused nodes, a map from old to new numbers (-1 if dropped), and a note."""
     used = np.unique(vertices)
     if len(used) == len(points):
         return points, vertices, None, []
@@ -153,7 +153,7 @@ def brief_row(nodes: Ints) -> str:
 
 
 def check_coincident(points: Floats, vertices: Ints) -> None:
-    """Raise MeshError if two vertices are in the same place, up to rounding."""
+    """Raise MeshError if two vertices coincide up to rounding."""
     used = np.unique(vertices)
     pairs = used[close_pairs(points[used], TOLERANCE * np.abs(points).max())]
     if len(pairs):
@@ -183,12 +183,12 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def roundings(places: Floats, offsets: Ints) -> Floats:
-    """Return, for each row of points, the distance that is rounding of their coordinates."""
+    """Return, for each row of points, the length below which distances are rounding errors of the coordinates."""
     return TOLERANCE * np.maximum.reduceat(np.abs(places).max(axis=1), offsets[:-1])
 
 
 def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> None:
-    """Raise MeshError for the first polygon whose area is rounding; `sizes` are diameters."""
+    """Raise MeshError for the first polygon whose area is zero up to rounding; `sizes` are diameters."""
     flat = np.flatnonzero(np.abs(areas) <= rounding * sizes)
     if len(flat):
         k = flat[0]
@@ -223,14 +223,14 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     if misfit.overlap:
         raise MeshError(f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them.")
     raise MeshError(
-        f"cells {one} and {other} do not fit together near {at}: a vertex of one lies on an edge of the other, which "
-        f"lacks it, or there is a gap narrower than {width:.3g}, {SINGLE_EPS:g} of the lowest cell. Give both the same "
-        "vertices there, hanging nodes included, or open the gap."
+        f"cells {one} and {other} do not fit together near {at}: a vertex of one cell lies on an edge of the other but "
+        f"is not its vertex, or there is a gap narrower than {width:.3g}, {SINGLE_EPS:g} of the height of the lowest "
+        "cell. Give both cells the same vertices there, hanging nodes included, or widen the gap."
     )
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the least height of a cell, its area over its diameter: the scale for narrow gaps."""
+    """Return the height of the lowest cell (area divided by diameter), to which widths of gaps are compared."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
@@ -239,13 +239,13 @@ class Misfit(NamedTuple):
     """Two cells that overlap or leave a narrow gap."""
 
     cells: tuple[int, int]
-    overlap: bool  # else there is a gap, of width 0 at a hanging node
+    overlap: bool  # False: there is a gap, of width 0 if one cell lacks a hanging node
     at: Floats  # (2,) a point of the overlap or beside the gap
     distance: float
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> Misfit | None:
-    """Return the two cells (of different bodies, if given) that overlap most, or leave the widest of narrow gaps."""
+    """Return the two cells (of two bodies, if given) that overlap most, or else leave the widest narrow gap."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -260,7 +260,7 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
         return Misfit(
             (int(one[k]), int(other[k])), True, shapely.get_coordinates(shapely.point_on_surface(common[k]))[0], 0.0
         )
-    # at a hanging node the edges have a segment in common; across a gap they are apart
+    # edges with a missing hanging node have a segment in common; edges along a gap have none
     apart, along = (
         shapely.distance(edges[one], edges[other]),
         shapely.length(shapely.intersection(edges[one], edges[other])),

@@ -1,15 +1,15 @@
 """Checks of meshes in space: from points and cells to polyhedra that fit together, or a MeshError.
 
-The order of the checks is: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward normals
-are reversed, and unused nodes are dropped. Both add a note from which the caller makes a warning.
+The checks are, in this order: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward
+normals are reversed and unused nodes dropped, each with a note for a warning.
 
 Each edge of a cell belongs to exactly two of its faces. They traverse it in opposite directions if both normals point
 outwards or both inwards. To find the faces to reverse, we build a graph with two vertices per face, one for the face as
 given and one for its reverse; links join consistent orientations of neighbouring faces. The connected components are
 the consistent orientations of a cell. If a face is linked to its own reverse, the cell has no inside.
 
-Two cells must meet in whole faces of both: no two boundary faces may lie on one another. There is no direct check for
-cells that intersect; an error is raised if their volumes add up to more than the volume of the convex hull.
+Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Intersecting cells are found
+only if the volumes of all cells add up to more than the volume of their convex hull.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def check_polyhedral_mesh(
 ) -> plane.CheckedMesh:
     """Return points and `Faces` of a `PolyhedralMesh`, or raise MeshError.
 
-    Two nodes may have the same place only at interfaces. The tiling is checked as if they were one node.
+    Only nodes at interfaces may coincide. They count as one node when the tiling is checked.
     """
     points = plane.check_points(points, 3)
     listed = cells if isinstance(cells, FaceLists) else _list_faces(cells)
@@ -128,7 +128,7 @@ def _check_sharing(listed: FaceLists, owner: Ints) -> None:
         cells = ", ".join(map(str, owner[number == number[bad[0]]]))
         raise MeshError(
             f"cells {cells} overlap at their face {_row(listed, bad[0])}: a face belongs to at most two cells, one on "
-            "each side, and both list its vertices in the same cyclic order or its reverse. Correct or remove the rest."
+            "each side, which list its vertices in the same cyclic order or its reverse. Correct or remove other cells."
         )
 
 
@@ -247,7 +247,7 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
 
 
 class TouchingFaces(NamedTuple):
-    """Pairs of boundary faces that lie on one another, or nearly so."""
+    """Pairs of boundary faces that lie on one another, up to a distance."""
 
     one: Ints
     """Positions (k,) among the boundary faces, the smaller of each pair."""
@@ -265,7 +265,7 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> TouchingFaces:
-    """Return pairs of boundary faces at most `width` apart. They share more than a fraction `part` of the smaller face.
+    """Return pairs of boundary faces at most `width` apart that share more than the fraction `part` of the smaller.
 
     If the bodies (f,) of the faces are given, only pairs of two different bodies are returned.
     """
@@ -299,7 +299,7 @@ RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
-    """Return a mask of the points (m, 3) inside a closed surface of outward faces, by the crossings of rays."""
+    """Return a mask of the points (m, 3) inside a closed surface, by counting where a ray leaves and enters it."""
     if not len(places):
         return np.zeros(0, dtype=bool)
     places, points = places @ RAY_FRAME, points @ RAY_FRAME

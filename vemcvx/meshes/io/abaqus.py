@@ -1,7 +1,8 @@
-"""Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists keywords not read.
+"""Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists parts not read.
 
-A part is read once for each of its instances, and moved as the instance says; a part without an instance is not moved.
-Sets of the same name in several parts are one set. The numbers of nodes and elements belong to an instance.
+A part is read once for each of its instances, and moved by the moves of the instance. A part without an instance is
+read once, unmoved. Sets of the same name in several parts are joined. Each instance has its own numbers of nodes and
+elements.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ TYPES |= {
 }
 TYPES |= {f"{SOLID}10": ("tetra10", 10), f"{SOLID}15": ("wedge15", 15), f"{SOLID}20": ("hexahedron20", 20)}
 TYPES |= {"(?:T[23]D|R2D)2|B[23]1": ("line", 2), "T[23]D3|B[23]2": ("line3", 3)}
-"""Patterns of element types, which letters may follow -> kind of cells, number of nodes."""
+"""Patterns of element types (letters may follow) -> kind of cells, number of nodes."""
 WRITTEN = {"triangle": "CPS3", "quad": "CPS4", "tetra": "C3D4", "wedge": "C3D6", "hexahedron": "C3D8"}
 SIDES = {
     "triangle": ("01", "12", "20"),
@@ -46,7 +47,7 @@ Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals without bla
 
 
 def read_abaqus(path: Path) -> Grid:
-    """Read the cells of a file; element sets become named sets, node sets and surfaces parts of the boundary."""
+    """Read a file: element sets become named sets of cells; node sets and surfaces become parts of the boundary."""
     deck = _Deck()
     for block in _blocks(path):
         deck.take(*block)
@@ -57,7 +58,7 @@ def read_abaqus(path: Path) -> Grid:
     points = np.array(deck.points, dtype=float).reshape(-1, 3)
     grid = keep_corners(Grid(points, np.array(deck.kinds, dtype=str), offsets_of(sizes), vertices))
     shown = {kind: {n: x for n, x in sets.items() if n not in deck.internal} for kind, sets in deck.sets.items()}
-    # drop Gmsh's own names of entities if all of their cells are in sets of the user
+    # drop sets that Gmsh made of its entities if all their cells are in other sets
     others = {cell for name, x in shown["ELSET"].items() if not re.fullmatch(ENTITY, name) for cell in x}
     for name in [n for n, x in shown["ELSET"].items() if re.fullmatch(ENTITY, n) and others.issuperset(x)]:
         del shown["ELSET"][name]
@@ -77,7 +78,7 @@ def read_abaqus(path: Path) -> Grid:
 
 
 def _largest(grid: Grid) -> list[str]:
-    """Return the names of the sets of some, not all, cells that no other set contains; of equal sets the last."""
+    """Return the names of sets that no larger set contains, except sets of all cells; of equal sets, the last."""
     inner = grid.bounding[0]
     some = {name: x & inner for name, x in grid.sets.items() if (x & inner).any() and not x[inner].all()}
     order = sorted(some, key=lambda name: np.count_nonzero(some[name]))
@@ -99,26 +100,26 @@ def write_abaqus(path: Path, grid: Grid) -> None:
 
 @dataclass
 class _Deck:
-    """The parts of a file read so far; nodes and elements are known by their positions in growing lists."""
+    """The contents of a file read so far; nodes and elements are numbered in the order of reading."""
 
     points: list[list[float]] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
     rows: list[list[int]] = field(default_factory=list)  # positions of the nodes of the elements
     numbers: dict[str, dict[str, dict[int, int]]] = field(default_factory=dict)
-    """Instance, "" for none -> "NSET" or "ELSET" -> number of a node or element -> its position."""
+    """Instance ("" if none) -> "NSET" or "ELSET" -> number of the node or element in the file -> its position."""
     sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
-    sides: list[tuple[str, int, list[int]]] = field(default_factory=list)  # name of a surface, side, elements
+    sides: list[tuple[str, int, list[int]]] = field(default_factory=list)  # (name of the surface, side, elements)
     parts: dict[str, list[Block]] = field(default_factory=dict)
     placed: set[str] = field(default_factory=set)  # parts that have an instance
     part: str = ""  # the part that is being defined
     scope: str = ""  # the instance that is being read
     moves: list[list[float]] = field(default_factory=list)  # translations (3 numbers) and rotations (7) of the instance
     spelt: dict[str, str] = field(default_factory=dict)  # name in capitals -> its first spelling
-    internal: set[str] = field(default_factory=set)  # names of sets that Abaqus made
+    internal: set[str] = field(default_factory=set)  # names of sets that Abaqus marked as internal
     unread: list[str] = field(default_factory=list)
 
     def take(self, word: str, options: dict[str, str], lines: list[str]) -> None:
-        """Take a keyword with its data; raise MeshError if nodes or elements would be lost or misplaced."""
+        """Read a keyword with its data; raise MeshError if nodes or elements would be lost or misplaced."""
         strange = [name for name in ("SYSTEM", "LIBRARY") if options.get(name, "R").upper() != "R"]
         if word in REFUSED or (strange and word in ("NODE", "INSTANCE")):
             more = "".join(f", {name}={options[name]}" for name in strange)
@@ -144,7 +145,7 @@ class _Deck:
             taker(options, rows)
 
     def place(self, part: str, name: str, moves: Iterable[list[float]] = ()) -> None:
-        """Read a part as an instance of this name, with its moves."""
+        """Read a part as the instance `name`, with the moves of the instance."""
         self.scope, self.moves = name, list(moves)
         self.placed.add(part)
         for block in self.parts.get(part, []):
@@ -214,7 +215,7 @@ class _Deck:
                 self.unread.append(f"the node {lost[0]}{more} in {self.spell(name)} (there is no such node)")
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements of a word in a set or surface: a number, or another set of an instance."""
+        """Return the nodes or elements that a word in a set or surface names: one, by number, or all of another set."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self._numbers_of(kind, instance)
@@ -255,7 +256,7 @@ class _Deck:
         self.place(part, name, [[*map(_real, words), *[0.0] * (3 - len(words))] for words in lines])
 
     def spell(self, name: str) -> str:
-        """Return the first spelling of a name; case does not matter."""
+        """Return the first spelling of a name, irrespective of case."""
         return self.spelt.setdefault(name.upper(), name)
 
 
@@ -311,7 +312,7 @@ def _blocks(path: Path) -> Iterator[Block]:
     head, data = "*", list[str]()
     for line in [*_lines(path), "*"]:
         if head.endswith(",") and not data and not line.startswith("*"):
-            head += line  # a keyword line continues after a comma
+            head += line  # after a comma, the keyword line continues on the next line
         elif not line.startswith("*"):
             data.append(line)
         else:

@@ -32,7 +32,7 @@ def from_meshio(mesh: Any) -> Grid:
 def cells_of(mesh: Any) -> Grid:
     """Return the corners of cells, block by block, with data and named sets of cells and nodes."""
     rows: list[Ints] = []
-    for block in mesh.cells:  # cells of unknown kinds may not be arrays; the checks of grids refuse them
+    for block in mesh.cells:  # the data of unknown kinds may be no array; `mesh_of` refuses such kinds later
         known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
@@ -58,8 +58,8 @@ def take_groups(
 ) -> None:
     """Add the physical groups of cells to a grid as named sets; a group without a name is named by its number.
 
-    `numbers` (k,) has the group of each cell, 0 for none. If `groups` (entity -> groups) is given, `numbers` has the
-    entity of each cell. The datum "gmsh:physical" keeps the first group of each cell.
+    `numbers` (k,) has the group of each cell, 0 for none. But if `groups` (entity -> its groups) is given, `numbers`
+    has the entity of each cell. The cell datum "gmsh:physical" gets the first group of each cell.
     """
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)
@@ -79,8 +79,8 @@ def take_groups(
 def to_meshio(grid: Grid, *, in_order: bool = False) -> meshio.Mesh:
     """Return the meshio mesh of a grid, with one block for each kind and number of nodes.
 
-    With `in_order`, cells keep their order and a new block begins where the kind changes. The datum "boundary:<name>"
-    marks the cells of a named set. If blocks permute the cells, the datum `CELL` has their numbers.
+    With `in_order`, cells keep their order, and a new block begins where the kind changes. The cell datum
+    "boundary:<name>" marks the cells of a named set. If blocks permute the cells, the datum `CELL` has their numbers.
     """
     import meshio
 

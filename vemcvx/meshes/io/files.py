@@ -1,7 +1,8 @@
 """Mesh files: a closed list of formats.
 
-VTU files hold every mesh. Gmsh's MSH files hold triangles, quadrilaterals, tetrahedra, hexahedra, wedges and pyramids
-with physical groups. Files of Abaqus and Nastran hold these cells with fewer names.
+VTU files can hold any mesh. Gmsh's MSH files can hold triangles, quadrilaterals, tetrahedra, hexahedra, wedges and
+pyramids, with physical groups. Nastran files hold the same kinds of cells, Abaqus files all but pyramids; we write both
+without names.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def load(path: str | Path) -> AnyTessellation:
 
 
 def _with_file_numbers(message: str, grid: Grid) -> str:
-    """Return a message with the numbers of two nodes in the file, if it numbers nodes itself."""
+    """Replace the numbers of two nodes in a message by their numbers in the file, if the file numbers its nodes."""
     names = {str(node): f"{key}.{n}".lstrip(".") for key, own in grid.numbers.items() for n, node in own.items()}
     return re.sub(
         r"\bnodes (\d+) and (\d+)", lambda two: f"nodes {' and '.join(names.get(k, k) for k in two.groups())}", message
@@ -55,7 +56,7 @@ def _with_file_numbers(message: str, grid: Grid) -> str:
 
 
 def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
-    """Return the mesh of every body in a file, by name, and the names of sides in the file."""
+    """Return the mesh of each body in a file, by name, and the names of all sides."""
     grid = _read(_path(path))
     with translate_errors(str(path), "holds no valid mesh"):
         grids = bodies_of(grid)
@@ -109,7 +110,7 @@ def _write_nastran(path: Path, grid: Grid) -> None:
 
 
 def _in_a_field(x: float) -> float:
-    """Round a number to the digits that a Nastran field of 16 characters holds; meshio fails with more."""
+    """Round a number to the digits that fit in a Nastran field of 16 characters; with more digits meshio fails."""
     digits = 12
     while len(text := np.format_float_scientific(x, precision=digits, exp_digits=1)) > 16:
         digits -= 1

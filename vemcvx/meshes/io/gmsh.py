@@ -1,6 +1,6 @@
-"""Gmsh files, .msh: meshio reads points and cells; names and members of physical groups are read here.
+"""Gmsh files, .msh: meshio reads points and cells; we read the names and members of physical groups.
 
-meshio keeps only one group per name and per entity, and fails if some entities are in no group (Mesh.SaveAll).
+meshio keeps only one group per name and one per entity, and fails if some entities are in no group (Mesh.SaveAll).
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ def read_gmsh(path: Path) -> Grid:
     if not found:
         raise MeshError("it does not begin with $MeshFormat as Gmsh files do.")
     version, binary = float(found[1]), found[2] == b"1"
-    if version == 4.0:  # Gmsh writes 4, which meshio reads as 4.1
+    if version == 4.0:  # Gmsh writes "4", which meshio takes for 4.1
         data = data[: found.start(1)] + b"4.0" + data[found.end(1) :]
     if long := None if binary else LONG_NUMBER.search(data):
         raise MeshError(
-            f"it has the number {long[0][:30].decode()}; numbers may have up to eight digits: renumber the mesh."
+            f"it has the number {long[0][:30].decode()}; numbers may have at most eight digits: renumber the mesh."
         )
     if b"$PartitionedEntities" in data:
-        raise MeshError("its mesh is in partitions, whose groups are not read; unpartition it before saving.")
+        raise MeshError("its mesh is partitioned, and groups of partitions are not read; unpartition it before saving.")
     names, data = _without(data, b"PhysicalNames")
     entities, data = _without(data, b"Entities")
     lines = re.findall(rb'^\s*(\d)\s+(\d+)\s+"(.*)"', names, re.MULTILINE)
@@ -61,7 +61,7 @@ def read_gmsh(path: Path) -> Grid:
     first, number = same_rows(grid.offsets, grid.vertices)
     if len(first) == len(number):
         return grid
-    # version 2 writes a cell once for each of its groups
+    # version 2 repeats a cell for each of its groups
     together = {name: np.bincount(number, chosen) > 0 for name, chosen in grid.sets.items()}
     grid = grid.select(first)
     grid.sets = together
@@ -101,7 +101,7 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
 
 
 def write_gmsh(path: Path, grid: Grid) -> list[str]:
-    """Write cells, with named sets of cells as physical groups, in version 2.2; return the names of lost data."""
+    """Write cells in version 2.2, with named sets of cells as physical groups; return the names of lost data."""
     inner = grid.bounding[0]
     numbers, names, lost = np.zeros(len(inner), dtype=np.int64), dict[str, list[int]](), []
     dimension = 3 if grid.solid else 2
@@ -117,5 +117,5 @@ def write_gmsh(path: Path, grid: Grid) -> list[str]:
     grid.data, grid.sets = {PHYSICAL: numbers, GEOMETRICAL: numbers}, {}
     made = to_meshio(grid, in_order=True)
     made.field_data = {name: np.array(value) for name, value in names.items()}
-    made.write(path, file_format="gmsh22")  # version 4 needs a geometry
+    made.write(path, file_format="gmsh22")  # version 4 would need a geometry
     return lost

@@ -1,12 +1,13 @@
 """Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
 A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
-are cells of the grid, too. A named set of cells becomes a cell datum, 1 on cells of the mesh in the set, and a part of
-the boundary. In files that keep data, the datum "boundary:<name>" is 1 on the lines or polygons of a part of the
-boundary. These lines have the data of the cells behind them, so they do not change the colours of a picture.
+are cells of the grid, too. If a named set contains cells of the mesh, it becomes a cell datum, 1 inside and 0 outside.
+If it contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep data,
+the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary. They also get the other data
+of the cell beside them, so that pictures have the same colours with and without them.
 
 An interface of two bodies is stored as two such parts: edges or faces of the first body under the name of the
-interface, and the nodes of the second body in the same places under "partners:<first>:<second>:<name>".
+interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ AnyTessellation = PolygonMesh | PolyhedralMesh
 Rows = tuple[Ints, Ints]  # offsets and nodes of rows of different lengths
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
-DIGITS = "0123456789"  # at the end of kinds of higher order, such as "triangle6"; their corners come first
+DIGITS = "0123456789"  # kinds of higher order end in digits ("triangle6"); their corners are their first nodes
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
 """Ends of the three edges from vertex 0, in right-handed order."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
-"""Numbers of nodes, faces and triangles -> kind of a solid, number of nodes of its bottom."""
+"""(Number of nodes, of faces, of triangular faces) -> kind of a solid, number of nodes of its bottom."""
 
 
 @dataclass
@@ -61,12 +62,12 @@ class Grid:
     nodes: dict[str, Bools] = field(default_factory=dict)  # (n,) named sets of nodes
     bodies: tuple[str, ...] = ()  # names of sets that are bodies
     numbers: Mapping[str, Mapping[int, int]] = field(default_factory=dict)  # instance -> number in the file -> node
-    faces: FaceLists | None = None  # faces of the polyhedra, in the order of these
+    faces: FaceLists | None = None  # faces of the polyhedra, in the order of the polyhedra
     notes: tuple[str, ...] = ()  # sentences on parts of the file that were not read
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """Masks (k,) of the cells of the mesh (solids, or else polygons) and of their possible boundary."""
+        """Masks (k,) of the cells of the mesh (solids, or else polygons), and of cells that may lie on its boundary."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 
@@ -76,7 +77,7 @@ class Grid:
         return bool(np.isin(self.kinds, SOLIDS).any())
 
     def select(self, cells: Ints) -> Grid:
-        """Return the grid of some cells only, in this order."""
+        """Return the grid of the cells with the given numbers, in this order."""
         offsets, vertices = rows_in_order(self.offsets, self.vertices, cells)
         data, sets = ({name: x[cells] for name, x in of.items()} for of in (self.data, self.sets))
         return replace(self, kinds=self.kinds[cells], offsets=offsets, vertices=vertices, data=data, sets=sets)
@@ -84,7 +85,7 @@ class Grid:
 
 @contextlib.contextmanager
 def translate_errors(subject: str, failure: str) -> Iterator[None]:
-    """Turn all errors of other libraries, even sys.exit, into MeshError, and log their output."""
+    """Turn all errors inside the block, even sys.exit, into MeshError, and log what other libraries print."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
@@ -117,8 +118,8 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
     """Return the cells of a mesh as a grid, with cell `data` and named `sides` unless these are False.
 
-    In space, cells are given by their vertices; raise MeshError if some are not tetrahedra, hexahedra, wedges or
-    pyramids. With `polyhedra`, all cells are given by their faces.
+    In space, list the vertices of each cell, and raise MeshError if a cell is not a tetrahedron, hexahedron, wedge or
+    pyramid. With `polyhedra`, list the faces of each cell instead.
     """
     faces = None
     if isinstance(mesh, PolygonMesh):
@@ -150,7 +151,7 @@ def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
 
 
 def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
-    """List the nodes of edges or faces of all named boundaries, and of partners at interfaces."""
+    """List the nodes of the edges or faces of all named boundaries, and the partners at interfaces."""
     parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
     for name, found in mesh.interfaces.items():
         first, second = (quote(body, safe="") for body in found.bodies)
@@ -165,14 +166,14 @@ def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
 
 
 def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """List kinds of solids, and offsets and vertices in VTK's order: around the bottom, then around the top."""
+    """List the kinds of cells, and offsets and vertices in VTK's order: around the bottom, then around the top."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
         faces = [face.tolist() for face in cell]
         shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
         kind, n = SHAPES.get(shape, ("", 0))
         bottom = next((face[::-1] for face in faces if len(face) == n), list[int]())
-        # faces run outwards, so exactly one edge of a face leads up from each node of the bottom
+        # as all faces are outwards, one directed edge of a face leads up from each node of the bottom
         edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
         if not kind or any(len(ends) != 1 for ends in up):
@@ -237,10 +238,7 @@ def keep_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid) -> dict[str, Grid]:
-    """Return a grid for each body, by name, with the lines, faces and sets of nodes on its nodes.
-
-    Notes on the file are left out.
-    """
+    """Return a grid for each body, by name, with the lines, faces and sets of its nodes, without notes on the file."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
@@ -250,8 +248,8 @@ def bodies_of(grid: Grid) -> dict[str, Grid]:
         empty = ", ".join(repr(name) for name in grid.bodies if name not in bodies)
         cure = f"{empty} has no cells" if empty else "read the file without bodies="
         found = f"there is one, {next(iter(bodies))!r}; {cure}" if bodies else "there is none"
-        found = f"{len(several)} of its cells are in several, {double}" if double else found
-        found = f"{(times == 0).sum()} of its cells are in none" if bodies and (times == 0).any() else found
+        found = f"{len(several)} of its cells are in several bodies, {double}" if double else found
+        found = f"{(times == 0).sum()} of its cells are in no body" if bodies and (times == 0).any() else found
         raise MeshError(
             "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
             "(or else element set) of an Abaqus file, of every property of a Nastran file. There must be at least two, "
@@ -300,7 +298,7 @@ def _check_kinds(grid: Grid) -> None:
 
 
 def _plane(points: Floats, used: Ints) -> Floats:
-    """Return the points without the third coordinate if it is the same for all points of cells."""
+    """Return the points without their third coordinate, if they have one; raise MeshError if it is not constant."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
         # a mesh that another program rotated is plane up to rounding; the checks of the mesh report invalid points

@@ -1,7 +1,7 @@
-"""Nastran files: their text is converted to one card per line with commas between fields, which meshio reads.
+"""Nastran files: we convert the text to one card per line, with commas between fields, and meshio reads the result.
 
-Points in other coordinate systems and unknown elements are errors. Materials, loads and supports are skipped. The
-elements of a property are a set, named by the number of the property.
+Points in coordinate systems other than the basic one and unknown elements are errors. Materials, loads and supports are
+skipped. The elements of each property form a set, named by the number of the property.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SOLIDS = "CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA"  # of first or second or
 
 
 def read_nastran(path: Path) -> Grid:
-    """Read the points and cells of a file; raise MeshError if some would be lost or misplaced."""
+    """Read the points and cells of a file; raise MeshError if some of them would be lost or misplaced."""
     import meshio
 
     lines, curved = list[str](), set[str]()

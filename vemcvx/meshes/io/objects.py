@@ -30,7 +30,7 @@ from vemcvx.meshes.polygons import polygon_centroids
 PLANE = {"ElementTriP1": "triangle", "ElementQuad1": "quad"}
 KINDS = {**PLANE, "ElementTetP1": "tetra", "ElementHex1": "hexahedron"}
 HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])
-"""Position in scikit-fem of the vertices of a hexahedron: around its bottom, then around its top."""
+"""Positions, in scikit-fem's order, of the vertices of a hexahedron around its bottom, then around its top."""
 
 
 def from_skfem(mesh: Any) -> Grid:
@@ -39,7 +39,7 @@ def from_skfem(mesh: Any) -> Grid:
     points, cells = np.asarray(mesh.doflocs).T, np.array(mesh.t, dtype=np.int64).T
     if element == "ElementHex1":
         cells = cells[:, HEXAHEDRON]
-    if element in PLANE:  # vertices may be sorted by number, so orientations differ
+    if element in PLANE:  # scikit-fem may sort vertices by number, so some cells are clockwise
         clockwise = polygon_centroids(points[cells])[0] < 0.0
         cells[clockwise, 1:] = cells[clockwise, :0:-1]
     offsets = np.arange(len(cells) + 1) * cells.shape[1]
@@ -73,14 +73,14 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
 
 
 def from_pyvista(data: Any) -> Grid:
-    """Return the grid of an UnstructuredGrid, PolyData or other data set, by way of a VTK file."""
+    """Return the grid of an UnstructuredGrid, PolyData or other data set, read from a temporary VTK file."""
     import pyvista
 
     if not data.n_cells:
         raise MeshError("it has no cells.")
     grid = data.copy() if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
     values, fields = ({name: np.array(x) for name, x in of.items()} for of in (grid.cell_data, data.field_data))
-    grid.clear_data()  # some names of data do not survive a VTK file
+    grid.clear_data()  # a VTK file does not keep all names of data
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         grid.save(file)
@@ -110,7 +110,7 @@ def from_object(other: Any) -> AnyTessellation:
     if not kinds & MESHES:
         raise MeshError(
             f"convert takes meshio.Mesh, MeshTri, MeshQuad, MeshTet and MeshHex of scikit-fem, UnstructuredGrid and "
-            f"PolyData of PyVista; got {brief(other)}. For a file use read; for points and cells "
+            f"PolyData of PyVista; got {brief(other)}. For a file, use read(path); for points and cells, "
             "PolygonMesh(points, cells) or PolyhedralMesh(points, cells)."
         )
     library = (kinds & MESHES).pop()[0]
@@ -136,7 +136,7 @@ def to_object(mesh: AnyTessellation, library: str) -> Any:
         raise VemcvxError(f"this needs {LIBRARIES[library]}, which is not installed: pip install {package}") from None
     notes = []
     if lost:
-        notes.append(f"keep only sets of cells (0 or 1), not {', '.join(map(repr, lost))}.")
+        notes.append(f"keep only cell data of zeros and ones, not {', '.join(map(repr, lost))}.")
     if mesh.interfaces:
         names = ", ".join(map(repr, mesh.interfaces))
         notes.append(f"keep no interfaces: the {mesh.PARTS} of the first body of {names} become boundaries.")

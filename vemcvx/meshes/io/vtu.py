@@ -1,8 +1,8 @@
 """Reading and writing of VTK files of unstructured grids, .vtu.
 
-meshio's reader is not used: it permutes polygons, reads no polyhedra together with other cells, and rejects the
-versions that ParaView and PyVista write today. Polyhedra are written with all faces outwards and in order, so they are
-restored bit by bit.
+We do not use the reader of meshio: it permutes polygons, cannot read polyhedra together with other cells, and rejects
+the versions that ParaView and PyVista write today. Polyhedra are written with outward faces in the order of the mesh,
+so they are restored exactly.
 """
 
 from __future__ import annotations
@@ -67,17 +67,17 @@ def read_vtu(data: bytes) -> Grid:
 
 
 def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
-    """Add the parts of the boundary among the fields of a file to a grid: rows of nodes, padded with -1."""
+    """Add to a grid the parts of the boundary that a file has as fields "boundary:<name>": node rows padded with -1."""
     for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
         rows = values if values.ndim == 2 else values.reshape(-1, 2)
         if rows.dtype.kind not in "iu":
-            raise MeshError(f"its datum {name!r} is no list of rows of node numbers.")
+            raise MeshError(f"its field {name!r} is not an array of node numbers.")
         grid.parts[name.removeprefix(MARK)] = offsets_of((rows >= 0).sum(axis=1)), rows[rows >= 0].astype(np.int64)
     return grid
 
 
 def _values(array: ElementTree.Element, root: ElementTree.Element, appended: bytes) -> NDArray[Any]:
-    """Return the numbers of an array, from text, from bytes inside the element, or from appended bytes."""
+    """Return the values of an array, stored as text, as bytes inside the element, or as appended bytes."""
     dtype = np.dtype(array.get("type", "").lower())
     if array.get("format") == "ascii":
         values = np.array((array.text or "").split(), dtype=dtype)
@@ -100,7 +100,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
 
 
 def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
-    """Unpack the bytes of an array; they follow their length, or the number and sizes of compressed blocks."""
+    """Unpack the bytes of an array, which follow a header: their length, or the sizes of compressed blocks."""
     if not data:
         return b""
     count = int(np.frombuffer(data, head, 1)[0])
@@ -120,7 +120,7 @@ def _offsets(ends: Ints, room: int, what: str) -> Ints:
 
 
 def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
-    """Return the faces of polyhedra: as rows since VTK 9.4, before as a stream with an end offset for each cell."""
+    """Return the faces of polyhedra, stored as rows (since VTK 9.4) or as a stream with an end offset per cell."""
     if "face_connectivity" in arrays:
         nodes, numbers = arrays["face_connectivity"], arrays["polyhedron_to_faces"]
         offsets = _offsets(arrays["face_offsets"], len(nodes), "faces")
@@ -141,14 +141,14 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
 
 
 class Block(NamedTuple):
-    """An array in an XML file: the attributes of its element, and its compressed bytes after their sizes."""
+    """An array in an XML file: the attributes of its element, and its bytes (a header, then compressed data)."""
 
     words: dict[str, str]
     data: bytes
 
 
 class PackedMesh(NamedTuple):
-    """Points and cells of a mesh, compressed once for all files with fields on the mesh."""
+    """Points and cells of a mesh, compressed once for all files of fields on this mesh."""
 
     nodes: int
     cells: int
@@ -191,7 +191,7 @@ def _pack_grid(grid: Grid) -> PackedMesh:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # VTK's stream: for each cell the number of its faces, for each face the number of its nodes, and its nodes
+        # VTK's stream: for each cell the number of faces; then for each of its faces the number of nodes, and the nodes
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]
@@ -203,11 +203,11 @@ def _pack_grid(grid: Grid) -> PackedMesh:
 
 
 def _write(path: Path, packed: PackedMesh, data: Mapping[str, list[Block]]) -> None:
-    """Write a VTU file: first the XML, then the raw bytes of all arrays, which would be a third longer in base64.
+    """Write a VTU file: first the XML, then the raw bytes of all arrays (base64 would be a third longer).
 
-    The bytes are in the reverse order of the arrays in the XML, because of a fault in meshio 5.3. It replaces offsets
-    one by one, starting with the least, and each time takes the first array with this offset. In ascending order, the
-    new offset of one array may equal the old offset of another, and meshio interchanges the two.
+    The bytes are in the reverse order of the arrays in the XML, because of a fault in meshio 5.3. meshio replaces
+    offsets one by one, from the least on; each time it takes the first array with this offset. In ascending order, the
+    new offset of one array may equal the old offset of another, and meshio interchanges these arrays.
     """
     root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="1.0", header_type="UInt64")
     root.set("byte_order", "LittleEndian" if sys.byteorder == "little" else "BigEndian")
@@ -241,10 +241,10 @@ def _blocks(arrays: Arrays) -> list[Block]:
 
 
 def _compress(data: bytes) -> bytes:
-    """Compress data to one zlib block after the sizes that VTK expects.
+    """Compress data to one zlib block, after the header with sizes that VTK expects.
 
-    Numbers of cells and nodes, and fields that are zero away from contact, shrink 5 to 90 times, at 650 MB/s.
-    Displacements and stresses would shrink by a fifth, at 30 MB/s; they are stored without compression.
+    Node numbers, and fields that are zero away from contact, become 5 to 90 times smaller, at 650 MB/s. Displacements
+    and stresses would shrink by a fifth only, at 30 MB/s; they are stored without compression.
     """
     sample = data[len(data) // 2 :][:4096]  # bytes from the middle show whether compression pays
     packed = zlib.compress(data, int(2 * len(zlib.compress(sample, 1)) < len(sample)))

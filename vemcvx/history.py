@@ -296,7 +296,7 @@ def scene_of(history: object, subject: str) -> Scene:
         raise HistoryError(f"{subject}: found {brief(history)}; wanted a History.")
     if history.scene is None:
         raise HistoryError(
-            f"{subject}: this history was read from files, or joined, and has no scene; simulate it, or use a stage."
+            f"{subject}: this history was read from files or joined, so it has no scene; simulate it, or use a stage."
         )
     return history.scene
 
@@ -411,7 +411,7 @@ def _bound(bound: dict[str, Any] | None) -> Lines:
     if bound is None:
         return []
     words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
-    words += f": the error of the mesh in step {bound['step']:.0f}, the largest of all steps, given the step before"
+    words += f": the error of the mesh in step {bound['step']:.0f} (largest upper bound), given the step before"
     return [("bounded" if bound["reading"] else "guaranteed", f"{words}; {bound['kind']}")]
 
 

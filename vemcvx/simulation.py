@@ -22,7 +22,7 @@ from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
 from vemcvx.scene import Scene
-from vemcvx.scene.contact import through_obstacles, without_contact
+from vemcvx.scene.contact import describe_penetrations, find_missing_contact
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import (
@@ -153,7 +153,7 @@ def simulate(
         warn_of_lost_work(trajectory)
         results = record(posed, trajectory, assembled, storage)
         warn_of_large_strains(posed, results)
-        for words in through_obstacles(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
+        for words in describe_penetrations(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
             log.warning("%s", words)
         history = History.from_results(results, begins(initial))
         return history if bounded is None or history.steps == 0 else bounded(history)
@@ -167,7 +167,7 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
             effect.check_instants(times)
     for words in posed.inactive:
         log.info("left out: %s", words)
-    for words in without_contact(mesh.interfaces, (*posed.supports.given, *posed.terms.frictions, *posed.stops)):
+    for words in find_missing_contact(mesh.interfaces, (*posed.supports.given, *posed.terms.frictions, *posed.stops)):
         log.warning("%s", words)
     return posed
 

@@ -186,7 +186,7 @@ def test_errors_of_a_stage_alone_are_refused():
     second = vx.simulate(scene, MESH, times[2:], initial=first)
     with pytest.raises(vx.HistoryError, match="quantities: the run continues another run"):
         vx.quantities(second)
-    with pytest.raises(vx.HistoryError, match="read from files, or joined, and has no scene"):
+    with pytest.raises(vx.HistoryError, match="read from files or joined, so it has no scene"):
         vx.quantities(vx.joined([first, second]))
 
 

@@ -620,7 +620,7 @@ class Effect(ABC):
 
     @abstractmethod
     def describe(self) -> str:
-        """Return one line of words for `vemcvx show`."""
+        """Return a description in one line, for `vemcvx show`."""
 
     def describe_body(self, in_plane: bool) -> str:
         """Return the line of `describe` for a body in the plane or in space, with defaults that depend on that."""
@@ -633,7 +633,7 @@ def where(on: str | Sequence[str]) -> str:
 
 
 def amount(value: object, arguments: str = "x, t") -> str:
-    """Return a datum in words, in one line: its number, or the name of its function."""
+    """Return a description of a datum in one line: its number, or the name of its function."""
     if callable(value):
         return f"{getattr(value, '__name__', 'function')}({arguments})"
     if isinstance(value, np.ndarray) and value.size > 3:

@@ -155,11 +155,11 @@ class Terms(ContactRows):
 
     @property
     def acting_rows(self) -> sp.csr_matrix:
-        """The rows of B^ of the terms that some unknown moves."""
+        """The rows of B^ of the terms that some free unknown moves."""
         return self.rows[: self.acting * self.block]
 
     def norms(self, supports: Supports) -> Norms | None:
-        """Return the terms that some unknown moves; None if there are none."""
+        """Return the terms that some free unknown moves; None if there are none."""
         m, block, ground = self.acting, self.block, self.ground
         if m == 0:
             return None
@@ -172,8 +172,8 @@ class Terms(ContactRows):
             ground=None if ground is None else lambda t: ground(t)[: m * block],
         )
 
-    def without_unknowns(self, supports: Supports) -> DraggedTerms | None:
-        """Return the terms that no unknown moves; None if there are none."""
+    def immovable_terms(self, supports: Supports) -> DraggedTerms | None:
+        """Return the terms that no free unknown moves; None if there are none."""
         m, block, ground = self.acting, self.block, self.ground
         if m == len(self):
             return None
@@ -190,7 +190,7 @@ class Terms(ContactRows):
     def _law(self, some: slice) -> Law | None:
         """Return the weights of `some` terms as a law of the forces p (r,) of all limits and the slip of these terms.
 
-        Return None if no weight depends on the solution. A row has the normal force on it and the slip of its term.
+        Return None if no weight depends on the solution. The law of a row uses the force on it and its term's slip.
         """
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
@@ -436,7 +436,7 @@ def _pressures(
     return shares
 
 
-def through_obstacles(obstacles: Obstacles, supports: Supports, times: Sequence[float]) -> list[str]:
+def describe_penetrations(obstacles: Obstacles, supports: Supports, times: Sequence[float]) -> list[str]:
     """Return a sentence for each support that moves contact nodes through their obstacle at one of these instants."""
     held, notes, first = obstacles.prescribed, [], 0
     if held is None:
@@ -454,7 +454,7 @@ def through_obstacles(obstacles: Obstacles, supports: Supports, times: Sequence[
     return notes
 
 
-def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
+def describe_immovable(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
     """Return a sentence for each friction and obstacle that has no effect because none of its nodes can move."""
     moving = np.arange(len(terms.nodes)) < terms.acting
     if terms.dragged is not None:
@@ -465,7 +465,7 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
     return [f"{subject}: other effects hold all its nodes" for subject in held]
 
 
-def without_contact(interfaces: Mapping[str, Interface], parts: Sequence[ContactSurface | Support]) -> list[str]:
+def find_missing_contact(interfaces: Mapping[str, Interface], parts: Sequence[ContactSurface | Support]) -> list[str]:
     """Return a sentence for each interface on which none of `parts` joins the two bodies."""
     nodes, partners = pairs_of(parts)
     met = nodes[partners >= 0]

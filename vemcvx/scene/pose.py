@@ -22,7 +22,7 @@ from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
-from vemcvx.scene.contact import Obstacles, Surface, Terms, out_of_reach, pose_contact, warn_of_free_normals
+from vemcvx.scene.contact import Obstacles, Surface, Terms, describe_immovable, pose_contact, warn_of_free_normals
 from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, floating_motions
 from vemcvx.scene.rows import straighten_normals
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
@@ -200,7 +200,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         prestress=prestress,
         obstacles=obstacles,
         springs=springs,
-        inactive=(*inactive, *out_of_reach(terms, stops, supports), *[UNHELD] * len(pins)),
+        inactive=(*inactive, *describe_immovable(terms, stops, supports), *[UNHELD] * len(pins)),
         curves=_chain(p.curves for p in parts),
         viscosity=viscosity,
         laws=tuple(
@@ -244,7 +244,7 @@ def _build_system(
         kernel=kernel,
         limits=limited,
         damping=_damping(viscosity, supports, body_frame),
-        dragged=terms.without_unknowns(supports),
+        dragged=terms.immovable_terms(supports),
     )
 
 
@@ -272,7 +272,7 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
 def _find_kernel(
     space: Space, supports: Supports, norms: Norms | None, limited: Limits | None, springs: sp.csr_matrix | None
 ) -> Kernel | None:
-    """Return the rigid motions that only friction or contact resists; warn of them (of named bodies: log)."""
+    """Return the rigid motions that only friction or contact resists; warn of them, or log them for named bodies."""
     felt = ([] if norms is None else [norms.B]) + ([] if limited is None else [limited.D])
     kernel, of_bodies = floating_motions(space, supports, felt, springs)
     if kernel is not None:

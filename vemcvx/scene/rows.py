@@ -1,10 +1,10 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
 A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
-rows along tangents have a tangent in place of n. Every row has the *ends* of edges of its part at its node, each with
-half the edge length, which is int phi_i over the edge. If rows of several parts form one term, it has the union of
-their ends: a shared edge counts once. If a force acts on one row, the fraction on another row is the length of their
-common ends, divided by the length of the first row.
+rows along tangents have a tangent in place of n. Every row has *ends*: the edges of its part that meet its node, each
+with half the edge length, which is int phi_i over the edge. If rows of several parts form one term, the term has the
+union of their ends, so a shared edge counts once. If a force acts on one row, the fraction on another row is the length
+of their common ends, divided by the length of the first row.
 """
 
 from __future__ import annotations

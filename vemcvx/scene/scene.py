@@ -245,7 +245,7 @@ def _drop_still_ground(friction: Friction, times: Sequence[float], notes: list[s
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return a function of time whose values are zero in rows without friction under any pressure."""
+    """Return a function of time: values per row, zero if the row has no friction under any pressure."""
     law, ellipse, m = friction.law, friction.ellipse, len(friction.nodes)
     if ellipse is not None:
         return lambda t: np.maximum(*ellipse.bounds(t))

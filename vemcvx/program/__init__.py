@@ -1,6 +1,6 @@
 """The convex program of a step: the variational inequality in coordinates, condensed, scaled, certified.
 
-A solver's author needs `Operators`, `StepProgram`, `Answer`, and the names of features.
+Authors of solvers need `Operators`, `StepProgram`, `Answer`, and the names of features.
 """
 
 from vemcvx.program.certificate import Certificate

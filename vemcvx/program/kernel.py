@@ -6,7 +6,7 @@ sum_i w_i |B_i d - b_i| subject to Dd <= e has a solution if no motion Nc gains 
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \text{ with } D N c \le 0, \quad \text{so that} \quad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0, $$
 
-and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness added on k unknowns
+K d* is unique, but d* need not be, so that errors are measured in the seminorm |.|_K. Stiffness added on k unknowns
 (*anchors*) that the motions move makes K positive definite, so that it can be factorised. Newton's method has the
 coordinates c as unknowns (:mod:`vemcvx.program.forces`). Solvers that need a definite K raise NotAccepted.
 """

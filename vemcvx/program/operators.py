@@ -189,7 +189,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_modes(self) -> Floats:
-        """The values A Z (N, k) of all rows on the kernel Z (n, k) of K; (N, 0) if K has none."""
+        """The products A Z (N, k) of all rows with the kernel Z (n, k) of K; (N, 0) if K has no kernel."""
         return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property

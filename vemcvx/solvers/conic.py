@@ -97,9 +97,9 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("iterative_refinement_enable", False, "refinement doubles the time, and rarely gains digits"),
         Setting("presolve_enable", False, "there is nothing to remove"),
         Setting("equilibrate_enable", False, "programs are scaled already"),
-        Setting("static_regularization_constant", 1e-15, "with 1e-13 a sixth of the paper's steps miss by 1e6"),
+        Setting("static_regularization_constant", 1e-15, "with 1e-13 1/6 of the paper's steps miss by a factor of 1e6"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
-        # The case in hard_cases.py: K has one motion without energy, and friction just holds it.
+        # The case is in hard_cases.py: K has one motion without energy, which friction barely prevents.
         Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", Condition.SEMIDEFINITE),
         Setting("iterative_refinement_enable", True, "gains the missing digits", Condition.RETRY),
         # Examples: fixed points that need the last digits in janssen_silo.py, and the steps in solver_accuracy.py.
@@ -126,8 +126,8 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("eps_rel", TIGHT, "by default, 1e-9, certified 1e-4"),
     ),
     "QOCO": (
-        Setting("abstol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down: 4e-1"),
-        Setting("reltol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down: 4e-1"),
+        Setting("abstol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down, certified 4e-1"),
+        Setting("reltol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down, certified 4e-1"),
     ),
     "ECOS": _ECOS,
     "ECOS_BB": _ECOS,

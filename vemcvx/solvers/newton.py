@@ -1,8 +1,8 @@
 r"""Semismooth Newton on active sets, in the contact forces x = (lam, p) (:mod:`vemcvx.program.forces`).
 
-The active sets are: which terms stick, which limits act, and in which direction the other terms slip. On given sets the
-forces are x = x_law + Q z. x_law has w s/|s| on slipping terms, zero on open limits, and x elsewhere. The unknowns z
-are changes of
+The active sets are the sticking terms, the acting limits, and the directions in which the other terms slip. On given
+sets the forces are x = x_law + Q z. x_law is w s/|s| on slipping terms, zero on open limits, and x elsewhere. The
+unknowns z are changes of
 
 - forces of sticking terms and acting limits (columns of the identity; for limits also J = dw/dp along slips),
 - forces across the direction of slip, with the compliance |s|/w,

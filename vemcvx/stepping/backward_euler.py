@@ -320,7 +320,7 @@ def march(
     solver : Solver, or object with solve(program, target), optional
         By default the first of Direct, Newton, OSQP and Clarabel that accepts the program.
     initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
-        The initial state: zero, a given state, K y = load(t_0) without friction, or one step from zero at t_0.
+        Zero, given unknowns, K y = load(t_0) without friction, one step from zero at t_0, or as these classes describe.
     store : "all", "last", int or sequence of int
         States to store: all, the last, every n-th and the last, or the states of given steps and the last.
     check, condense, linear
@@ -501,7 +501,7 @@ def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
 
 
 def _begin_history(run: PreparedRun, state: State, past: Ledger) -> State:
-    """Return the state as the beginning of a history, with slips of zero and the losses and work of `past`."""
+    """Return the state as the beginning of a history, without slips in its step, and with losses and work of `past`."""
     ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
     return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=state.data.force.norm)

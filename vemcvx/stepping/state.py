@@ -9,9 +9,9 @@ energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
            (forces and reactions at the end of the step; the load excludes the Dirichlet force; c is the motion of
            supports along norm terms minus the motion of the ground; g is the remaining gap at y = 0)
-loss     = sum_i lam_i . s_i, the work of friction, stored for each term; it is w_i |s_i| at a solution
+loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step, for every balanced answer, z = D^u - e. For bounds
-           the last term is -p . z_prev >= 0; for soft limits, minus the change of their energy, at least c (dp)^2 / 2
+           p . dz is -p . z_prev >= 0; soft limits subtract the change of c p^2 / 2, and at least c (dp)^2 / 2 is left
 
 Nodes that supports drag along the contact have a given slip s, the change of c. These nodes do not enter the program.
 They add w |s| to the loss, and as much to the work of the supports, whose reactions balance the friction forces -lam,
@@ -169,10 +169,10 @@ class State:
 
     t: float
     y: Floats  # the stored unknowns
-    unbalanced: Floats  # load - K y on them, which norm terms, limits and dashpots balance
+    unbalanced: Floats  # load - K y on the stored unknowns, which norm terms, limits and dashpots balance
     data: StepData
     weights: Floats  # (terms,) weights of the step that ended here
-    bound: Floats  # (terms,) weights at the end of the step, if they depend on slips
+    bound: Floats  # (terms,) weights for the slips at the end of the step
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (terms, block) slips of the step that ended here

@@ -64,7 +64,7 @@ LINES = {"program": 2_321, "solvers": 1_433, "stepping": 1_800, "linear": 940, "
 LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_172}
 LINES |= {"bound": 3_273, "results": 2_849, "estimate": 2_286, "plots": 2_122}
 LINES |= {"cost": 682, "cli": 3_753}
-LINES |= {"meshes": 7_566, "meshes/io": 1_548, "vem": 2_585}
+LINES |= {"meshes": 7_563, "meshes/io": 1_548, "vem": 2_585}
 """Most lines of folders: they grow by decision only, which raises a number here."""
 TOP = 1_807
 """Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""

@@ -78,8 +78,8 @@ class Tetrahedra(NamedTuple):
 
     corners: Ints  # (n, 4) seen from the fourth, the first three run counter-clockwise
     parts: Ints  # (n, 4) position in the old boundary of the face opposite to each corner; -1 inside
-    parents: Ints
-    cuts: Ints
+    parents: Ints  # (n,) original cell
+    cuts: Ints  # (n,) number of bisections since then
 
     @classmethod
     def from_mesh(cls, mesh: PolyhedralMesh) -> Tetrahedra:
@@ -121,7 +121,7 @@ class Tetrahedra(NamedTuple):
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
-    """Bisect the marked cells (n_cells,) of a tetrahedral mesh `cuts` times, and cells until no edge has a node."""
+    """Bisect the marked cells (n_cells,) at least `cuts` times, then all tetrahedra with nodes inside edges."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, values = Tetrahedra.from_mesh(mesh), marked, csr_array(eye_array(mesh.n_nodes, format="csr"))
     ends = np.empty((0, 2), dtype=np.int64)
@@ -147,14 +147,14 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the old part of each boundary face, from the old parts of all listed faces."""
+    """Return, for each boundary face, the position of its parent in the old boundary; `listed` has it for all faces."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]
 
 
 def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
-    """Split all cells into a part at each vertex."""
+    """Split each cell into one part per vertex."""
     shared = sort_edges(mesh.face_offsets, mesh.face_vertices, mesh.n_nodes)
     n, ends = mesh.n_nodes, shared.ends
     check_lengths(mesh.points, ends)
@@ -195,7 +195,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
 
 
 def _places(mesh: PolyhedralMesh, ends: Ints) -> Ints:
-    """Return the places of old nodes, midpoints of edges, centroids of faces and of cells."""
+    """Return, for old nodes, midpoints, and centroids of faces and cells, the first node with the same coordinates."""
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     first, number = same_rows(mesh.face_offsets, places[mesh.face_vertices])
     of_faces = mesh.n_nodes + len(ends) + first[number]

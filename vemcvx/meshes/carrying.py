@@ -66,7 +66,7 @@ class Origins(NamedTuple):
 
 
 def inherit_parts(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
-    """Return the refinement of `mesh` with new cells `made`, which inherit names, interfaces and cell data."""
+    """Return the refinement; the new mesh `made` inherits the boundaries, interfaces and cell data of `mesh`."""
     parents, parts, places, prolongation = origins
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 

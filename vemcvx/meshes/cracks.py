@@ -37,7 +37,7 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 CRACK_WORDS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
-"""Words for sides that cannot open."""
+"""Words for the error about an edge or face that cannot open."""
 
 
 def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
@@ -118,7 +118,7 @@ def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple
 
 
 def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
-    """Raise MeshError if both lips (rows of new nodes) have an edge or face in common, which cannot open."""
+    """Raise MeshError if an edge or face of the crack cannot open, because both lips have the same nodes there."""
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):
         row = lip[closed[0]]

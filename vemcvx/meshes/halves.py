@@ -141,7 +141,7 @@ def _split_cell(
 
 
 def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[tuple[int, int], int]) -> Any:
-    """Return the mesh of the cells `own`, pairs of the number of the parent cell and the vertices or faces."""
+    """Return the mesh of the cells `own`: pairs (number of the parent cell, vertices or faces of the cell)."""
     parents, cells = zip(*own, strict=True)
     plane = isinstance(mesh, PolygonMesh)
     used = np.unique(np.concatenate([row for cell in cells for row in ((cell,) if plane else cell)]))

@@ -97,7 +97,7 @@ class Splitting:
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
-    """Find the sides of all cells and the points to split at."""
+    """Find the sides of all cells, and the points at which sides would be split."""
     begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
     corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)

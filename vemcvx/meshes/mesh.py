@@ -243,7 +243,7 @@ class Mesh(ABC):
         return free
 
     def _in_planes(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
-        """Return the boundary edges or faces on each side of a box, by name."""
+        """Return the boundary edges or faces on each side of a box, by the name of the side."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
         # an edge shorter than the tolerance lies on two sides at a corner: it belongs to the side parallel to it

@@ -116,7 +116,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return points with new places, and the pieces of boundary faces: their faces (k,), ascending, and k rows."""
+    """Return points with new places, the face (k,) of each piece, ascending, and the pieces (k rows of places)."""
     linked = distinct(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)

@@ -38,7 +38,7 @@ def spans(starts: Ints, counts: Ints) -> Ints:
 
 
 def offsets_of(counts: Ints) -> Ints:
-    """Return the offsets at which rows of these lengths begin, and the end of the last row."""
+    """Return the offsets at which rows of the given lengths begin, and last the end of the last row."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
@@ -49,7 +49,7 @@ def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
 
 
 def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
-    """Return the vertices with the marked rows in reverse; each keeps its first vertex."""
+    """Return the vertices with the marked rows reversed; each row keeps its first vertex."""
     counts = np.repeat(np.diff(offsets), np.diff(offsets))
     start = np.repeat(offsets[:-1], np.diff(offsets))
     place = np.arange(len(vertices)) - start
@@ -330,7 +330,7 @@ def triangulate(polygons: NDArray[Any]) -> Triangles:
 
 
 def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return counter-clockwise triangles (t, 3, 3) of a constrained Delaunay triangulation, and their polygons."""
+    """Return triangles (t, 3, 3), counter-clockwise, of a constrained Delaunay triangulation, and their polygons."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
@@ -340,9 +340,9 @@ def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
 
 
 def fans(polygons: NDArray[Any]) -> Triangles:
-    """Return the triangles from the first corner of each polygon to all its sides; clockwise ones have negative areas.
+    """Return triangles between the first corner and each side of polygons; clockwise triangles have negative areas.
 
-    They may leave the polygon, but their integrals of a polynomial add up to the integral over the polygon.
+    They may leave the polygon, but integrals of a polynomial over them add up to its integral over the polygon.
     """
     import shapely
 

@@ -150,7 +150,7 @@ def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
 
 
 def _gap(one: AnyKind, other: AnyKind) -> tuple[float, Floats]:
-    """Return the distance of two separate bodies (in space: of their nearest nodes), and a point there."""
+    """Return the distance between two separate bodies (in space: between their nearest nodes), and a point there."""
     if isinstance(one, PolyhedralMesh):
         distance, _ = nearest(other.points, one.points)
         return float(distance.min()), one.points[np.argmin(distance)]
@@ -190,7 +190,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return, for each node, the first node that coincides with it; raise MeshError if both are of one body."""
+    """Return, for each node, the first node within the distance; raise MeshError if two nodes of a body get one."""
     nodes = distinct(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -258,7 +258,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
 def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
-    """Return interfaces by name, from rows (k, n) of nodes of earlier bodies and of their partners."""
+    """Return interfaces by name; `sides` are rows (k, n) of nodes of earlier bodies, and of their partners."""
     named = _check_names(interfaces, names)
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
@@ -397,7 +397,7 @@ def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[Polyhedra
 
 
 def _check_whole(mesh: PolygonMesh | PolyhedralMesh) -> None:
-    """Raise MeshError if cells in space are no longer valid polyhedra, or do not fit together."""
+    """Raise MeshError if the joined cells in space are not valid polyhedra, or do not fit together."""
     if isinstance(mesh, PolyhedralMesh):
         try:
             check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
@@ -427,7 +427,7 @@ def _check_outside(
 
 
 def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError if two bodies enclose a pocket: faces that face each other, with coinciding nodes, but differ."""
+    """Raise MeshError if faces of two bodies face each other, and all their nodes coincide, but faces do not match."""
     free = mesh._boundary[mesh._outer]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
     shared = np.bincount(place)[place] > 1

@@ -67,7 +67,7 @@ def read_vtu(data: bytes) -> Grid:
 
 
 def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
-    """Add to a grid the parts of the boundary that a file has as fields "boundary:<name>": node rows padded with -1."""
+    """Add to a grid the parts of the boundary in fields "boundary:<name>": rows of nodes, padded with -1."""
     for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
         rows = values if values.ndim == 2 else values.reshape(-1, 2)
         if rows.dtype.kind not in "iu":

@@ -79,7 +79,7 @@ def main(family: str, n: int, body: str = "none", steps: int = 6) -> None:
         lap()
         pair = circle.pair(other, one)
         found.append(lap())
-        assert pair.lowered <= pair.upper
+        assert pair.lower <= pair.upper
     figures = {
         "cells": mesh.n_cells,
         "K": K,
@@ -88,7 +88,7 @@ def main(family: str, n: int, body: str = "none", steps: int = 6) -> None:
         "first/K": found[0] / K,
         "(setup + first)/K": (setup + found[0]) / K,
         "step/K": float(np.median(found[1:])) / K,
-        "upper/lower": pair.upper / pair.lowered,
+        "upper/lower": pair.upper / pair.lower,
         "GB before": before,
         "GB": peak(),
     }

@@ -12,7 +12,7 @@ from scenes import paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.adapt import GAIN, MARGIN, StepLoss, cells_to_refine, split_steps
-from vemcvx.estimate.finer_steps import beside_finer
+from vemcvx.estimate.finer_steps import compare_finer_steps
 from vemcvx.scene import pose_scene
 from vemcvx.stepping import prepare
 
@@ -134,7 +134,7 @@ def test_steps_are_halved_for_curved_loads():
     counts = []
     for allowed in (0.09, 0.01):
         while True:
-            finer = beside_finer(run, times, np.zeros(posed.system.n))
+            finer = compare_finer_steps(run, times, np.zeros(posed.system.n))
             split = split_steps(times, StepLoss.from_energy(finer, finer.norm), allowed)
             if len(split) == len(times):
                 break

@@ -11,7 +11,7 @@ from scenes import mostly_long, paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
-from vemcvx.estimate.finer_steps import beside_finer
+from vemcvx.estimate.finer_steps import compare_finer_steps
 from vemcvx.scene import pose_scene
 from vemcvx.stepping import certify_in_full, initial_state, prepare
 from vemcvx.stepping.course import sample_course
@@ -32,7 +32,7 @@ def ratio(scene, mesh, times, initial=None, parts=24):
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
     start = certify_in_full(run, initial_state(run, times, initial)).full
-    found = beside_finer(run, times, start)
+    found = compare_finer_steps(run, times, start)
     fine = finest(times, posed.system, parts)
     states = [vx.march(posed.system, t, initial=initial, check=False).state for t in (times, fine)]
     apart = states[0] - states[1][np.searchsorted(fine, times)]

@@ -126,7 +126,7 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 def richest(pair):
     """Return a bound of |u - v - w|_a for a scene without springs; w is an enrichment inside the cells."""
     A2 = pair.circle.squares(pair.richer).sum()
-    return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.lacking))
+    return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.law_defect))
 
 
 def beside_refined(coarse, part, most=20_000):

@@ -1,9 +1,9 @@
 """The conforming displacement inside polygons: an explicit replacement of virtual functions on the fan of each cell.
 
 The displacement is linear on the edges of the mesh, like the virtual function. Inside a cell it minimises the energy
-under the body force over continuous functions of degree 2 on the split fan. Their divergences are general enough
-to avoid locking (Scott and Vogelius on the split of Alfeld). Functions of degree 1 on the fan lock: at lambda = 1e6
-they gave the bound 22 for an error of .026.
+under the body force over continuous functions of degree 2 on the split fan. The divergences of these functions are
+general enough to avoid locking (Scott and Vogelius on the split of Alfeld). Functions of degree 1 on the fan lock: at
+lambda = 1e6 they gave the bound 22 for an error of .026.
 
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
 middles between corner k and the centroid. The last four nodes are inside, and are condensed. Next the hub of the cell,

@@ -18,7 +18,7 @@ from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
 from vemcvx.bound.quantity import Dual, Fields, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import instant
-from vemcvx.bound.whole_history import check_history, sizes_along
+from vemcvx.bound.whole_history import check_history, collect_terms
 from vemcvx.effects import Effect, PrescribedDisplacement
 from vemcvx.history import History, scene_of
 from vemcvx.results import loop_of
@@ -32,9 +32,9 @@ class ErrorBound(Outlined):
     """The bounds on the distance |u - v|_a of the exact displacement u from the computed displacement v.
 
     v is a conforming function with the nodal values of the history, linear on the edges of cells. Inside a cell, v has
-    the least energy among functions of degree two on a fine split. For a step, u is the exact answer of the step on the
-    continuum, given the displacement before the step. For a history, u is the exact history. It begins with v at
-    times[0], or, like the run, at rest under the loads (initial="equilibrium" or "settled").
+    the least energy among functions of degree two on a fine split. For a step, u is the exact solution of the step on
+    the continuum, given the displacement before the step. For a history, u is the exact history, and is v at times[0]
+    or, with initial="equilibrium" or "settled", begins at rest under the loads as the run does.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class ErrorBound(Outlined):
         "bound": a theorem, for data that are linear on edges and in cells at all examined points
         (:mod:`vemcvx.bound.reading`). "bound for data as read at points" for other data: `upper`, `lower`, `energy` and
         `potential` then contain the estimate "data". "bound for the given friction", or "... the given friction and
-        data as read at points", if the bound of friction follows the pressure of the answer. "... data as read at
+        data as read at points", if the friction bound follows the computed pressure. "... data as read at
         instants" for a history whose data are not linear in time within its steps.
     history : History
         The run.
@@ -222,17 +222,17 @@ def bound_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped
     """Return the bounds of steps with these pairs."""
     at, pairs = np.array([one.n for one in stepped]), [one.pair for one in stepped]
     eta, misread = np.transpose([pair.allowances() for pair in pairs])
-    names = "upper", "norm", "potential", "lowered", "A2", "lacking"
-    upper, norm, potential, lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
+    names = "upper", "norm", "potential", "lower", "A2", "law_defect"
+    upper, norm, potential, lower, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
     upper = upper + eta
     worst, outer = pairs[int(np.argmax(upper))], circle.boundary.edges.outer
     shares = worst.cells + totals(outer, 2.0 * worst.surface.gap + worst.springs, len(worst.cells))
     return ErrorBound(
         steps=at,
         upper=upper,
-        lower=np.maximum(lowered - eta, 0.0),
+        lower=np.maximum(lower - eta, 0.0),
         energy=_energies(norm, upper),
-        potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lowered**2 + misread),
+        potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lower**2 + misread),
         cells=upper.max() ** 2 * shares / (shares.sum() or 1.0),
         parts={
             "mesh": np.sqrt([pair.cells.sum() for pair in pairs]),
@@ -258,7 +258,7 @@ def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
 
 def _bound_history(posed: PosedScene, history: History) -> ErrorBound:
     check_history(posed, history)
-    found, cells, bends = sizes_along(hypercircle(posed), history)
+    found, cells, bends = collect_terms(hypercircle(posed), history)
     y, D, norm, r, richer, points, instants = found.T
     eta, nothing = points + instants, np.full(len(y), np.inf)
     upper = np.sqrt(np.square(y) + 2.0 * richer * y + r**2) + eta

@@ -115,7 +115,7 @@ class Pair:
     """J(v)"""
     norm: float
     """|v|_a"""
-    lowered: float
+    lower: float
     """lower bound of |u - v|_a"""
 
     @property
@@ -137,14 +137,14 @@ class Pair:
         return float(self.cells.sum() + self.springs.sum())
 
     @property
-    def lacking(self) -> float:
+    def law_defect(self) -> float:
         """The defect b in the laws of friction and contact."""
         return float(self.surface.gap.sum())
 
     @property
     def upper(self) -> float:
         """The upper bound of |u - v|_a."""
-        return float(0.5 * np.sqrt(self.A2) + np.sqrt(0.25 * self.A2 + self.lacking))
+        return float(0.5 * np.sqrt(self.A2) + np.sqrt(0.25 * self.A2 + self.law_defect))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,7 +190,7 @@ class Hypercircle:
         np.add.at(given, numbered.outer, surface.forces - pull)
         largest = max(float(np.abs(one).max(initial=0.0)) for one in (tractions, surface.forces))
         motion = self.equilibrium.solve(given, largest)
-        w, lowered = self._best(self.work_of_tractions(surface.loads) - work)
+        w, lower = self._best(self.work_of_tractions(surface.loads) - work)
         defect, springs = replace(defect, motion=motion), boundary.spring_energies(ends).sum()
         energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.work_of_stress(still, defect)
         loads = float(self.works(read.body, defect).sum() + np.sum(surface.loads * ends))
@@ -206,7 +206,7 @@ class Hypercircle:
             springs=boundary.spring_energies(motion[numbered.outer]),
             potential=float(0.5 * energy + at_rest - loads + surface.cost.sum()),
             norm=float(np.sqrt(max(energy, 0.0))),
-            lowered=lowered,
+            lower=lower,
         )
 
     def prestress(self, t: float) -> Floats:

@@ -155,7 +155,7 @@ class Dual:
                 if load.cells is None and load.edges is None:
                     raise SceneError(
                         f"error_bound: found of={brief(effect)}; {load.subject} at a point has no bound, because the "
-                        "answer to a point force has infinite energy. Give the mean over a part, by Traction."
+                        "response to a point force has infinite energy. Give the mean over a part, by Traction."
                     )
         return cls(circle, effects, t)
 
@@ -253,7 +253,7 @@ class Dual:
         middle = dual.quantity_of(primal) + dual.work(pair.surface.forces, pair.read.body)
         middle -= float(energies.sum() + np.einsum("bi,bij,bj->", one, springs, other))
         middle += float(0.5 * defects.sum()) - circle.work_of_stress(circle.prestress(pair.t), dual.richer)
-        width = self._unknown_work(pair) + float(np.sqrt(dual.A2 * (0.25 * primal.A2 + pair.lacking)))
+        width = self._unknown_work(pair) + float(np.sqrt(dual.A2 * (0.25 * primal.A2 + pair.law_defect)))
         width += 0.5 * float(np.sum(np.sqrt(dual.pair.springs * pair.springs))) + _allowance(primal, dual)
         return middle - width, middle + width
 

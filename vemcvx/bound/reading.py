@@ -6,11 +6,11 @@ body forces by linear functions in every cell. For such data, with gaps and grou
 nodes, bounds are theorems. For other data they are theorems for the fits, the data *as read*. The load minus its fit,
 the omitted load e(w), is a linear functional of displacements w with the norm eta = sup e(w) / |w|, estimated by
 
-    SAFETY times the answer of the whole body to the difference from a second reading with fewer points, plus, in each
-    cell, the energies below of the remainders.
+    SAFETY times the energy norm of the body's response to the change of the fits by a second reading with fewer points,
+    plus the root of the sum over cells of the energies below of the remainders.
 
-The answers to the data and to their fits differ by at most eta, also with friction and contact. The minima of a step
-differ by at most |e(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders of
+The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
+step differ by at most |e(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders of
 gaps. Features narrower than the distance of points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
@@ -27,10 +27,10 @@ edge of a half space, which has the constant (3 - 4 nu) / pi <= .96 relative to 
 enough for functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu times the
 wave number, which the weight of motions bounds. The last energy is exactly the squared dual norm of its work.
 
-These energies are local. Means of tractions and body forces are forces r on the whole body: two answers whose loads
-differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. A traction wave as long as an edge, or a strip of
-weight between quadrature points, has one sign and moves the whole body. No weight that vanishes with the edge length
-bounds this motion (local weights alone gave .37 of the error).
+These energies are local. Means of tractions and body forces are forces r on the whole body: two solutions for loads
+that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. A traction wave as long as an edge, or a
+strip of weight between quadrature points, has one sign and moves the whole body. No weight that vanishes with the edge
+length bounds this motion (local weights alone gave .37 of the error).
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class Reading:
     others: Floats
     """(n_cells,) energies of remainders of bounds of friction, gaps and ground motions"""
     on_gaps: float
-    """work of the pressure of the answer on remainders of gaps"""
+    """work of the computed pressure on remainders of gaps"""
 
     @property
     def exact(self) -> bool:
@@ -347,7 +347,7 @@ class Reader:
         return totals(self.fine.owner[at], self.fine.lengths[at] * values, len(self.edges.outer))
 
     def energies(self, on_pieces: Floats, in_cells: Floats) -> Floats:
-        """Return the energies (n_cells,) of tractions (k, 2) on pieces and body forces (q, 2) at points, or none."""
+        """Return the energies (n_cells,) of tractions (k, 2) on pieces, and of body forces (q, 2) at points if any."""
         edges, inside, n = self.edges, self.inside, len(self.edges.areas)
         squares = totals(self.fine.piece_owner, self.pieces.weights * np.sum(on_pieces**2, axis=1), len(edges.outer))
         found = totals(edges.outer, self.compliances * squares, n)
@@ -458,10 +458,10 @@ class Reader:
         """Return True if moduli, eigenstrains or prestress vary inside cells."""
         at = self.inside.x, self.inside.owner
         unit = np.ones((len(self.edges.areas), 3))
-        return any(stresses_apart(self.posed, self.parts, at, t, strain)[0].any() for strain in (0.0 * unit, unit))
+        return any(compare_stresses(self.posed, self.parts, at, t, strain)[0].any() for strain in (0.0 * unit, unit))
 
 
-def stresses_apart(
+def compare_stresses(
     posed: PosedScene, parts: Sequence[Contribution], at: tuple[Floats, Ints], t: float, strain: Floats
 ) -> tuple[Floats, Floats]:
     """Return (C - C_K) eps + sigma_0 - sigma_0K (q, k) at points (q, dim) of cells (q,), and C there (q, k, k)."""

@@ -1,13 +1,13 @@
 """The surface of a body at an instant: supports, loads, and admissible tractions of friction and contact.
 
-All functions are linear on edges, given at both ends: loads and bounds of friction by :mod:`.reading`, gaps and ground
+All functions are linear on edges, given at both ends: loads and friction bounds by :mod:`.reading`, gaps and ground
 motions by their values at nodes. The effects of the scene contribute once more on edges cut into pieces
-(:mod:`vemcvx.bound.fine_boundary`), which determines the edges on which they act.
+(:mod:`vemcvx.bound.fine_boundary`). These contributions show on which edges an effect acts.
 
 Let s be the slip of v in the step, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n - gap the
-depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we take the
-multipliers of the answer per length, clipped. The defect of v, q and p in the laws of friction and contact is the sum
-of
+depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the
+multipliers of the run per length, clipped to these limits. The defect of v, q and p in the laws of friction and contact
+is the sum of
 
     int g |s| - q s,        int -p z  (z <= 0),        int k z_+^2 / 2 + p^2 / (2 k) - p z,
 
@@ -103,12 +103,12 @@ class _Pressing:
         stored: Floats = 0.5 * self.stiffness.max(axis=1) * squares_above_zero(self.depth)
         return stored
 
-    def lacking(self, p: Floats) -> Floats:
+    def law_defect(self, p: Floats) -> Floats:
         """Return the mean defect (b,) in the law of contact for pressures p (b, 2)."""
         if self.stiffness is None:
             return products(p, np.maximum(-self.depth, 0.0))
-        lacking: Floats = self.stored + 0.5 * products(p, p) / self.stiffness.min(axis=1) - products(p, self.depth)
-        return lacking
+        law_defect: Floats = self.stored + 0.5 * products(p, p) / self.stiffness.min(axis=1) - products(p, self.depth)
+        return law_defect
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,14 +277,14 @@ class Boundary:
         if self.motions.shape[1]:
             q, pressures = self._balance((q, g), (pressures, (rigid.acts, soft.acts)), loads, body)
         dissipated = products(g, np.abs(slip))
-        lacking = dissipated - products(q, slip) + rigid.lacking(pressures[0]) + soft.lacking(pressures[1])
+        law_defect = dissipated - products(q, slip) + rigid.law_defect(pressures[0]) + soft.law_defect(pressures[1])
         contact = q[..., None] * tangents[:, None] + pressures.sum(axis=0)[..., None] * units[:, None]
         contact[self.edges.joints.second] -= contact[self.edges.joints.first][:, ::-1]
         return Surface(
             loads=loads,
             forces=loads - self.forces_of(contact),
             cost=lengths * (dissipated + soft.stored),
-            gap=np.maximum(lengths * lacking, 0.0),
+            gap=np.maximum(lengths * law_defect, 0.0),
             laws=np.stack([g, q]),
             slip=slip,
         )
@@ -294,7 +294,7 @@ class Boundary:
         forces: Floats = np.matmul(self.edges.lengths[:, None, None] * MASS, tractions)
         return forces
 
-    def lacking(self, before: Surface, now: Surface) -> float:
+    def law_defect(self, before: Surface, now: Surface) -> float:
         """Return D >= 0, the defect in Tresca's law in a step, for friction and displacements linear in time."""
         g, q = 0.5 * (before.laws + now.laws)
         means = products(g, np.abs(now.slip)) - products(q, now.slip)
@@ -353,7 +353,7 @@ class Boundary:
         return _Pressing(pressure, acts[:, 0], z, np.where(acts, k, 1.0) if compliant else None)
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
-        """Return the depths (b, 2) of a displacement in obstacles, -inf without one, and the stiffness of obstacles."""
+        """Return the depths (b, 2) of a displacement in obstacles, -inf on other edges, and the obstacle stiffness."""
         fine, (distance, stiffness) = self.reader.fine, np.zeros((2, len(self.edges.outer), 2))
         distance += np.inf
         for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):

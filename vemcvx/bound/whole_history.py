@@ -19,8 +19,8 @@ C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|
 |u - v_0|^2 <= |r_0|^2 + 2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run
 from vx.projected(u_0) is refused: its exact history begins at u_0, and the stress of u_0 is not available.
 
-**Sharpness.** y never decreases. It grows by the same amount in each load cycle, although the error does not grow. It
-grows with the changes of r under the load, with the defect in the law of friction within steps, and with long steps.
+**Sharpness.** y never decreases. It grows by the same amount in each load cycle, although the error does not grow. The
+growth is due to changes of r under the load, to the defect in the law of friction within steps, and to long steps.
 
 **Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
 steps. The largest energy norm of the difference between the two runs up to an instant, times SAFETY, is added to the
@@ -47,9 +47,9 @@ from vemcvx.stepping import march
 from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_course, subdivide
 
 log = logging.getLogger("vemcvx")
-READINGS = 512
+SAMPLES = 512
 """Smallest number of instants of a whole run at which data are sampled."""
-READINGS_PER_STEP = 8  # Smallest number of such instants in each step.
+SAMPLES_PER_STEP = 8  # Smallest number of such instants in each step.
 SAFETY = 1.5
 """Safety factor of the estimated error between instants."""
 
@@ -79,7 +79,7 @@ def check_history(posed: PosedScene, history: History) -> None:
         )
 
 
-def sizes_along(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
+def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
     """Return the terms (N + 1, 7) of the bounds at the instants of a run.
 
     These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates for data between points and between
@@ -88,12 +88,12 @@ def sizes_along(circle: Hypercircle, history: History) -> tuple[Floats, Floats, 
     first = instant(history, 0)
     rests = history.begins in ("equilibrium", "settled")
     pair = circle.pair(first, replace(first, u=0.0 * first.u) if rests else first)
-    y, dissipated, missed = float(np.sqrt(pair.A2 + 2.0 * pair.lacking)), 0.0, 0.0
+    y, dissipated, missed = float(np.sqrt(pair.A2 + 2.0 * pair.law_defect)), 0.0, 0.0
     found, squares = list[tuple[float, ...]](), list[Floats]()
     for n in range(history.steps + 1):
         if n > 0:
             before, pair = pair, circle.pair(instant(history, n), instant(history, n - 1))
-            lost = circle.boundary.lacking(before.surface, pair.surface)
+            lost = circle.boundary.law_defect(before.surface, pair.surface)
             change = float(np.sqrt(circle.squares(pair.richer - before.richer).sum()))
             y, dissipated = float(np.sqrt(y**2 + 2.0 * lost)) + change, dissipated + lost
             missed += (pair.read - before.read).energy
@@ -138,7 +138,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
 
 def _off_lines(system: System, times: Floats) -> Floats:
     """Return random instants at which data differ from linear interpolation between the instants of a run."""
-    parts = subdivide(times, READINGS_PER_STEP, READINGS)
+    parts = subdivide(times, SAMPLES_PER_STEP, SAMPLES)
     width, draw = np.diff(parts), np.random.default_rng(0)
     inside = parts[:-1] + draw.uniform(1.0, 2.0, len(width)) / 3.0 * width
     inside = inside[width > 2.0 * JUMP_WIDTH * (times[-1] - times[0])]

@@ -33,8 +33,8 @@ from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.error_bound import ErrorBound, bound_steps, pairs_of
 from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
-from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
-from vemcvx.estimate.finer_steps import Finer, beside_finer
+from vemcvx.estimate.budget import ErrorBudget, budget_of, estimate_time_error
+from vemcvx.estimate.finer_steps import Finer, compare_finer_steps
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import Mesh, PolyhedralMesh
@@ -300,7 +300,7 @@ def adapt(
     aim, instants = _begin(scene, mesh, aim)
     while True:
         posed, history, bound = _simulate_pass(scene, mesh, instants, aim, start)
-        finer = in_time(posed, history.trajectory)
+        finer = estimate_time_error(posed, history.trajectory)
         budget = _budget(posed, history, bound, aim, finer)
         history, lost, parts, indicators = _measure_pass(history, budget, finer, of)
         now = Pass(
@@ -498,8 +498,8 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     if posed.curves:
         warnings.warn(
             f"adapt: the curve of {' and '.join(posed.curves)} is a polygon on the coarse mesh. "
-            "Refined meshes keep the corners of this polygon, over which nothing can slide. Answers converge to the "
-            "answer for the polygon, and errors are relative to the polygon. If something slides there, simulate on "
+            "Refined meshes keep the corners of this polygon, over which nothing can slide. Solutions converge to the "
+            "solution for the polygon, and errors are relative to the polygon. If something slides there, simulate on "
             "finer meshes of the curve itself.",
             SceneWarning,
             stacklevel=3,
@@ -511,7 +511,7 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     times = aim.stored
     while True:
         if aim.of == "energy":
-            finer = beside_finer(run, times, state.unknowns, known)
+            finer = compare_finer_steps(run, times, state.unknowns, known)
             lost = StepLoss.from_energy(finer, finer.norm)
         else:
             last = march(posed.system, times, initial=begun, store="last", check=False)

@@ -20,7 +20,7 @@ from vemcvx.base.arrays import SAME, Floats, Ints, brief, plain
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.skeleton import check_estimable, instant
-from vemcvx.estimate.finer_steps import Finer, beside_finer
+from vemcvx.estimate.finer_steps import Finer, compare_finer_steps
 from vemcvx.estimate.quantities import quantities
 from vemcvx.estimate.residual import Residuals
 from vemcvx.history import History, scene_of
@@ -175,7 +175,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
     run, residuals = history.trajectory, Residuals(posed)
     squares = [residuals.indicators(instant(history, k)) for k in rows]
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
-    finer = in_time(posed, run) if finer is None else finer
+    finer = estimate_time_error(posed, run) if finer is None else finer
     parts = {name: np.sqrt([part[name].sum() for part in squares]) for name in squares[0]}
     space = np.sqrt(np.sum([values**2 for values in parts.values()], axis=0))
     time = np.maximum.accumulate(finer.errors)[steps]
@@ -195,7 +195,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
     )
 
 
-def in_time(posed: PosedScene, run: Trajectory) -> Finer:
+def estimate_time_error(posed: PosedScene, run: Trajectory) -> Finer:
     """Compare a run of a posed scene with a run in finer steps.
 
     The finer run includes effects that are zero at the instants of the run, because they may act between instants.
@@ -206,4 +206,4 @@ def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     start, y = float(run.times[0]), run.initial
     if whole is not posed:
         y = whole.supports.gather(whole.at_rest(displacement(posed, y, start)) - whole.supports.motion(start))
-    return beside_finer(prepare(whole.system, None, False, True), run.times, y)
+    return compare_finer_steps(prepare(whole.system, None, False, True), run.times, y)

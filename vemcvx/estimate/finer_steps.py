@@ -44,7 +44,7 @@ class Finer:
     jumps: tuple[str, ...]
 
 
-def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
+def compare_finer_steps(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
     """Compare a run from a state (n,) at times[0] with a run in finer steps; `known` is the course of its data."""
     known = sample_course(run.system, times) if known is None else known
     if run.operators.count == 0 or len(times) == 1:

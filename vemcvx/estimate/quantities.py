@@ -101,7 +101,7 @@ def errors_of_steps(history: History) -> StepErrors:
         posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
         known = sample_course(posed.system, times)
     finer = _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
-    apart = {name: 1.5 * difference for name, difference in _apart(history, finer).items()}
+    apart = {name: 1.5 * difference for name, difference in _extrapolate_errors(history, finer).items()}
     added = {name: np.abs(np.diff(apart[name])) for name in ("dissipated", "work")}
     errors = {name: np.abs(difference) for name, difference in apart.items()}
     return StepErrors(errors=errors, added=added | {"wear": added["dissipated"]}, bends=known.bends)
@@ -115,7 +115,7 @@ def with_quantities(history: History) -> tuple[History, StepErrors]:
     with contextlib.suppress(MeshError):
         begin = "settled" if _start(history).any() else None
         finer = _run_again(history, history.mesh.refine(), history.trajectory.times, begin)
-        mesh = {name: np.abs(difference) for name, difference in _apart(history, finer).items()}
+        mesh = {name: np.abs(difference) for name, difference in _extrapolate_errors(history, finer).items()}
     over = SPREAD[history.mesh.points.shape[1]][0]
     units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
     estimated = {
@@ -139,7 +139,7 @@ def _courses(history: History) -> dict[str, Floats]:
     return {"dissipated": run.dissipated_second_order, "work": run.work_second_order, "wear": wear}
 
 
-def _apart(history: History, finer: History) -> dict[str, Floats]:
+def _extrapolate_errors(history: History, finer: History) -> dict[str, Floats]:
     """Return twice the differences of a run and a finer run; for wear the largest over the nodes of both."""
     at, other = np.searchsorted(finer.trajectory.times, history.trajectory.times), _courses(finer)
     apart = {name: 2.0 * (own - other[name][at]) for name, own in _courses(history).items() if name != "wear"}

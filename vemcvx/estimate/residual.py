@@ -27,13 +27,13 @@ Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is
 u) is not. On a rectangle eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
 stabilisation has too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then
 |K| / l_e is its cross-section. The sum over the parallel edges, two of a rectangle and four of a box, is the energy of
-a bar with the modulus E whose strain is linear between these edges.
+a bar with the modulus E and a strain that is linear between these edges.
 
 In the plane s = 1 and q = 0. In space s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
 because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises
 the sum over all cells by least squares. Any q is admissible: the residual of sigma is the residual of sigma + q I plus
-(q, div v), which is at most |q I| in C^{-1} times the energy norm of v. In nearly incompressible bodies q makes the
-estimate sharper: there pressure does almost no work on displacements of moderate energy.
+(q, div v), and (q, div v) is at most |q I| in C^{-1} times the energy norm of v. In nearly incompressible bodies q
+makes the estimate sharper: there pressure does almost no work on displacements of moderate energy.
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.

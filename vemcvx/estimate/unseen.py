@@ -19,7 +19,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Bools, Floats, Ints, totals
 from vemcvx.bound.fine_boundary import without_rounding
-from vemcvx.bound.reading import Reader, stresses_apart
+from vemcvx.bound.reading import Reader, compare_stresses
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Support
 from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
@@ -52,8 +52,8 @@ class DataErrors:
             in_cells = in_cells + body[reader.inside.owner]
         force, on_edges = edges.lengths[:, None] * traction, reader.between_nodes(now, compliant=True)
         for friction in (one for one in reader.frictions if one.law is None):
-            squares, lacking = self._bound(friction, now)
-            on_edges, force = on_edges + squares, force + lacking
+            squares, missing = self._bound(friction, now)
+            on_edges, force = on_edges + squares, force + missing
         on_edges += np.sum([self._support(support, now) for support in reader.supports], axis=0)
         local = totals(edges.outer, on_edges, len(body)) + reader.energies(on_pieces, in_cells)
         inside = reader.inside.x, reader.inside.owner, reader.inside.weights
@@ -110,7 +110,7 @@ def stress_squares(
     if not any(laws) and not any(map(any, rest)):
         return np.zeros(len(strain))
     x, owner, weights = at
-    apart, C = stresses_apart(posed, parts, (x, owner), t, strain)
+    apart, C = compare_stresses(posed, parts, (x, owner), t, strain)
     return totals(
         owner, weights * np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[..., None])[..., 0]), len(strain)
     )

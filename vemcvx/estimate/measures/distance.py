@@ -383,10 +383,10 @@ def energy_distance(
     mine, there = fields[0].at(rule.first, rule.points), fields[1].at(rule.second, rule.points)
     apart, C = mine - there, u.moduli[:, rule.first]
     squares, norm = (rule.weights * np.sum(strain * stresses(C, strain), axis=1) for strain in (apart, there))
-    return make_measure(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _apart(rule, u, v))
+    return make_measure(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _compare_moduli(rule, u, v))
 
 
-def _apart(rule: CommonRule, u: Field, v: Field) -> float:
+def _compare_moduli(rule: CommonRule, u: Field, v: Field) -> float:
     """Return the largest relative difference of elastic matrices at the same point."""
     mine, other = (upper_triangle(elastic_matrix(field.moduli, field.space.dim)) for field in (u, v))
     if all((mine[:, :1] == C).all() for C in (mine, other)):

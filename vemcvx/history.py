@@ -64,7 +64,7 @@ class History(Results, Outlined):
         Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy. Zero in plane stress; None in space, or if the
         material does not define zz.
     out_of_plane_prestress : (S, n_cells) or None
-        The part of zz that eigenstrains cause; None if there are none.
+        The part of zz that eigenstrains cause; None if the scene has no eigenstrains.
     inactive : tuple of str
         A sentence for each effect of the scene without influence on this run, because it was dropped or never active;
         and one on the mean motion if nothing holds the body.
@@ -124,7 +124,7 @@ class History(Results, Outlined):
         Raises
         ------
         SceneError
-            A point lies outside the body, or `points` are not points.
+            A point lies outside the body, or `points` is no array of points.
         """
         return places(self.mesh, points, "probe").at_nodes(self.displacement)
 
@@ -223,7 +223,7 @@ class History(Results, Outlined):
         HistoryError
             There is no such table.
         SceneError
-            A point lies outside the body, or `points` are not points.
+            A point lies outside the body, or `points` is no array of points.
         """
         return table(self, name, points)
 
@@ -266,7 +266,7 @@ class History(Results, Outlined):
         Raises
         ------
         HistoryError
-            There is no such step, a required state was not stored, or the history was read from files.
+            There is no step `n`, a required state was not stored, or the history was read from files.
         """
         return next(programs_of_steps(self, [n], condense))
 

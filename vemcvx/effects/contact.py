@@ -219,7 +219,7 @@ class NormalCompliance(Effect):
 SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# With while_closed=True the weight of friction is g where p > 0, and 0 where p = 0. With this jump a step need not have
+# For while_closed=True, a weight that jumps from 0 where p = 0 to the bound where p > 0 would leave some steps without
 # a solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) equals
 # the bound wherever the pressure exceeds g / STEEPNESS. It is continuous, so every step has a solution (Brouwer). This
 # is Coulomb's law with the coefficient STEEPNESS and the cap g.

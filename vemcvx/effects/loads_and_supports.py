@@ -197,7 +197,7 @@ class Clamp(Effect):
 
 
 def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
-    """Return the rows that prescribe all components of nodes: each node once per axis, and these axes."""
+    """Return rows that prescribe all components of nodes: each node once per axis, and the axis of each row."""
     return np.repeat(nodes, dim), np.tile(np.eye(dim), (len(nodes), 1))
 
 

@@ -10,11 +10,11 @@ Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: 
 u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these, P'H = 0 need
 not hold. The load on c is M'H'f, contact rows may depend on c, and the forces mu on rows balance: M'mu = 0.
 
-Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a site of its own. P and H
-are found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
-bilateral contact, then from normals of friction and obstacles; axes complete it. Rows that depend on earlier rows add
-nothing. Directions of the first two kinds are held, the others are columns of P. Each friction term thus has separate
-unknowns, and sticking is represented exactly, by y_i = 0.
+Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
+found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
+bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Rows that depend on
+earlier rows add nothing. Directions of the first two kinds are held, the others are columns of P. Each friction term
+thus has separate unknowns, and sticking is represented exactly, by y_i = 0.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Supports:
     P: sp.csr_matrix  # (n_u, n) orthonormal columns, one per free unknown, ordered by site
     columns: Ints | None  # (n,) positions of free unknowns in u if P only selects (frames along the axes), else None
     owner: Ints  # (n,) the site of each free unknown
-    sites: Ints  # (n_nodes,) the site of every node, numbered by their first nodes
+    sites: Ints  # (n_nodes,) the site of every node; sites are numbered in the order of their first nodes
     points: Floats
     given: Sequence[Support]  # the supports whose rows make up A, in this order
     A: sp.csr_matrix  # (s, n_u) the prescribed components

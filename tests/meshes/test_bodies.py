@@ -265,7 +265,7 @@ REFUSED = [
 ]
 
 
-def test_what_is_refused_says_where():
+def test_overlap_errors_name_a_point_of_the_overlap():
     for box in (*OVERLAPPING, ((0.2, 0.8), (-1, 2))):
         with pytest.raises(vx.MeshError, match="'a' and 'b' overlap near") as caught:
             bodies({"a": squares(2), "b": squares(3, box)})
@@ -289,7 +289,7 @@ def test_three_in_one_place_overlap():
         bodies({"one": disc, "plate": plate, "other": disc})
 
 
-def test_meshes_that_are_no_bodies_and_data_of_some():
+def test_invalid_bodies_are_refused_and_data_may_exist_on_some_bodies():
     one, two = squares(1), squares(1, NEXT_DOOR)
     for meshes, subject in (
         ({"a": one}, "at least two bodies"),
@@ -310,7 +310,7 @@ def test_meshes_that_are_no_bodies_and_data_of_some():
     np.testing.assert_array_equal(apart.cell_data["b"], apart.centroids[:, 0] > 1.5)
 
 
-def test_interfaces_that_are_none_are_refused():
+def test_invalid_interfaces_are_refused():
     mesh = bodies({"a": squares(2), "b": squares(2, NEXT_DOOR)})
     found = mesh.interfaces["a|b"]
     for wrong, subject in (
@@ -366,7 +366,7 @@ def test_a_cut_right_through_is_the_mesh_of_two_bodies():
     PolygonMesh(quarters.points, quarters.cells, interfaces=quarters.interfaces)
 
 
-def test_cracks_that_are_none_are_refused():
+def test_invalid_cracks_are_refused():
     for name, sides, subject in (
         ("left", {"a": [5], "b": [6]}, "there already is a boundary 'left'"),
         ("crack", {"a": [5]}, "sides must map the names of two sides of the crack"),

@@ -242,7 +242,7 @@ def test_a_crack_inside_a_body(family):
     assert areas[0] == pytest.approx(areas[1], rel=1e-12)
 
 
-def test_a_crack_may_be_cut_before_a_plane_mesh_is_extruded_or_then():
+def test_a_crack_may_be_cut_before_or_after_extrusion():
     plane = small("voronoi", 5, seed=2)
     x, y = plane.centroids.T
     sides = {"above": (x < 0.6) & (y > 0.4), "below": (x < 0.6) & (y < 0.4)}
@@ -317,7 +317,7 @@ def quarter(radii, sectors):
     return vx.meshes.ring(radii, sectors, angles=(0.0, 0.5 * np.pi)).extruded([0.0, 0.4])
 
 
-def test_what_is_no_set_of_bodies_is_refused():
+def test_invalid_sets_of_bodies_are_refused():
     a, far = cubes(1), cubes(1, ((5, 6), (0, 1), (0, 1)))
     beside = turned(cubes(1, ((1.2, 2.2), (0, 1), (0.2, 0.8))), np.pi / 4, (1.2, 0.5))
     tubes = {"a": quarter([0.9, 1.0], 8), "b": quarter([1.0, 1.1], 6)}

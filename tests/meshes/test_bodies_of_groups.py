@@ -92,7 +92,7 @@ def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
         vx.meshes.read(tmp_path / "two.msh", tolerance=0.05)
 
 
-def test_groups_without_names_and_cells_in_none(tmp_path):
+def test_groups_without_names_and_cells_in_no_group(tmp_path):
     mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", names=False), bodies="physical")
     assert list(mesh.interfaces) == ["11|12"]
     assert {"11.1", "12.2"} < set(mesh.boundaries)
@@ -106,7 +106,7 @@ def test_groups_without_names_and_cells_in_none(tmp_path):
             vx.meshes.read(path, bodies=how)
 
 
-def test_a_datum_called_like_its_body_is_the_body(tmp_path):
+def test_a_cell_datum_may_have_the_name_of_its_body(tmp_path):
     plate = vx.meshes.squares(2).with_cell_data("plate", np.ones(4))
     pin = vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))
     mesh = vx.meshes.bodies({"plate": plate, "pin": pin})

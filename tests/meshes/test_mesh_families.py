@@ -83,7 +83,7 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
 
 @mostly_long("case", ["box", "far"], "far")
 @mostly_long("family", SPACE_FAMILIES, "voronoi3", "tetrahedra")
-def test_faces_are_plane_cells_are_convex_and_know_each_other(family, case):
+def test_faces_are_plane_and_cells_convex_and_neighbours_match(family, case):
     """Up to the rounding of the coordinates, which tilts the plane of a small face by its part of the face."""
     n, box = CASES[case]
     mesh = made(family, n, box)
@@ -203,7 +203,7 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize("family", ["squares", "hexagons", "voronoi", "tetrahedra", "voronoi3"])
-def test_what_is_no_count_size_or_box_is_refused(family):
+def test_invalid_counts_sizes_and_boxes_are_refused(family):
     dim = dim_of(family)
     for given, subject in BOTH:
         cut = {key: value[:dim] if isinstance(value, tuple) else value for key, value in given.items()}
@@ -214,7 +214,7 @@ def test_what_is_no_count_size_or_box_is_refused(family):
             EVERY[family](bad)
 
 
-def test_options_that_are_none_are_refused():
+def test_invalid_options_are_refused():
     for family, options, subject in OPTIONS:
         with pytest.raises(vx.MeshError, match=subject):
             EVERY[family](**{"n": 3, **options})
@@ -298,7 +298,7 @@ def test_voronoi_makes_the_number_of_cells_asked_for(cells):
 
 
 @mostly_long("seed, relaxations", [(0, 0), (1, 0), (2, 50)])
-def test_voronoi_has_no_short_edges_but_on_demand(seed, relaxations):
+def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
     mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
     PolygonMesh(mesh.points, mesh.cells)
     # 0.02 is asked for; an edge of a triangle stays, and one between a side and its neighbour.

@@ -50,7 +50,7 @@ def mesh(request):
     return made(request.param)
 
 
-def test_vtu_to_the_bit(mesh, tmp_path, capfd):
+def test_vtu_files_restore_meshes_exactly(mesh, tmp_path, capfd):
     mesh.write(tmp_path / "mesh.VTU")
     assert_same(mesh, read(str(tmp_path / "mesh.VTU")))
     assert [path.name for path in tmp_path.iterdir()] == ["mesh.VTU"]
@@ -113,7 +113,7 @@ def test_other_formats_keep_cells_in_their_order(name, suffix, tmp_path):
             np.testing.assert_array_equal(*(np.sort(some.round(12), axis=0) for some in middles))
 
 
-def test_what_formats_lose_is_said(tmp_path):
+def test_a_warning_names_what_a_format_loses(tmp_path):
     mesh = vx.meshes.triangles(3).with_cell_data("young", np.arange(18.0)).with_cell_data("soft", np.arange(18) < 9)
     for suffix, lost in (
         (".msh", "'young'"),
@@ -127,7 +127,7 @@ def test_what_formats_lose_is_said(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:.*do not keep all digits:vemcvx.MeshWarning")
 @pytest.mark.parametrize("size", [1e-12, 1e-5, 1.0, 1e5, 1e12])
-def test_points_that_nastran_has_no_room_for_are_rounded(size, tmp_path):
+def test_points_are_rounded_to_the_fields_of_nastran(size, tmp_path):
     """Where they were negative, or had exponents of two digits, the file was not written at all."""
     low, high = np.array([[-np.pi, -1.0], [np.e, 1.0 / 3.0]]) * size
     mesh = vx.meshes.squares(4, box=tuple(zip(low, high, strict=True)))
@@ -154,7 +154,7 @@ def test_formats_that_lose_cells_names_or_interfaces_are_refused(suffix, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_other_formats_and_places_that_are_none(tmp_path):
+def test_unknown_formats_and_missing_folders_are_refused(tmp_path):
     """The list of formats is closed: behind some of the others are readers that hang on damaged files."""
     for suffix in (".vtk", ".vtp", ".med", ".stl", ".vol.gz", ""):
         (tmp_path / f"mesh{suffix}").touch()

@@ -63,7 +63,7 @@ def test_files_that_users_of_other_programs_have(name, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_these_files_have_where_names_are():
+def test_names_and_bodies_in_these_files():
     named = read(FILES / "b5_surface.inp")
     assert named.boundaries["FLOOR"].tolist() == [[0, 1]]
     assert named.boundaries["CEILING"].tolist() == [[2, 3]]
@@ -297,7 +297,7 @@ def test_a_name_on_part_of_an_interface_is_a_part_of_it(tmp_path):
         vx.simulate(scene, mesh, [0.0, 1.0])
 
 
-def test_bodies_of_a_file_that_do_not_touch_are_said_to_be_apart(tmp_path):
+def test_a_warning_names_bodies_of_a_file_that_do_not_touch(tmp_path):
     (tmp_path / "two.inp").write_text(TWO.format(y=1.25))
     words = r"two\.inp: 'high' touches no other body: the nearest, 'low', is 0\.25 away near \(\d, 1\.25\)\. If "
     with pytest.warns(vx.MeshWarning, match=words) as caught:
@@ -602,7 +602,7 @@ def test_files_of_other_things(tmp_path):
             read(tmp_path / "mesh.vtu")
 
 
-def test_mending_is_said_with_the_path(tmp_path):
+def test_warnings_about_corrections_begin_with_the_path(tmp_path):
     foreign(tmp_path / "mesh.vtu", flat([*SQUARE, (5, 5)]), [("quad", np.array([[3, 2, 1, 0]]))])
     with pytest.warns(vx.MeshWarning) as caught:
         mesh = read(tmp_path / "mesh.vtu")
@@ -737,7 +737,7 @@ def test_many_damaged_files(suffix, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".msh", ".inp", ".bdf"])
-def test_files_of_nothing(suffix, tmp_path, capfd):
+def test_files_without_a_mesh_are_refused(suffix, tmp_path, capfd):
     for data in (b"", b"\n" * 1000, bytes(5000), b"<" * 100_000, b"9" * 4000, b"Dear colleague,\n"):
         (tmp_path / f"nothing{suffix}").write_bytes(data)
         with pytest.raises(vx.MeshError, match="nothing"):

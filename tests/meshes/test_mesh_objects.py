@@ -167,7 +167,7 @@ def test_polydata_of_pyvista():
     assert_same(mesh.with_cell_data("young", np.arange(mesh.n_cells)), convert(data))
 
 
-def test_what_is_no_mesh_of_another_library(monkeypatch):
+def test_invalid_objects_of_other_libraries_are_refused(monkeypatch):
     block, fields = meshio.CellBlock("quad", np.array([[0, 1, 2, 3]])), {"boundary:a": np.array([1.5, 2.0])}
     for other in (None, 3, "mesh.vtu", SQUARE, skfem, block, vx.meshes.squares(1)):
         with pytest.raises(vx.MeshError, match="convert takes meshio.Mesh, MeshTri, MeshQuad, .* got "):
@@ -341,7 +341,7 @@ def test_sides_without_names_are_those_of_families(family, tmp_path):
             np.testing.assert_array_equal(found.boundaries[name], edges)
 
 
-def test_sides_that_are_not_there():
+def test_only_straight_sides_at_extreme_coordinates_are_named():
     """A house has no top; a short edge at a corner, nearer to it than rounding, lies on one side only."""
     with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
         convert(nameless(small("voronoi", 3)).to("meshio"))
@@ -359,7 +359,7 @@ def test_sides_that_are_not_there():
     assert sorted(found["left"].tolist()) == [[3, 4], [4, 0]]
 
 
-def test_given_names_stay_alone(tmp_path):
+def test_no_sides_are_named_if_names_are_given(tmp_path):
     mesh = nameless(vx.meshes.squares(2)).with_boundary("floor", lambda x: x[:, 1] < 1e-9)
     mesh.write(tmp_path / "part.vtu")
     with warnings.catch_warnings():

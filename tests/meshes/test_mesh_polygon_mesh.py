@@ -219,7 +219,7 @@ def test_draws_on_given_axes_true_to_scale_and_saves(mesh, tmp_path):
     assert run.stdout.strip() == "False"
 
 
-def test_what_does_not_fit_a_picture(monkeypatch):
+def test_values_that_do_not_fit_a_picture_are_refused(monkeypatch):
     pytest.importorskip("matplotlib")
     for mesh, given, subject in (
         (PLANE, {"values": np.ones(3)}, r"must hold one number .* for each of the \d+ cells"),

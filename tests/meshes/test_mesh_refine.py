@@ -172,7 +172,7 @@ def size(mesh, name):
 
 
 @mostly_long("family", EVERY, "hanging", "nonconvex", "cubes", "tetrahedra")
-def test_names_and_data_are_handed_down(family):
+def test_refinement_keeps_names_and_data(family):
     mesh, cells = start(family)
     mesh = mesh.with_boundary("half", lambda x: x[:, 0] < 0.5)
     mesh = mesh.with_cell_data("number", np.arange(mesh.n_cells)).with_cell_data("pair", np.ones((mesh.n_cells, 2)))

@@ -45,7 +45,7 @@ FAULTS = [
 ]
 
 
-def test_what_is_no_list_of_points_and_cells():
+def test_invalid_points_and_cells_are_refused():
     for points, cells, subject in FAULTS:
         refused(points, cells, subject)
 
@@ -84,7 +84,7 @@ GEOMETRY = [
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_cells_that_are_none_or_do_not_fit(scale):
+def test_invalid_cells_and_tilings_are_refused(scale):
     for points, cells, subject in GEOMETRY:
         refused(scale * np.array(points, dtype=float), cells, subject)
 

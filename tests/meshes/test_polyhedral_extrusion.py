@@ -38,7 +38,7 @@ def test_layers_are_prisms_in_the_order_of_the_plane(family):
         np.testing.assert_allclose(mesh.face_normals[faces], np.tile(normal, (len(faces), 1)), atol=1e-14)
 
 
-def test_names_and_data_come_along():
+def test_extrusion_keeps_names_and_data():
     plane = vx.meshes.squares(2, BOX).with_boundary("hole", lambda x: x[:, 0] < 0.6)
     plane = plane.with_cell_data("young", np.arange(8.0)).with_cell_data("axis", np.arange(16).reshape(8, 2))
     mesh = plane.extruded(LEVELS)
@@ -48,7 +48,7 @@ def test_names_and_data_come_along():
     np.testing.assert_array_equal(mesh.cell_data["axis"][8:], plane.cell_data["axis"])
 
 
-def test_bad_heights_and_names_that_meet():
+def test_invalid_heights_and_clashing_names_are_refused():
     square = vx.meshes.squares(1)
     bad = [0.0], [], [1.0, 0.0], [0.0, 0.0], [0.0, np.nan], 3.0, "ab", None, [[0, 1]], [0, 1e99], ["0", "1"]
     for heights in bad:
@@ -60,7 +60,7 @@ def test_bad_heights_and_names_that_meet():
     assert list(nameless.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]
 
 
-def test_interfaces_and_cracks_go_along():
+def test_extrusion_keeps_interfaces_and_cracks():
     pair = vx.meshes.bodies({"a": vx.meshes.squares(2), "b": vx.meshes.voronoi(2, ((0, 1), (1, 2)))})
     solid = pair.extruded([0, 1, 3])
     made = solid.interfaces["a|b"]

@@ -139,7 +139,7 @@ def test_warped_faces_are_refused(make):
         SPACE_FAMILIES[make](2).refine()
 
 
-def test_cells_that_their_centroids_do_not_see_are_refused():
+def test_cells_not_star_shaped_about_their_centroids_are_refused():
     outline = [[0, 0], [4, 0], [4, 4], [3, 4], [3, 1], [1, 1], [1, 4], [0, 4]]
     mesh = vx.PolygonMesh(outline, [range(8)]).extruded([0.0, 1.0])
     with pytest.raises(vx.MeshError, match="Make a new mesh"):

@@ -69,13 +69,13 @@ GEOMETRY = [
 ]
 
 
-def test_what_is_no_list_of_points_and_cells():
+def test_invalid_points_and_cells_are_refused():
     for points, cells, subject in FAULTS:
         refused(points, cells, subject)
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_cells_that_are_none(scale):
+def test_invalid_cells_are_refused(scale):
     for points, cells, subject in GEOMETRY:
         refused(scale * np.array(points, dtype=float), cells, subject)
 
@@ -95,7 +95,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
-def test_cells_that_do_not_fit(offset):
+def test_cells_that_do_not_fit_together_are_refused(offset):
     """A cross has no node of the one on the other, but their edges meet."""
     for blocks, subject in (
         ([cube(), cube((0.25, 0.25, 0.25), 0.5)], "volumes add up to 1.125, but the convex hull .* has only 1"),
@@ -206,7 +206,7 @@ def test_faces_that_run_inwards_are_turned(turned):
     assert (mesh.face_normals[1] == (1, 0, 0)).all()
 
 
-def test_a_cell_beside_is_turned_alone():
+def test_one_cell_of_two_is_reversed():
     with pytest.warns(vx.MeshWarning, match="1 of 2 cells .*the first is cell 1"):
         mesh = PolyhedralMesh([*CUBE, *NEXT], [FACES, [face[::-1] for face in RIGHT]])
     whole = PolyhedralMesh([*CUBE, *NEXT], [FACES, RIGHT])

@@ -41,7 +41,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
 
 
 @mostly_long("radii, kinds", [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})], 1)
-def test_prisms_over_them_are_tubes_and_cylinders(radii, kinds, tmp_path):
+def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds, tmp_path):
     """Of hexahedra and wedges, which other programs read."""
     solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])
     assert set(np.diff(solid.cell_offsets)) == kinds
@@ -63,7 +63,7 @@ def test_prisms_over_them_are_tubes_and_cylinders(radii, kinds, tmp_path):
     assert shear.stress(-1) == pytest.approx(np.tile(shear.stress(-1)[0], (solid.n_cells, 1)), abs=1e-12)
 
 
-def test_what_is_no_ring_and_no_grade_is_refused():
+def test_invalid_rings_and_grades_are_refused():
     for make, subject in (
         (lambda: ring([1.0], 4), r"^ring: radii must be .* got \[1\.0\]"),
         (lambda: ring("ab", 8), "^ring: radii must be .* got 'ab'"),

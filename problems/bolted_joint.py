@@ -1,4 +1,4 @@
-"""A bolted joint under cyclic load: micro-slip wears it at the edges of the clamped zone. SI units.
+"""A bolted joint under cyclic load: slip wears it at the edges of the clamped zone. SI units.
 
 Two steel plates, 80 mm x 10 mm each in 40 x 10 cells, plane strain, lie on each other. Only the pressure of a bolt
 clamps them together, 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped. The

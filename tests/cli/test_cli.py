@@ -158,6 +158,7 @@ def test_pictures_alone_go_where_results_go(tmp_path, monkeypatch):
     assert sorted(path.name for path in folder.iterdir()) == [
         "deformed_mesh.png",
         "energy_ledger.png",
+        "forces_over_time.png",
         "stressed_body.png",
     ]
 
@@ -391,7 +392,7 @@ def test_a_target_may_be_of_friction_work(tmp_path):
     told = json.loads((tmp_path / "summary.json").read_text())["quantities"]["dissipated"]
     assert 0 < told["error"] <= 0.1 * told["value"]
     assert re.search(rf"dissipated +{told['value']:.6g}, estimated error {told['error']:.2g}", done.output)
-    assert "--of: found 'stress'; a target is of energy, dissipated, work, wear" in invoke(
+    assert "--of: found 'stress'; there are energy, dissipated, work, wear" in invoke(
         "run", PROBLEM, "--target", 0.1, "--of", "stress"
     ).output.replace("\n", " ")
     assert "--of: work goes with --target X" in invoke("run", PROBLEM, "--of", "work").output.replace("\n", " ")

@@ -355,7 +355,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
         assert said in " ".join(done.output.split())
     (tmp_path / "manifest.json").write_text(json.dumps({"instances": [instance(grade="easy")]}))
     for given, said in (
-        (["--only", "hard"], "--only: no grade or name has 'hard'; the grades are easy."),
+        (["--only", "hard"], "--only: no grade or name has 'hard'; the grades are easy; core is the core set."),
         (["--tolerances", "2"], "--tolerances: found 2; wanted numbers between 0 and 1."),
         (["--solvers", "nobody"], "--solvers: there is no solver 'nobody'"),
         ([], "no results are stored there; name solvers by --solvers."),

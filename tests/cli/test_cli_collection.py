@@ -140,7 +140,7 @@ def test_what_is_written_is_confirmed(tmp_path, capsys):
         assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm
         own = confirm.Program(tmp_path / f"{row['name']}.npz")
-        value, gap, floor = own.certified(own.d, own.lam, own.p)
+        value, gap, floor = own.certify(own.d, own.lam, own.p)
         assert gap <= program.certificate.gap + program.certificate.floor + floor
         optimum = row["optimum"]
         assert value == pytest.approx(optimum["value"], abs=optimum["high"] - optimum["low"] + floor)

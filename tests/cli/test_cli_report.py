@@ -86,7 +86,7 @@ def paper(tmp_path_factory):
 def test_it_needs_nothing_else(paper):
     read = Reader(paper[1])
     pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
-    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 9 * [b"\x89PNG"]
+    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 10 * [b"\x89PNG"]
     assert not {"script", "link", "iframe", "object"} & set(read.tags)
     style = re.search("<style>(.*?)</style>", paper[1], re.DOTALL).group(1)
     assert "url(" not in style
@@ -137,7 +137,7 @@ def test_what_users_write_is_escaped(tmp_path):
     # Units without names are those of consistent units, and without contact there is nothing to say of it.
     assert "force/length²" in read.text
     assert "slip" not in read.text.split("Results")[1].split("Error budget")[0]
-    assert read.tags.count("img") == 3
+    assert read.tags.count("img") == 4
 
 
 @pytest.mark.long

@@ -85,6 +85,6 @@ def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
     assert files >= pictures | {"history.pvd", "step_0002.vtu", "contact.csv", "summary.json"}
     page = html.unescape((out / "report.html").read_text())
     assert f"Left out: {missing}." in page
-    assert page.count("<img") == 4
+    assert page.count("<img") == 5
     assert "largest friction per area" in page
     assert "algebra" in page.split("Error budget")[1]

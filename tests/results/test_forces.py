@@ -39,7 +39,7 @@ def assert_balanced(history, scene=None):
         [i for i, words in enumerate(history.effects) if words.startswith("ElasticFoundation")],
     )
     with suppress_scene_warnings():
-        posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
+        posed = pose_scene(scene or history.scene, history.mesh, history.trajectory.times.tolist())
     pulls = [load for _, load in posed.caused_loads if load.between]  # in acting, and among the loads of A u - f
     nodal = np.zeros_like(history.forces)
     for row, forces in enumerate(acting.force[:, ~sprung]):

@@ -22,7 +22,7 @@ LONG = {
     "spherical_indenter",
 }
 FORMAL = {"manufactured_full_slip"}
-"""Problems whose docstring says that their large strains are formal."""
+"""Problems whose docstring says that a run warns about their strains."""
 
 
 def said(caplog, run):
@@ -83,4 +83,4 @@ def test_problem_files_warn_where_they_say_so(caplog, name):
     found = said(caplog, lambda: gallery.small_run(problem))
     assert bool(found) == (name in FORMAL)
     if found:
-        assert "formal" in problem.__doc__
+        assert "a run warns about them" in problem.__doc__

@@ -29,7 +29,7 @@ def test_some_cells_of_many_are_looked_at(caplog, monkeypatch):
         monkeypatch.setattr("vemcvx.results.results.CHUNK_SIZE", some)
         told += said(caplog, lambda: vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
     assert len(told) == 2
-    assert all("a strain of 0.3 at (0.0" in one for one in told)
+    assert all("found 0.3 at (0.0" in one for one in told)
 
 
 def test_rows_made_a_few_at_a_time_have_the_bits_of_all(monkeypatch):

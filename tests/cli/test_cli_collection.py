@@ -149,7 +149,7 @@ def test_what_is_written_is_confirmed(tmp_path, capsys):
     assert confirm.main(tmp_path) == 0
     said = capsys.readouterr().out
     assert f"{len(every)} of {len(every)} are confirmed: {len(rows)} optima, 2 proofs that no optimum exists" in said
-    assert f"certified by themselves: {len(rows)} to 0.001" in said
+    assert f"by certified error: {len(rows)} within 0.001" in said
 
 
 def degenerate(program):

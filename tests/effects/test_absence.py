@@ -89,9 +89,21 @@ VOID = {
     "Tresca": (vx.TrescaFriction(none, on="bottom"), SUPPORTED[:-1], "TrescaFriction on bottom: its bound is zero"),
     "Coulomb": (vx.CoulombFriction(0.0, on="left"), TOUCHED, "CoulombFriction on left: its bound is zero"),
     "capped": (vx.CoulombFriction(0.3, on="left", cap=0.0), TOUCHED, "CoulombFriction on left: its bound is zero"),
-    "Unilateral": (vx.UnilateralContact(on="right"), SUPPORTED, "UnilateralContact on right: all its nodes are held"),
-    "Compliance": (vx.NormalCompliance(3.0, on="right"), SUPPORTED, "Compliance on right: all its nodes are held"),
-    "Tresca, held": (vx.TrescaFriction(3.0, on="right"), SUPPORTED, "TrescaFriction on right: all its nodes are held"),
+    "Unilateral": (
+        vx.UnilateralContact(on="right"),
+        SUPPORTED,
+        "UnilateralContact on right: other effects hold all its nodes",
+    ),
+    "Compliance": (
+        vx.NormalCompliance(3.0, on="right"),
+        SUPPORTED,
+        "Compliance on right: other effects hold all its nodes",
+    ),
+    "Tresca, held": (
+        vx.TrescaFriction(3.0, on="right"),
+        SUPPORTED,
+        "TrescaFriction on right: other effects hold all its nodes",
+    ),
 }
 
 

@@ -110,10 +110,10 @@ def legend_below(ax: Axes) -> None:
         ax.legend(frameon=False, fontsize="small")
 
 
-def legend_under(ax: Axes) -> None:
-    """Draw the legend below filled axes, also if they share their figure."""
+def legend_under(ax: Axes, columns: int = 3) -> None:
+    """Draw the legend below axes, also if they share their figure."""
     # The distance is in font sizes, because axes may be flat: it leaves room for the ticks and their label.
-    drawn = ax.legend(frameon=False, fontsize="small", ncols=3, loc="upper center", borderaxespad=4.5)
+    drawn = ax.legend(frameon=False, fontsize="small", ncols=columns, loc="upper center", borderaxespad=4.5)
     drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
 
 

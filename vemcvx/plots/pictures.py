@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vemcvx.base import canvas
 from vemcvx.base.arrays import Floats, as_shaped_array, brief, choice
-from vemcvx.base.canvas import axes_or_new, bar_beside, figure_of, film_writer, legend_below, light_grid, new_figure
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.owned_files import path_of
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
@@ -68,7 +68,7 @@ def energy_ledger(
     units = history.units if units is None else units
     if history.steps == 0:
         raise HistoryError("energy_ledger: this history has no step after the initial instant.")
-    given = new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
+    given = canvas.new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
     panels = list(given) if isinstance(given, Iterable) else [given]
     energy, thickness = unit(units, "energy"), ", per thickness" if _plane(history) else ""
     _energies(panels[0], history, "energy" if energy == "energy" else f"energy ({energy}){thickness}")
@@ -78,9 +78,9 @@ def energy_ledger(
         _certificates(second, history)
     for panel in panels:
         panel.set_xlabel(label("t", "time", units))
-        light_grid(panel)
-        panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
-    return figure_of(panels[0])
+        canvas.light_grid(panel)
+        canvas.legend_under(panel, columns=2)
+    return canvas.figure_of(panels[0])
 
 
 def _energies(ax: Axes, history: Results, words: str) -> None:
@@ -139,14 +139,14 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
     mesh = plane_mesh(history.mesh, "error_map")
     density = np.sqrt(history.cell_bounds / mesh.areas)
     top = float(density.max()) or 1.0
-    ax = axes_or_new(ax, *size_of_page(history))
+    ax = canvas.axes_or_new(ax, *size_of_page(history))
     line = float(np.clip(9.0 / np.sqrt(mesh.n_cells), 0.0, 0.5))
     mesh.plot(ax=ax, linewidth=line, edgecolor="0.35")
     cells = ax.collections[0]
     # Three decades: cells below a thousandth of the largest do not matter.
     cells.set_array(np.log10(np.maximum(density / top, 1e-3)))
     cells.set(cmap="magma_r", clim=(-3.0, 0.0))
-    bar = bar_beside(ax, cells)
+    bar = canvas.bar_beside(ax, cells)
     bar.set_ticks([-3.0, -2.0, -1.0, 0.0], labels=["≤ .001", ".01", ".1", "1"])
     bar.set_label("error bound of a cell per root of area, over the largest", fontsize="small")
     title = f"error of the mesh at most {history.bound['relative']:.2%}, in step {history.bound['step']:.0f}"
@@ -213,7 +213,7 @@ def hysteresis_loop(
         names = ", ".join(map(repr, history.mesh.boundaries))
         raise HistoryError(f"hysteresis_loop: no driven boundary is known; give on=, one of {names}.")
     name, axis, u, force = loop.on, loop.axis, loop.motion, loop.force
-    ax = axes_or_new(ax, 6.0, 4.4)
+    ax = canvas.axes_or_new(ax, 6.0, 4.4)
     ax.plot(u, force, ".-", color=style.DISSIPATED, linewidth=1.4, markersize=4)
     if between is None and history.force_bounds is not None and history.bounded_force == {name: axis}:
         between = history.force_bounds[history.stored]
@@ -223,11 +223,11 @@ def hysteresis_loop(
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)
-    light_grid(ax)
+    canvas.light_grid(ax)
     ax.locator_params(axis="x", nbins=6)  # Small motions have long labels.
     if limits is not None:
         ax.set_ylim(value_range(limits, ()))
-    legend_below(ax)
+    canvas.legend_below(ax)
     thickness = ", per thickness" if _plane(history) else ""
     x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label(loop.kind, "force", units)
     return label_axes(
@@ -271,11 +271,11 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     if most == 0:
         raise HistoryError("forces_over_time: no force acts on a named boundary.")
     shown = [name for name in sorted(sizes, key=lambda one: -sizes[one]) if sizes[name] > 0.01 * most]
-    ax = axes_or_new(ax, 6.0, 4.4)
+    ax = canvas.axes_or_new(ax, 6.0, 4.4)
     for name, colour, mark in zip(shown, style.SERIES, style.MARKERS, strict=False):
         ax.plot(history.times, curves[name], marker=mark, color=colour, linewidth=1.4, markersize=3, label=name)
-    light_grid(ax)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
+    canvas.light_grid(ax)
+    canvas.legend_under(ax, columns=2)
     thickness = ", per thickness" if _plane(history) else ""
     return label_axes(
         ax, label("t", "time", units), f"{label('force', 'force', units)}{thickness}", "Forces on boundaries"
@@ -457,8 +457,8 @@ def animate(
         raise HistoryError(f"animate: found {brief(str(path))}; films end in .gif or .mp4.")
     length = positive(seconds, "animate: found seconds =", "a positive number")
     rate = round(min(max(len(history.stored) / length, 1.0), 50.0))
-    figure = new_figure(*size_of_page(history))
-    writer = film_writer(kinds[path.suffix], rate)
+    figure = canvas.new_figure(*size_of_page(history))
+    writer = canvas.film_writer(kinds[path.suffix], rate)
     frames = _frames(history, figure, magnify=magnify, limits=limits, units=units)
     # Errors occur in the first frame, before an existing file is replaced.
     next(frames)

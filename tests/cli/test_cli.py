@@ -198,7 +198,7 @@ def test_a_miss_exits_with_three(tmp_path):
         (["--probe", "0,0"], "--probe: displacements of points are written to DIR"),
         (["--probe", "here", "--out", "o"], "--probe: found 'here'; wanted points, such as 0.5,0.25"),
         (["--probe", "0,0", "--probe", "2", "--out", "o"], "--probe: found '0,0', '2'; wanted points"),
-        (["--out", PROBLEM], "cannot be made a folder to write to"),
+        (["--out", PROBLEM], "cannot be used as a folder"),
     ],
 )
 def test_invalid_options_exit_with_two(options, says):
@@ -266,8 +266,8 @@ def test_problem_files_that_are_not_there(tmp_path, monkeypatch):
     [
         (("show", "p" * 300), "there is no such problem file"),
         (("run", PROBLEM, "--resume", "r" * 300), "holds no interrupted run"),
-        (("run", PROBLEM, "--out", "o" * 300), "cannot be made a folder to write to"),
-        (("cost", PROBLEM, "--out", "o" * 300), "cannot be made a folder to write to"),
+        (("run", PROBLEM, "--out", "o" * 300), "cannot be used as a folder"),
+        (("cost", PROBLEM, "--out", "o" * 300), "cannot be used as a folder"),
         (("run", PROBLEM, "--store", "9" * 30, "--n", "2", "--steps", "2"), ""),
         (("run", PROBLEM, "--set", "bound=" + "(" * 5000), "bound: found"),
     ],

@@ -270,7 +270,7 @@ OF_PROBLEMS = {
 
 EACH_A_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
 """A material, a load, a contact and a friction: the others take as long, and are as seldom wrong."""
-DEAR = "each_of_its_settings", "its_place_in_the_scene", "refuses_what_is_not_finite"
+DEAR = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
 """Sentences that the first kinds meet in long tests alone."""
 test_effects = long_cases(
     effect_suite({name: SAMPLES[name] for name in EACH_A_KIND}),

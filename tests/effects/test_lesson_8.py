@@ -8,7 +8,7 @@ import pytest
 from test_conformance_effects import HELD, PULLED, RUBBING, STEEL, TOUCHING, stiff
 
 from vemcvx.testing import EffectSample
-from vemcvx.testing.effects import SENTENCES
+from vemcvx.testing.effects import PROPERTIES
 
 LESSONS = Path(__file__).parents[2] / "problems" / "lessons"
 
@@ -28,6 +28,6 @@ def dashpots():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("sentence", SENTENCES, ids=lambda f: f.__name__)
-def test_the_dashpots(sentence, dashpots):
-    sentence(dashpots)
+@pytest.mark.parametrize("check", PROPERTIES, ids=lambda f: f.__name__)
+def test_the_dashpots(check, dashpots):
+    check(dashpots)

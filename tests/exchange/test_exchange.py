@@ -362,7 +362,7 @@ def test_all_unknowns_are_fclibs_global_problem(tmp_path, dim):
     ("law", "says"),
     [
         (vx.TrescaFriction(0.1, on="bottom", while_closed=False), "weights do not follow the pressure"),
-        (vx.CoulombFriction(0.3, on="bottom", cap=0.1), "weights are at a cap"),
+        (vx.CoulombFriction(0.3, on="bottom", cap=0.1), "weights are capped"),
     ],
 )
 def test_what_fclib_has_no_model_for(law, says, tmp_path):

@@ -131,5 +131,5 @@ def test_linear_solvers_that_eliminate_condense_programs():
     assert len(full.g) == system.n
     assert len(condensed.g) == len(ours.g) == len(np.unique(system.norms.B.indices))
     assert np.array_equal(condensed.operators.K, ours.operators.K)
-    with pytest.raises(vx.NotAccepted, match=r"^linear solver Another: it gives no Schur complements"):
+    with pytest.raises(vx.NotAccepted, match=r"^linear solver Another: it computes no Schur complements"):
         Another().eliminate(sp.eye_array(2, format="csr"), np.arange(2), np.arange(1))

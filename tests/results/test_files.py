@@ -200,7 +200,7 @@ def test_folders_without_a_history_say_what_they_are(history, tmp_path):
         read_history(str(tmp_path))
     with pytest.raises(HistoryError, match="found a file, not a folder"):
         read_history(tmp_path / "mesh.vtu")
-    with pytest.raises(HistoryError, match=r"mesh\.vtu: cannot be made a folder"):
+    with pytest.raises(HistoryError, match=r"mesh\.vtu: cannot be used as a folder"):
         history.write(tmp_path / "mesh.vtu")
 
 

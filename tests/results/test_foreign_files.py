@@ -104,7 +104,7 @@ def test_where_files_cannot_be_locked_it_is_said(tmp_path, monkeypatch, caplog):
 
     monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", no_locks)
     run(tmp_path)
-    assert "cannot be locked ([Errno 37] No locks available); see to it that no two runs share" in caplog.text
+    assert "cannot be locked ([Errno 37] No locks available); make sure that no two runs share" in caplog.text
 
 
 PROBLEM = str(Path(vx.__file__).parent.parent / "problems" / "feng_han_huang.py")

@@ -61,7 +61,7 @@ def test_a_list_that_is_no_file_of_ours_is_refused(tmp_path, kind):
         place.symlink_to(other if kind == "link" else tmp_path / "nowhere")
     else:
         place.mkdir() if kind == "folder" else os.mkfifo(place)
-    with pytest.raises(vx.HistoryError, match="not made by a run of this version|cannot be made a folder to write to"):
+    with pytest.raises(vx.HistoryError, match="not made by a run of this version|cannot be used as a folder"):
         history(stream=run)
     assert other.read_text() == "vemcvx files 1\n"
     assert not (tmp_path / "nowhere").exists()

@@ -42,7 +42,7 @@ def scene():
 FAST = "Newton", "Direct"
 test_fast_solvers = long_cases(
     solver_suite({name: OWN[name] for name in FAST}),
-    lambda case: case.endswith("is_as_near_to_newton_as_certified") and ": contact and friction:" not in case,
+    lambda case: case.endswith("agrees_with_newton_within_both_certificates") and ": contact and friction:" not in case,
 )
 test_conic_solvers = pytest.mark.long(solver_suite({name: OWN[name] for name in OWN if name not in FAST}))
 VARYING = {"PROXQP"} & set(FOUND)
@@ -162,10 +162,10 @@ class Counting(Spoilt):
 
 CHANCE = np.random.default_rng(0)
 BROKEN = {
-    "changes_nothing_that_it_is_given": Spoilt(lambda a, program: np.multiply(program.g, 2.0, out=program.g)),
+    "leaves_its_input_unchanged": Spoilt(lambda a, program: np.multiply(program.g, 2.0, out=program.g)),
     "gives_the_same_answer_twice": Spoilt(lambda a, program: (a.d * (1 + 1e-12 * CHANCE.random()), a.lam, a.p)),
     "answers_within_its_accuracy": Spoilt(lambda a, program: (1.001 * a.d, a.lam, a.p)),
-    "gives_multipliers_as_admissible_as_it_is_accurate": Spoilt(lambda a, program: (a.d, 1.5 * a.lam, a.p)),
+    "gives_nearly_admissible_multipliers": Spoilt(lambda a, program: (a.d, 1.5 * a.lam, a.p)),
 }
 """For some properties of the suite, a solver that violates them: it changes data, adds random digits, and so on."""
 

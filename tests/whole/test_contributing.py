@@ -238,8 +238,8 @@ def suite(name):
 SUITE = suite("fista")
 
 
-ENDLESS = "admits_what_it_cannot_reach", "answers_where_rounding_forbids_the_gap"
-"""Properties for which the recipe's solver needs all of its iterations."""
+ENDLESS = "answers_if_the_gap_is_below_rounding"
+"""The property for which the recipe's solver needs all of its iterations."""
 
 
 def takes(key):
@@ -247,7 +247,7 @@ def takes(key):
     if key.endswith(ENDLESS):
         return pytest.param(key, marks=pytest.mark.slow)
     is_quick = ": plain matrices: " in key or key.count(":") == 1
-    is_long = not is_quick or key.endswith(("is_as_near_to_newton_as_certified", "gives_the_same_answer_twice"))
+    is_long = not is_quick or key.endswith(("within_both_certificates", "gives_the_same_answer_twice"))
     return pytest.param(key, marks=pytest.mark.long) if is_long else key
 
 

@@ -22,7 +22,7 @@ EPS = float(np.finfo(float).eps)
 ROUNDING = 1e-12
 """Relative rounding error of sums and products of a few thousand numbers."""
 SAME = 1e-9
-"""Relative difference below which results count as equal that were computed in different ways."""
+"""Relative difference below which two computations of the same number count as equal."""
 SINGLE_EPS = 1e-6
 """Relative error of coordinates in single precision, or printed with seven digits."""
 
@@ -102,7 +102,7 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def largest(values: Floats, part: float) -> Ints:
-    """Return the indices of the fewest values (k,) >= 0 whose sum is this part of the total, largest first."""
+    """Return the indices of the fewest values (k,) >= 0 whose sum reaches this part of the total, largest first."""
     order = np.argsort(-values, kind="stable")
     sums = np.cumsum(values[order])
     return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]
@@ -128,7 +128,7 @@ def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Call
     def drop(t: float) -> Floats:
         found = value(t)
         size = float(np.abs(found).max(initial=0.0))
-        # Most values are larger than 1e-60; then `value` is called only once.
+        # Most values exceed 1e-60, so that `value` is called only once.
         return np.zeros_like(found) if 0.0 < size < 1e-60 and size < 1e-60 * largest() else found
 
     return drop
@@ -172,8 +172,8 @@ def array_fields(record: type) -> dict[str, ArrayField]:
     Sizes and units come from annotations such as ``stress: Annotated[Floats, "S cells 3", "force/length2"]``, meanings
     from the Attributes section of the docstring.
     """
-    said = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)*)", inspect.getdoc(record) or "", flags=re.MULTILINE)
-    meaning = {name: " ".join(words.split()) for names, words in said for name in names.split(", ")}
+    entries = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)*)", inspect.getdoc(record) or "", flags=re.MULTILINE)
+    meaning = {name: " ".join(words.split()) for names, words in entries for name in names.split(", ")}
     found = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         if hasattr(hint, "__metadata__"):
@@ -281,8 +281,8 @@ def as_sparse_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = Non
             check_compressed(raw)
         except (ValueError, TypeError, AttributeError) as error:
             raise SceneError(f"{subject}: found a sparse matrix with invalid indices: {error}.") from error
-        open_to_change = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
-        matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=open_to_change)
+        is_writeable = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
+        matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=is_writeable)
     else:
         dense = as_real_array(raw, subject, "a matrix of real numbers")
         if dense.ndim != 2:
@@ -300,7 +300,7 @@ def check_compressed(matrix: sp.csr_matrix) -> None:
         return
     matrix.check_format(full_check=True)
     if (matrix.indptr[1:] < matrix.indptr[:-1]).any():
-        raise ValueError("ends of rows go back")
+        raise ValueError("the row pointers decrease")
 
 
 def as_array_of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:

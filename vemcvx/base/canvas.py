@@ -53,7 +53,7 @@ def _figure_class() -> type[Figure]:
 
     class NotebookFigure(Figure):
         def draw(self, renderer: Any) -> None:
-            # Each pass of the layout changes the size of axes of fixed aspect: one pass may cut their labels off.
+            # Each pass of the layout resizes axes of fixed aspect, so that one pass may cut off their labels.
             for layout in filter(None, 2 * [self.get_layout_engine()]):
                 layout.execute(self)
             super().draw(renderer)
@@ -69,11 +69,11 @@ def _figure_class() -> type[Figure]:
 
 def in_words(figure: Figure) -> str:
     """Return the titles and axis labels of a figure in words, for prompts and as alternative text."""
-    said = [figure.get_suptitle()]
+    titles = [figure.get_suptitle()]
     for ax in figure.axes:
         graph = " over ".join(filter(None, (ax.get_ylabel(), ax.get_xlabel())))
-        said.append(": ".join(filter(None, (ax.get_title() or ax.get_title(loc="left"), graph))))
-    words = "; ".join(dict.fromkeys(filter(None, said))) or f"{len(figure.axes)} axes without titles"
+        titles.append(": ".join(filter(None, (ax.get_title() or ax.get_title(loc="left"), graph))))
+    words = "; ".join(dict.fromkeys(filter(None, titles))) or f"{len(figure.axes)} axes without titles"
     return f"Picture: {' '.join(words.replace('$', '').split())}"
 
 
@@ -100,7 +100,7 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def legend_below(ax: Axes) -> None:
-    """Draw the legend: below axes that are alone in their figure or filled with colours, else inside them."""
+    """Draw the legend: below axes that are alone in their figure or filled with colours, else inside the axes."""
     figure, count = figure_of(ax), len(ax.get_legend_handles_labels()[0])
     if count and len(figure.axes) == 1 and figure.get_layout_engine() is not None:
         figure.legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)

@@ -41,7 +41,7 @@ class SceneError(VemcvxError):
 
 
 class SceneWarning(UserWarning):
-    """The scene has an answer that deserves a second look."""
+    """The scene has a solution that may not be the intended one."""
 
 
 WARNING_FRACTION = 0.05  # A warning is issued above this relative deviation, or above this principal strain.
@@ -56,11 +56,11 @@ class SolverFailed(SceneError):
 
 
 class HistoryError(VemcvxError):
-    """A history cannot be read, written or drawn as asked."""
+    """A history cannot be read, written or drawn as requested."""
 
 
 class ProgramError(VemcvxError):
-    """A step's program cannot be read or written as asked."""
+    """A step's program cannot be read or written as requested."""
 
 
 class ProblemError(VemcvxError):
@@ -68,7 +68,7 @@ class ProblemError(VemcvxError):
 
 
 class NotCertified(VemcvxError):
-    """A step's answer misses the requested accuracy.
+    """The answer to a step misses the requested accuracy.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """Files of this package in a folder that may also contain foreign files, for one process at a time.
 
 The file ``.vemcvx`` lists the files that we created in the folder, one name per line. A name is listed before its file
-is created. No other file is ever written to or deleted, and no link is followed. The process that uses the folder holds
-a lock on the list; the operating system releases the lock when this process ends.
+is created. No other file is ever written to or deleted, and no link is followed. The process that uses the folder locks
+the list; the operating system releases the lock when this process ends.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Owned:
             path.mkdir(parents=True, exist_ok=True)
             self._list = (path / LIST).open("a+", encoding="utf-8", errors="replace")
         except OSError as error:
-            raise HistoryError(f"{path}: cannot be made a folder to write to: {error}.") from error
+            raise HistoryError(f"{path}: cannot be used as a folder for output: {error}.") from error
         try:
             _lock(self._list)
             first, *self.names = self._list.read().splitlines() or [FIRST_LINE]
@@ -135,7 +135,7 @@ def _lock(file: IO[str]) -> None:
         busy = True
     except OSError as error:
         busy = False
-        log.warning("%s: cannot be locked (%s); see to it that no two runs share its folder", file.name, error)
+        log.warning("%s: cannot be locked (%s); make sure that no two runs share its folder", file.name, error)
     file.seek(0)
     if busy:
         there = f"{Path(file.name).parent}: another run is writing there"

@@ -17,14 +17,14 @@ from typing import Any
 class Table:
     """A table of headings and rows of cells; the unit of a heading follows a line break.
 
-    Cells are strings; CSV also accepts numbers. A table without headings is a list of names and words.
+    Cells are strings; CSV also accepts numbers. A table without headings lists names and descriptions.
     """
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Any]]
 
     def text(self) -> str:
-        """Return plain text. Numbers are aligned right; words in the last column wrap at the width of the terminal."""
+        """Return plain text. Numbers are right-aligned; words in the last column wrap at the width of the terminal."""
         columns, gap = list(zip(*self.rows, strict=True)), " " if self.heads else "  "
         numbers = [bool(self.heads) and all(_kind(text) != "w" for text in cells) for cells in columns]
         tall = max((head.count("\n") for head in self.heads), default=0)
@@ -52,7 +52,7 @@ class Table:
         return text.getvalue()
 
     def markdown(self) -> str:
-        """Return a Markdown table, aligned right."""
+        """Return a Markdown table with right-aligned columns."""
         lines = [[word.replace("|", r"\|").replace("\n", " ") for word in line] for line in (self.heads, *self.rows)]
         lines.insert(1, ["---:"] * len(self.heads))
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)

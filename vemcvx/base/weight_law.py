@@ -1,8 +1,8 @@
 """Laws of friction: weights that depend on the answer of a step, w = W(t, p, past, slip).
 
 Tresca's friction bound is given. Other bounds depend on the forces p of the limits (Coulomb: w = mu p), on slips before
-the step, or on the slip of the step. The answer of a step then solves the convex program with the weights at its own
-pressure and slip. The certificate holds for this program, "for the given friction".
+the step, or on the slip of the step. The answer of a step then solves a convex program, whose weights are evaluated at
+the answer's own pressure and slip. The certificate holds for this program, "for the given friction".
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ class Law:
         Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over the steps before, `slip` (m,) is |slip| of
         the step.
     softening : number or (m,) array, optional
-        The largest decrease of weights per unit slip of the step, force per length, of a law that does not depend on p.
-        If it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`). None: unknown, never compared.
+        The largest decrease of weights per unit slip of the step (force per length), if the law does not depend on p.
+        A step has one solution if it is small (:mod:`vemcvx.stepping.refusals`). None if it is unknown: no check.
     pressed : bool
-        True if weights of an effect depend on normal forces, which require one-sided contact on the same boundary;
-        else p is an empty array.
+        True if weights of an effect depend on normal forces. This requires one-sided contact on the same boundary. If
+        False, p is an empty array.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative by p of a law that does not depend on the slip of the step; at kinks the one towards larger p.
+        The derivative of weights that do not depend on the slip of the step; at kinks the derivative towards larger p.
     slips : bool
-        True if weights depend on slips, before the step or in it. Else `past` and `slip` are empty arrays in an effect,
-        and zeros in a system.
+        True if weights depend on slips, before the step or in it. If False, `past` and `slip` are empty arrays in an
+        effect, and zeros in a system.
 
     Examples
     --------

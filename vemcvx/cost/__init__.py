@@ -1,1 +1,1 @@
-"""Sweeps, which measure true errors, seconds, unknowns and memory for many settings of a problem, and studies."""
+"""Sweeps, which measure true errors, seconds, unknowns and memory for many settings of a problem; parameter studies."""

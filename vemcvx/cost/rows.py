@@ -1,4 +1,4 @@
-"""Rows of tables: the settings, status and key figures of a run by name; and CSV files of such rows."""
+"""Rows of tables (the settings, status and key figures of a run by name), and CSV files of such rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vemcvx.results import Results
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
 Row = dict[str, Any]
-"""The values of a run by name; a value that does not exist is None or missing."""
+"""The values of a run by name; a value that a run does not have is None or missing."""
 COUNTS = "sticking", "slipping", "open"
 FORCES = {"reaction": "largest reaction of a boundary", "force": "largest force of contact and springs on a boundary"}
 PLAIN = {

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure", "reaction"
 TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
-SET = "set."  # Prefix of the names of settings in rows: a parameter may have the same name as a figure.
+SET = "set."  # Prefix of settings in rows: a parameter may have the same name as a key figure.
 
 
 def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
@@ -54,7 +54,7 @@ def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
 def table(rows: Sequence[Row], chosen: Sequence[str], labels: Mapping[str, str]) -> Table:
     """Return the table of a study: varying settings, chosen results, and a remark if a run failed.
 
-    Headings have the units of `labels`, which follow a line break there.
+    Headings include the units of `labels`, which follow a line break in each label.
     """
     several, found, cells = varying(rows), find_results(rows, chosen), []
     heads = ["\n".join([*name.split("_"), *labels.get(name, "").split("\n")[1:]]) for name in found]

@@ -1,8 +1,8 @@
 """A sweep over settings: many parallel runs, whose errors are measured against a reference.
 
-The reference has twice as many cells along every side as the finest mesh, and four times as many steps. By Galerkin
-orthogonality, which nearly holds, |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So the measured error of a run is
-right to 3 % if it is at least four times the error of the reference; smaller errors are less certain.
+The reference u_ref has twice as many cells along every side as the finest mesh, and four times as many steps. For the
+solution u and a run u_h, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So the
+error |u_ref - u_h| is right to 3 % if it is four times the error of the reference; smaller errors are less certain.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
         if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > SAME * span:
             raise ProblemError(
                 f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
-                f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must run alike."
+                f"{other[0]:g} to {other[-1]:g}; a sweep compares runs, so all must begin and end together."
             )
     shared = [t for t in first[1:] if all(np.abs(other - t).min() <= SAME * span for other in others)]
     chosen = np.arange(1, 5) * len(shared) // 4 - 1
@@ -88,10 +88,10 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
             adapted = made.adapt(instants, point.target, of=point.of)
             history, estimated = adapted.history, adapted.passes[-1].total
             seconds = time.perf_counter() - start
-    said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
+    notes = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
     if point.target is not None and estimated is not None and estimated > point.target:
-        said.append(f"the target was not met: {estimated:.2%} estimated")
-    own = {"estimated_error": finite_or_none(estimated), "seconds": seconds, "message": "; ".join(dict.fromkeys(said))}
+        notes.append(f"the target was not met: {estimated:.2%} estimated")
+    own = {"estimated_error": finite_or_none(estimated), "seconds": seconds, "message": "; ".join(dict.fromkeys(notes))}
     return history, asdict(point) | figures(history) | own
 
 
@@ -165,7 +165,7 @@ def append(path: Path, row: Row) -> None:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The rows of the points, the row of the reference, the instants of errors, and the number of rows kept."""
+    """The rows of the points, the row of the reference, the instants of errors, and the number of kept rows."""
 
     rows: list[Row]
     reference: Row
@@ -185,8 +185,8 @@ def sweep(
 ) -> Sweep:
     """Run all points that the folder's journal does not contain; at least one point must not be adaptive.
 
-    The `mark` identifies all other inputs. Raise ProblemError if the reference cannot be computed.
-    Raise HistoryError if the folder cannot be written, is in use by another sweep, or has foreign files.
+    The `mark` identifies all inputs except the points. Raise ProblemError if the reference cannot be computed, and
+    HistoryError if the folder cannot be written, is in use by another sweep, or has foreign files.
     """
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)

@@ -73,7 +73,7 @@ def reachable_levels(rows: Sequence[Row]) -> list[float]:
 
 
 def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
-    """Yield a line for each error level: the cheapest run that reaches it, or else the most accurate run."""
+    """Yield a line for each error level: the fastest run that reaches the level, or else the most accurate run."""
     found = sorted(answers(rows), key=lambda row: row["seconds"])
     best = min(found, key=lambda row: row["error"], default=None)
     for level in levels:

@@ -2,7 +2,7 @@
 
 A separate process measures the peak memory of one run. BLAS uses one thread in it, so that the seconds of parallel runs
 are comparable. Each run has a new process, not one of a pool, so that a run that crashes or exhausts the memory stops
-no other run. The process ends when its parent ends, for whatever reason.
+no other run. If the parent process ends, for whatever reason, the new process ends, too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 from vemcvx.base.errors import NotCertified, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
-"""Status of a run: it has an answer; its answer misses the accuracy; its problem was refused; it crashed."""
+"""Status of a run: answered; answered, but outside the accuracy; refused, because the problem is invalid; crashed."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 STARTING = threading.Lock()  # A new process copies the environment of this one, so one starts at a time.
 Result = TypeVar("Result")

@@ -10,10 +10,10 @@ An NPZ archive holds every array bit by bit, and the certified answer if the pro
 
 Only norm terms and limits restrain the motions N c, for example of a body without supports. The program has an optimum
 if c'N'g < sum_i w_i |B_i N c| for all c != 0 with D N c <= 0. The multipliers balance the load on these motions: N'g =
-N'B'lam + N'D'p. K d and the least value are unique; d may not be.
+N'B'lam + N'D'p. K d and the least value are unique; d need not be unique.
 
-A sequence holds the programs of successive steps with the same matrices, which are stored once. The arrays that change,
-g, w, b, e and the answers, have one more axis, the first: row k belongs to step k.
+A sequence holds the programs of successive steps with the same matrices, which are stored once. The arrays that change
+(g, w, b, e and the answers) have one more axis: index k of the first axis is the k-th step.
 
 Matrix Market has one file per array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
 """
@@ -62,7 +62,7 @@ def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
     g, w, b, e, c = (_vector(parts.get(name, np.zeros(0)), name) for name in "gwbec")
     if (w < 0).any() or (len(w) and len(b) % len(w)) or len(b) < len(w):
         raise ProgramError(
-            f"found w with {len(w)} and b with {len(b)} entries; wanted weights >= 0, and as many rows of b each."
+            f"found w with {len(w)} and b with {len(b)} entries; wanted weights >= 0, and the same number of b per w."
         )
     K, N = parts["K"], np.asarray(parts.get("N", np.zeros((len(g), 0))))
     if N.ndim != 2 or len(N) != len(g) or N.shape[1] > len(g) or K.shape != (len(g), len(g)):

@@ -8,18 +8,18 @@ CBF, the Conic Benchmark Format (version 1), holds every program: one cone per n
                 e - D d + c p          in L+        p is the force of a soft limit
 
 F is a root of K. If the program has the roots of the cell matrices (SolvedProgram.energy_rows), F is these roots,
-stacked: a sparse Cholesky factor fills in, and its text would be 15 times as long (26,040 unknowns in space). Otherwise
-F is the Cholesky factor. For a dense K with a kernel, F has as many rows less as the kernel has motions. Reading gives
-K = F'F, with the rounding of this product. At a solution the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
+stacked. A sparse Cholesky factor has fill-in, and its text would be 15 times as long (for 26,040 unknowns in space).
+Otherwise F is the Cholesky factor. For a dense K with a kernel of k motions, F has n - k rows. Reading gives K = F'F,
+with the rounding of this product. At a solution the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
 
     minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
-QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam is the dual of U minus the dual of L, and p is the
-dual of Z (HiGHS has duals <= 0: reverse the signs). The columns p_j are the forces of soft limits. The bound t >= 0 is
-redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
+QUADOBJ is the upper triangle of the Hessian. If duals are >= 0, lam is the dual of U minus the dual of L, and p is the
+dual of Z. HiGHS returns duals <= 0, so their signs must be reversed. The columns p_j are the forces of soft limits. The
+bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 The comment in the first line of either file gives n, m, the size of a block, and the numbers of limits, of soft limits
 and of motions in the kernel of K.

@@ -5,9 +5,9 @@
 
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-(Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h). Each contact has its normal component first, then its
-tangential component or components; spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and
-h_T = B_i of the limit and the norm term of each contact, follow
+(Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h). The contact forces r and relative displacements u of each
+contact have their normal component (N) first, then one or two tangential ones (T). From K d = g - B'lam - D'p, with the
+rows h_N = -D_j and h_T = B_i of the limit and the norm term of each contact, follow
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
@@ -34,7 +34,7 @@ from vemcvx.base.arrays import EPS, Floats, Ints
 from vemcvx.base.errors import ProgramError
 from vemcvx.program import SolvedProgram, StepProgram
 
-MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
+MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -mu r_N u_T / |u_T| where u_T != 0"
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
@@ -97,7 +97,7 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     pairs.eliminate_zeros()
     single = (np.diff(pairs.indptr) == 1).all() and (np.bincount(pairs.indices, minlength=operators.count) == 1).all()
     if not single:
-        raise ProgramError(f"{words}here weights are at a cap, or a limit has no weight or several.")
+        raise ProgramError(f"{words}here some weights are capped, or some limit has no weight or several.")
     mu = pairs.data
     # w and mu p are sums of a few numbers: they differ by rounding of the largest (2.8 EPS among 10,000 contacts).
     w = program.w[pairs.indices]

@@ -41,7 +41,7 @@ STATEMENT = (
 
 
 def description(program: StepProgram) -> dict[str, Any]:
-    """Return the description of a program, with values that JSON accepts."""
+    """Return the description of a program, as values that JSON can represent."""
     operators = program.operators
     matrices = {"K": sp.csr_matrix(operators.K), "B": operators.B, "D": operators.D}
     found: dict[str, Any] = {
@@ -79,21 +79,21 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return the contents of the files of a format and of the JSON file, by the part of their names after NAME."""
+    """Return the contents of the files of a format and of the JSON file, by the ends of their names after NAME."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
         raise ProgramError("write_program: the program has no unknowns left; use condense=False (--no-condense).")
     if program.stuck.any():
         raise ProgramError(
-            f"write_program: {program.stuck.sum()} of its terms have infinite weights, as they always stick, and no "
-            "format here says so. Write a step before they are locked."
+            f"write_program: {program.stuck.sum()} norm terms have infinite weights, because they always stick; no "
+            "format can express this. Write an earlier step, in which these terms are not locked."
         )
     return {**FORMATS[name][0](program), ".json": in_json(description(program))}
 
 
 def in_json(words: Mapping[str, Any]) -> bytes:
-    """Return the contents of a JSON file of these words and numbers."""
+    """Return the contents of a JSON file of this mapping."""
     text = json.dumps(words, indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x))
     return f"{text}\n".encode()
 

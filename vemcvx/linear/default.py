@@ -1,4 +1,4 @@
-"""Choice of the linear solver by size, dimension and installed packages; BLAS threads of steps."""
+"""Choice of the linear solver by size, dimension and installed packages, and of the number of BLAS threads."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ LARGEST_FACTOR = 2_000_000
 log = logging.getLogger("vemcvx")
 
 
-def choose_linear(unknowns: int, asked: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
-    """Return `asked` if it is given. Otherwise return a direct solver if its factors fit in memory, else Iterative.
+def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
+    """Return `given` unless it is None. Otherwise return a direct solver if its factors fit in memory, else Iterative.
 
     Bodies in space, with six rigid `modes`, have much fuller factors than bodies in the plane.
     """
-    if asked is not None:
-        return asked
+    if given is not None:
+        return given
     direct = direct_solver(unknowns)
     if unknowns <= (direct.largest_in_space if modes == 6 else LARGEST_FACTOR):
         return direct
     if importlib.util.find_spec("pyamg") is None:
-        log.warning("%d unknowns: a direct solver may run out of memory; vemcvx[multigrid] would not", unknowns)
+        log.warning("%d unknowns may be too many for a direct solver: pip install 'vemcvx[multigrid]'", unknowns)
         return direct
     log.info("linear solver: Iterative, for %d unknowns", unknowns)
     return Iterative()
@@ -53,8 +53,8 @@ def _libraries() -> ThreadpoolController:
 def one_thread(unknowns: int) -> Iterator[None]:
     """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns.
 
-    Several threads are slower on dense systems of that size. The number of threads belongs to the process: only the
-    main thread changes it.
+    Several threads are slower on dense systems of that size. The limit holds for the whole process, so only the main
+    thread sets it.
     """
     if unknowns >= 2_000 or current_thread() is not main_thread():
         yield

@@ -1,7 +1,7 @@
 """The interface of linear solvers: :class:`LinearSolver` makes a :class:`Factor` of K, which solves K x = b.
 
-If the unknowns c come last in K = L L', the Schur complement onto c is S = L_cc L_cc', the trailing block of the
-factor. It costs no more than the factorisation.
+If the unknowns c come last in K = L L', the Schur complement onto c is S = L_cc L_cc', with the trailing block L_cc of
+L. Its cost is included in the cost of the factorisation.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import NotAccepted, SceneError
 
 Matrix = Floats | sp.csr_matrix
-"""Matrix of a program: dense where the program was condensed, sparse where it was not."""
+"""Matrix of a program: dense if the program is condensed, else sparse."""
 
 SAMPLES = 8
 """Number of random vectors from which the diagonal of K^{-1} is estimated."""
@@ -36,7 +36,7 @@ class Factor(ABC):
         """Return x with K x = b, for one right-hand side (n,) or for several columns (n, k)."""
 
     def energy(self, b: Floats) -> float:
-        """Return b'K^{-1}b for a force b (n,). Iterative factors return an upper bound, so that certificates hold."""
+        """Return b'K^{-1}b for a force b (n,); iterative factors return an upper bound, as certificates require."""
         return abs(float(b @ self.solve(b)))
 
     def energies_of_columns(self, b: Floats) -> Floats:
@@ -73,15 +73,16 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 class LinearSolver(ABC):
     """Settings of a linear solver; frozen.
 
-    A run factorises its K once; with viscosity, once for every length of step. It calls `eliminate` if the class
-    `eliminates`, and then condenses programs to the unknowns of contact and friction. Otherwise it calls `factorise`.
+    A run factorises its K once; with viscosity, once for every length of step. The run calls `eliminate` if the class
+    `eliminates`, and then condenses programs to the unknowns of contact and friction. Otherwise the run calls
+    `factorise`.
 
     Attributes
     ----------
     eliminates : bool
         True if the class computes Schur complements, so that programs are condensed.
     orders : bool
-        True if the class orders the unknowns itself; no order is then computed for it.
+        True if the class orders the unknowns itself, so that `eliminate` needs no order.
 
     Examples
     --------
@@ -137,7 +138,7 @@ class LinearSolver(ABC):
         SceneError
             The matrix is not positive definite.
         """
-        raise NotAccepted(f"linear solver {type(self).__name__}: it gives no Schur complements; take SuperLU().")
+        raise NotAccepted(f"linear solver {type(self).__name__}: it computes no Schur complements; use SuperLU().")
 
 
 def singular_matrix_error() -> SceneError:

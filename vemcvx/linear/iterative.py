@@ -2,11 +2,11 @@
 
 PyAMG aggregates unknowns and smooths the prolongations P built from the near-kernel, the rigid motions. The cycle M
 sweeps Gauss-Seidel forward before the coarse correction and backward after it. The coarse matrix is Galerkin's, P'KP.
-So M is symmetric and positive definite, and no eigenvalue of MK exceeds one. Close to incompressibility (nu > .49) the
-smallest eigenvalues of MK are too small to be of use.
+So M is symmetric and positive definite, and no eigenvalue of MK exceeds one. If Poisson's ratio
+exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
 
-Certificates cannot rest on solves, which are inexact. They rest on this bound: for any approximation x of K^{-1}b,
-with rho = b - K x and l <= lambda_min(MK),
+Solves are inexact, so certificates use the following bound. For any approximation x of K^{-1}b, with rho = b - K x
+and l <= lambda_min(MK),
 
     b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
 
@@ -38,8 +38,8 @@ class Iterative(LinearSolver):
     """PyAMG (extra ``multigrid``): the default for meshes too large to factorise, if it is installed.
 
     Use it for large bodies with few contacts: each unknown that contact and friction read costs one solve before the
-    first step. It does not accept bodies held by friction and contact alone. Certificates take into account that
-    solves are inexact.
+    first step. It does not accept bodies held by friction and contact alone. Certificates include the error of
+    solves.
 
     Parameters
     ----------
@@ -138,13 +138,13 @@ class PyAMGFactor(IterativeFactor):
 def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
     """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
-    Consider the largest Ritz value of a positive semidefinite matrix after k steps from a uniformly distributed
-    direction in n dimensions. It is below (1 - eps) times the largest eigenvalue with probability less than
-    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). Applied to
-    1 - MK, with xi the smallest Ritz value of MK, this gives lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
+    Take a positive semidefinite matrix of size n, and k steps from a uniformly distributed direction. The largest Ritz
+    value is below (1 - eps) times the largest eigenvalue with probability less than
+    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). For the
+    matrix 1 - MK, with xi the smallest Ritz value of MK, this gives lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
 
-    The force is uniform in another inner product, which multiplies the probability by the root of the condition number
-    of M, at most 1e8. We choose eps such that the product is below 1e-9.
+    Our random force is uniform in the Euclidean inner product, not in that of M. This multiplies the probability by at
+    most the root of the condition number of M, at most 1e8. We choose eps such that the product is below 1e-9.
 
     Raise SceneError if K is not positive definite, or if the bound after 400 steps is less than xi / 10.
     """
@@ -159,7 +159,7 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name:
         answer = cycle(force)
         square = float(force @ answer)
         if not square > EPS**2 * start:
-            return 0.5 * low  # The Krylov space is complete: xi is the lowest eigenvalue, but for rounding.
+            return 0.5 * low  # The Krylov space is complete: up to rounding, xi is the lowest eigenvalue.
         if k > 1:
             off_diagonal.append(np.sqrt(square))
         now, direction = force / np.sqrt(square), answer / np.sqrt(square)
@@ -170,11 +170,11 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name:
         if low <= 0:
             raise singular_matrix_error()
         if high > 1 + 1e-6:
-            raise NotAccepted(f"{name}: the cycle has an eigenvalue of {high:.3g}: above 1 nothing is bounded.")
+            raise NotAccepted(f"{name}: the cycle has an eigenvalue of {high:.3g}; error bounds require at most 1.")
         eps = (failure / (2 * k - 1)) ** 2
         if eps < 1 and (bound := 1.0 - (1.0 - low) / (1.0 - eps)) > 0.1 * low:
             return float(bound)
     raise SceneError(
-        f"{name}: the cycle serves this matrix too badly to bound its errors: eigenvalues down to {low:.1e} after "
-        f"400 steps. {ADVICE}"
+        f"{name}: the cycle approximates the inverse of this matrix too poorly to bound errors: eigenvalues down to "
+        f"{low:.1e} after 400 steps. {ADVICE}"
     )

@@ -1,15 +1,15 @@
 """oneMKL's PARDISO: the supernodal Cholesky factorisation, through the package py-mkl-pardiso (extra ``mkl``).
 
-If `perm` marks the unknowns c of a Schur complement and iparm[35] = 2, phase 12 factorises all of K and returns
-S = K_cc - K_ci K_ii^{-1} K_ic, as m x m numbers at the beginning of the solution array. Phase 33 solves with the same
-factors; phase 333 substitutes backward, with K = L L', and leaves x_c unchanged.
+If `perm` marks the m unknowns c of a Schur complement and iparm[35] = 2, phase 12 factorises all of K. It returns S =
+K_cc - K_ci K_ii^{-1} K_ic, with the other unknowns i, as m x m numbers at the beginning of the solution array. Phase
+33 solves with the same factors; phase 333 substitutes backward, with K = L L', and leaves x_c unchanged.
 
 The package's public class, PardisoSolver, factorises before `perm` can be set. We use its base class, _PardisoSolver,
-instead. It runs on one thread.
+instead. PARDISO runs on one thread.
 
 PARDISO orders the unknowns itself. It can treat unknowns whose rows have the same pattern, such as the unknowns of a
-node, as one block (iparm[36] = -100), which takes four fifths of the time. But a block of more than 256 unknowns ends
-the process. No block is larger than a row, so we request blocks only if rows are short.
+node, as one block (iparm[36] = -100); a run then takes four fifths of the time. But a block of more than 256 unknowns
+crashes the process. No block is larger than a row, so we request blocks only if rows are short.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class PardisoFactor(Factor):
 
     def __init__(self, K: sp.csr_matrix, last: Ints):
         n, m, diagonal = K.shape[0], len(last), K.diagonal()
-        # PARDISO ends the process if an entry of the diagonal is missing.
+        # PARDISO crashes the process if an entry of the diagonal is missing.
         if not (diagonal > 0).all():
             raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))

@@ -34,8 +34,8 @@ OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    "pc_gamg_threshold": "-1",  # without weak couplings coarse matrices are fuller
-    "mg_coarse_pc_type": "redundant",  # blocks of ranks could have eigenvalues above one
+    "pc_gamg_threshold": "-1",  # keep weak couplings: coarse matrices become fuller without them
+    "mg_coarse_pc_type": "redundant",  # one block per rank could give eigenvalues above one
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
@@ -49,9 +49,9 @@ log = logging.getLogger("vemcvx")
 class PETSc(Iterative):
     """PETSc (extra ``petsc``): K in row blocks over the ranks of MPI, conjugate gradients with multigrid.
 
-    One rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes hierarchy and solves over
-    eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead of simulating.
-    Rank 0 also holds all of K. Parameters, certificates and suitable bodies are the same as of ``Iterative``.
+    One rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes the hierarchy and the
+    solves over eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead of
+    simulating. Rank 0 also holds all of K. Parameters, certificates and suitable bodies are those of ``Iterative``.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class PETSc(Iterative):
 
 
 class PETScFactor(IterativeFactor):
-    """A matrix K distributed over all ranks. They hold one matrix at a time, and set up another when it is used."""
+    """A matrix K distributed over all ranks, which hold one matrix at a time and set up another one when it is used."""
 
     def __init__(self, limits: PETSc, K: sp.csr_matrix, near_kernel: Floats | None, ranks: Ranks):
         # PETSc treats singular values below 1e-12 as zero, whatever the unit, so K is scaled.
@@ -162,7 +162,7 @@ class Ranks:
         ksp.setOperators(A)
         ksp.setFromOptions()
         ksp.setUp()
-        # Distributed vectors of answers and right sides, and the whole vector of rank 0 to exchange both with.
+        # The solution x and the right side b are distributed; rank 0 exchanges their entries through `whole`.
         x, b = A.createVecs()
         scatter, whole = petsc.Scatter.toZero(x)
         self._objects = [ksp, near, x, b, scatter, whole, A]
@@ -179,7 +179,7 @@ class Ranks:
         return self._exchange(self._objects[0].getPC().apply, b), 0
 
     def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
-        """Spread a vector (n,) of rank 0 over the ranks, call `act` on it, and gather the answer (n,) on rank 0."""
+        """Spread a vector (n,) of rank 0 over the ranks, call `act` on it, and gather the result (n,) on rank 0."""
         _, _, x, b, scatter, whole, _ = self._objects
         if right is not None:
             whole.getArray()[:] = right
@@ -208,7 +208,7 @@ def all_ranks() -> Ranks:
     try:
         return Ranks()
     except ImportError as error:
-        raise NotAccepted(f"PETSc: petsc4py is there, but does not load here: {_shorten(error)}") from error
+        raise NotAccepted(f"PETSc: petsc4py is installed, but cannot be loaded: {_shorten(error)}") from error
 
 
 def serve() -> bool:

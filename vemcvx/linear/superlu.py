@@ -15,7 +15,7 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: the default up to two million unknowns if Pardiso is not installed.
+    """Sparse LU with diagonal pivots: the default for up to two million unknowns if Pardiso is not installed.
 
     Attributes
     ----------
@@ -119,5 +119,5 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # Separators follow the parts that they separate: their lower bits are ones. Ties go to the lower separator first.
+    # Separators follow the parts that they separate: their lower bits are ones. Finer separators go before coarser.
     return np.lexsort((height, part | ((1 << height) - 1)))

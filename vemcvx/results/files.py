@@ -382,7 +382,7 @@ def writable_folder(folder: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise HistoryError(f"{folder}: cannot be made a folder to write to: {error}") from error
+        raise HistoryError(f"{folder}: cannot be used as a folder for output: {error}") from error
     return folder
 
 

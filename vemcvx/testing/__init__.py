@@ -7,8 +7,8 @@ In a test file::
     test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver is tested on the problems whose features it accepts, and must refuse the others. A linear solver that
-can eliminate unknowns is also tested for that. An effect is tested in the scene of its sample. pytest is required.
+A solver is tested on the instances whose features it accepts, and must refuse all other instances. Schur complements
+are tested if a linear solver computes them. An effect is tested in the scene of its sample. pytest is required.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.linear"
 from vemcvx.linear import LinearSolver  # noqa: E402 - after the registration above
 from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402
 from vemcvx.testing import solvers as conformance  # noqa: E402
-from vemcvx.testing.effects import SENTENCES, EffectSample, Other  # noqa: E402
-from vemcvx.testing.linear import sentences  # noqa: E402
+from vemcvx.testing.effects import PROPERTIES, EffectSample, Other  # noqa: E402
+from vemcvx.testing.linear import linear_properties  # noqa: E402
 from vemcvx.testing.solvers import INSTANCES, Instance  # noqa: E402
 
 __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "linear_suite", "solver_suite"]
@@ -40,9 +40,9 @@ def solver_suite(
     solvers : solver, or mapping of names to solvers
         Solvers, or objects with `solve(program, target)`.
     must_answer : bool
-        True if an answer that misses the accuracy fails the test.
+        True if a missed accuracy fails the test.
     repeatable : bool
-        True if repeated answers must be equal in all digits.
+        True if repeated runs must be equal in all digits.
 
     Returns
     -------
@@ -60,9 +60,9 @@ def solver_suite(
         cases |= {f"{name}: {each.__name__}": partial(each, solver) for each in conformance.SOLVER_PROPERTIES}
         for instance in INSTANCES.values():
             case = conformance.Case(solver, instance, must_answer)
-            refusal = (conformance.refuses_what_it_does_not_accept,)
-            for sentence in conformance.INSTANCE_PROPERTIES if instance.is_for(solver) else refusal:
-                cases[f"{name}: {instance.name}: {sentence.__name__}"] = partial(sentence, case)
+            refusal = (conformance.refuses_unaccepted_features,)
+            for check in conformance.INSTANCE_PROPERTIES if instance.is_for(solver) else refusal:
+                cases[f"{name}: {instance.name}: {check.__name__}"] = partial(check, case)
     twice = conformance.gives_the_same_answer_twice.__name__
     return _test({words: case for words, case in cases.items() if repeatable or not words.endswith(twice)})
 
@@ -100,8 +100,8 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
     >>> test_clamp = effect_suite(EffectSample(vx.Clamp("left"), beside=(steel, pull)))
     """
     named = samples if isinstance(samples, Mapping) else {samples.name: samples}
-    each = [(name, sample, sentence) for name, sample in named.items() for sentence in SENTENCES]
-    return _test({f"{name}: {sentence.__name__}": partial(sentence, sample) for name, sample, sentence in each})
+    each = [(name, sample, check) for name, sample in named.items() for check in PROPERTIES]
+    return _test({f"{name}: {check.__name__}": partial(check, sample) for name, sample, check in each})
 
 
 def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable[..., None]:
@@ -122,5 +122,5 @@ def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable
     >>> test_superlu = linear_suite(vx.SuperLU())
     """
     named = solvers if isinstance(solvers, Mapping) else {type(solvers).__name__: solvers}
-    each = [(name, linear, *one) for name, linear in named.items() for one in sentences(linear)]
-    return _test({f"{name}: {words}": partial(sentence, linear) for name, linear, words, sentence in each})
+    each = [(name, linear, *one) for name, linear in named.items() for one in linear_properties(linear)]
+    return _test({f"{name}: {words}": partial(check, linear) for name, linear, words, check in each})

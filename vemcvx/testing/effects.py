@@ -43,7 +43,7 @@ TIMES = np.array([0.0, 0.4, 1.0])
 
 @dataclass(frozen=True)
 class Other:
-    """Another value of a field, with the changes of other fields or effects that it needs.
+    """Another value of a field, with the changes of other fields and the further effects that the value needs.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Other:
 
 @dataclass(frozen=True)
 class EffectSample:
-    """A sample of an effect: a scene that it changes, on a mesh of the unit square or of the unit cube.
+    """An effect, and a scene that the effect changes, on a mesh of the unit square or of the unit cube.
 
     Parameters
     ----------
@@ -75,11 +75,11 @@ class EffectSample:
     beside : tuple of Effect
         The other effects of the scene.
     instead : tuple of Effect
-        The effects that replace it when it is left out.
+        The effects that replace the tested effect when it is left out.
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        Another value of every field, which changes the answer; an :class:`Other` if the value needs other changes.
+        Another value of every field, which changes the answer; an :class:`Other` if the value needs further changes.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     in_space : bool
@@ -156,7 +156,7 @@ def answer(*effects: Effect, on: Mesh | None = None) -> History:
 
 
 def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
-    """Return a contribution as comparable plain data; functions of `rows` rows are replaced by their values."""
+    """Return a contribution as comparable plain data; functions, of `rows` rows, are replaced by their values."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
@@ -200,8 +200,8 @@ def is_frozen(sample: EffectSample) -> None:
             setattr(sample.effect, name, None)
 
 
-def contributes_the_same_arrays_whatever_came_before(sample: EffectSample) -> None:
-    """Check that arrays are the same after a run, after use of another mesh, and for another space of the mesh."""
+def contributes_the_same_arrays_after_other_runs(sample: EffectSample) -> None:
+    """Check that arrays stay the same after a run, after use of another mesh, and for a second space of the mesh."""
     fine, coarse = Space(sample.mesh(1)), Space(sample.mesh())
     first = sample.content(sample.effect.contribute(coarse))
     sample.answer(sample.effect, *sample.beside)
@@ -256,7 +256,7 @@ def has_the_slope_of_its_law(sample: EffectSample) -> None:
         for size in (1e-3, 1.0, 1e3) if friction.law is not None and friction.law.slope is not None else ():
             p, step = size * np.linspace(1.0, 2.0, m), 1e-6 * size
             w, ahead = (friction.weights_under(1.0, forces, past, none) for forces in (p, p + step))
-            # The difference quotient has an error of 1e-6 if a law bends at forces of this size; w rounds by 1e-10.
+            # If a law bends at forces of this size, difference quotients are off by 1e-6; w rounds by 1e-10.
             off = (ahead - w) / step - friction.slope_under(1.0, p, past)
             assert (np.abs(off) <= 1e-4 * (w / size + np.abs(ahead - w) / step)).all()
 
@@ -265,7 +265,7 @@ def _units(vectors: Floats) -> bool:
     return bool(np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < 4 * np.finfo(float).eps)
 
 
-def names_a_place_that_is_unknown_and_what_exists(sample: EffectSample) -> None:
+def refuses_an_unknown_name_and_lists_existing_ones(sample: EffectSample) -> None:
     """Check the error for an unknown name: one sentence that begins with the class and lists existing names."""
     if isinstance(sample.effect, IN_CELLS):
         words = "on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh has 'west', 'east'"
@@ -294,7 +294,7 @@ def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
         assert on("left") != on(["left", "top"])
 
 
-def refuses_what_is_not_finite(sample: EffectSample) -> None:
+def refuses_nan_and_infinity(sample: EffectSample) -> None:
     """Check that NaN and infinity are refused in constants, in functions when evaluated, and in settings."""
     for name, components in sample.data.items():
         for wrong in (np.nan, np.inf):
@@ -315,7 +315,7 @@ def refuses_what_is_not_finite(sample: EffectSample) -> None:
 
 
 def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
-    """Check that arrays returned by the user's functions are not modified."""
+    """Check that arrays returned by a user's functions are not modified."""
     for name, components in sample.data.items():
         handed: dict[int, Floats] = {}
 
@@ -370,7 +370,7 @@ def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
     """Check that displacements differ without the effect."""
     present, absent = sample.answer(sample.effect, *sample.beside), sample.answer(*sample.instead, *sample.beside)
     scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
-    # The smallest change is from the weights of quadrature rules; rounding is 1e-15.
+    # Other weights of quadrature rules make the smallest change; rounding is 1e-15.
     assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
 
 
@@ -385,14 +385,14 @@ def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
         assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
 
 
-SENTENCES: tuple[Callable[[EffectSample], None], ...] = (
+PROPERTIES: tuple[Callable[[EffectSample], None], ...] = (
     is_frozen,
-    contributes_the_same_arrays_whatever_came_before,
+    contributes_the_same_arrays_after_other_runs,
     contributes_finite_arrays_that_fit_the_space,
     has_the_slope_of_its_law,
-    names_a_place_that_is_unknown_and_what_exists,
+    refuses_an_unknown_name_and_lists_existing_ones,
     takes_a_name_or_a_list_of_names,
-    refuses_what_is_not_finite,
+    refuses_nan_and_infinity,
     leaves_the_arrays_of_the_user_alone,
     describes_itself_in_one_line,
     survives_a_copy_to_another_process,

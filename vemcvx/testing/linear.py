@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems for the comparison of runs; solvers that do not eliminate, which may be inexact, run the `EASY` ones only."""
+"""Systems for the comparison of runs. Solvers that do not eliminate may be inexact: they run only the `EASY` ones."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],
@@ -102,7 +102,7 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 def gives_the_schur_complement(linear: LinearSolver) -> None:
     """Check S = ((K^{-1})_cc)^{-1} in the given order, from few to all unknowns, and solves by the factor.
 
-    In one system, a chain without every second unknown, nothing couples the eliminated unknowns.
+    In one system, a chain of which every second unknown is eliminated, the eliminated unknowns are not coupled.
     """
     system, chain = _system("voronoi", 6), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)
@@ -131,7 +131,7 @@ def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
 
 
 def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
-    """Check the refusal of a K with a slightly negative eigenvalue, which anchors of the kernel must not hide."""
+    """Check the refusal of a K with a negative eigenvalue: anchors of the kernel must not hide it."""
     chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
     stiffness, motions = np.linalg.eigh(chain)
     kernel = Kernel(np.ones((4, 1)), ("translation",))
@@ -146,18 +146,18 @@ def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
             march(system(K), [0, 1], linear=linear)
 
 
-Sentence = Callable[[LinearSolver], None]
-PROPERTIES: list[Sentence] = [solves, gives_the_same_answer_twice, refuses_indefinite_matrices]
-ELIMINATION_PROPERTIES: list[Sentence] = [
+Property = Callable[[LinearSolver], None]
+PROPERTIES: list[Property] = [solves, gives_the_same_answer_twice, refuses_indefinite_matrices]
+ELIMINATION_PROPERTIES: list[Property] = [
     gives_the_schur_complement,
     refuses_diagonals_with_missing_entries,
     refuses_indefinite_matrices_with_a_kernel,
 ]
 
 
-def sentences(linear: LinearSolver) -> Iterator[tuple[str, Sentence]]:
+def linear_properties(linear: LinearSolver) -> Iterator[tuple[str, Property]]:
     """Yield the properties that a linear solver must satisfy, with their names."""
-    for sentence in PROPERTIES + ELIMINATION_PROPERTIES * linear.eliminates:
-        yield sentence.__name__, sentence
+    for check in PROPERTIES + ELIMINATION_PROPERTIES * linear.eliminates:
+        yield check.__name__, check
     for kind in KINDS if linear.eliminates else EASY:
         yield f"runs agree: {kind}", partial(runs_agree_within_their_certificates, kind)

@@ -73,7 +73,7 @@ class Instance:
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return the paper's block, clamped on the right, loaded on the left, with effects below; small loads if free."""
+    """Return the paper's block, loaded on the left, with effects below: clamped on the right, or under small loads."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -85,7 +85,7 @@ def block(
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
-    """Return a cube, clamped on the right, with effects below, under a pressing load on its top that rotates."""
+    """Return a cube, clamped on the right, with effects on its bottom; the load on its top presses and rotates."""
 
     def pull(x: Floats, t: float) -> Floats:
         size = min(1.0, 4 * t)
@@ -130,7 +130,7 @@ INSTANCES = {
         "plain matrices": _plain_matrices,
     }.items()
 }
-"""The instances by name; together they have every feature of programs, and a K with a kernel."""
+"""The instances by name. Together they have all features of programs; one K has a kernel."""
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,8 @@ class Case:
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """The answers of the solver to both requests, each newly prepared; computed once for all tests."""
-        return tuple(map(self.answer, requests_of(self.instance)))
+        """The answers of the solver to both requests, each by a newly prepared solver; computed once for all tests."""
+        return tuple(map(self.answer, record_requests(self.instance)))
 
 
 @cache
@@ -196,7 +196,7 @@ def _step(instance: Instance, n: int, condense: bool, solver: Solver) -> Traject
 
 
 @cache
-def requests_of(instance: Instance) -> tuple[Request, Request]:
+def record_requests(instance: Instance) -> tuple[Request, Request]:
     """Return the first and the last request of a march with a relative error of 1e-6."""
     seen: list[Request] = []
 
@@ -212,7 +212,7 @@ def requests_of(instance: Instance) -> tuple[Request, Request]:
     return seen[0], seen[-1]
 
 
-def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
+def refuses_an_accuracy_outside_zero_to_one(solver: Solver) -> None:
     """Check that an accuracy outside (0, 1) is refused."""
     for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
         with pytest.raises(SceneError, match=f"^{solver.name}: found accuracy"):
@@ -220,28 +220,28 @@ def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
 
 
 def accepts_programs_without_terms(solver: Solver) -> None:
-    """Check that the solver accepts quadratic functions, which every program contains."""
+    """Check that the solver accepts quadratic functions, which all programs contain."""
     assert "quadratic" in solver.accepts
 
 
-def answers_where_rounding_forbids_the_gap(solver: Solver) -> None:
+def answers_if_the_gap_is_below_rounding(solver: Solver) -> None:
     """Check that the solver answers if the requested gap is below rounding, on the smallest instance."""
     smallest = min((one for one in INSTANCES.values() if one.is_for(solver)), key=lambda one: one.system.n)
-    request = requests_of(smallest)[0]
+    request = record_requests(smallest)[0]
     answer = Case(solver, smallest, must_answer=False).answer(replace(request, target=1e-60 * request.target))
     program = request.program
     assert np.isfinite(program.certify(program.feasible(answer.d), answer.lam, answer.p).gap)
 
 
 SOLVER_PROPERTIES: list[Callable[[Solver], None]] = [
-    refuses_an_accuracy_that_means_nothing,
+    refuses_an_accuracy_outside_zero_to_one,
     accepts_programs_without_terms,
-    answers_where_rounding_forbids_the_gap,
+    answers_if_the_gap_is_below_rounding,
 ]
 
 
-def refuses_what_it_does_not_accept(case: Case) -> None:
-    """Check that the refusal begins with the name of the solver and names the features."""
+def refuses_unaccepted_features(case: Case) -> None:
+    """Check that the refusal begins with the name of the solver and names the missing features."""
     missing = case.instance.features - case.solver.accepts or {"semidefinite"}
     with pytest.raises(NotAccepted, match=f"^solver {case.solver.name}: ") as refusal:
         march(case.instance.system, TIMES, solver=case.solver)
@@ -254,8 +254,8 @@ def answers_within_its_accuracy(case: Case) -> None:
     assert not case.must_answer or case.trajectory.certificate.max() <= case.solver.accuracy
 
 
-def is_as_near_to_newton_as_certified(case: Case) -> None:
-    """Check |y - z|_K <= both errors for the first and last step from Newton's states, condensed and not."""
+def agrees_with_newton_within_both_certificates(case: Case) -> None:
+    """Compare the first and last step, from Newton's states, in the norm of K, condensed and on all unknowns."""
     for n in (1, len(TIMES) - 1):
         for condense in (True, False):
             own, ours = _step(case.instance, n, condense, case.solver), newtons_step(case.instance, n, condense)
@@ -263,9 +263,9 @@ def is_as_near_to_newton_as_certified(case: Case) -> None:
             assert energy_norm(case.instance.system.K, own.state[1] - ours.state[1]) <= allowed
 
 
-def gives_multipliers_as_admissible_as_it_is_accurate(case: Case) -> None:
-    """Check that admissible multipliers differ in forces, in the norm of K^{-1}, by at most the requested error."""
-    for request, answer in zip(requests_of(case.instance), case.answers, strict=True):
+def gives_nearly_admissible_multipliers(case: Case) -> None:
+    """Check that admissible multipliers differ in force, in the norm of K^{-1}, by at most the requested error."""
+    for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
         moved = program.multiplier_force(answer.lam - lam, answer.p - p)
@@ -273,25 +273,25 @@ def gives_multipliers_as_admissible_as_it_is_accurate(case: Case) -> None:
 
 
 def agrees_with_itself_warm_and_cold(case: Case) -> None:
-    """Check that answers agree within both certificates if it starts from zero or from its own multipliers."""
-    for request, first in zip(requests_of(case.instance), case.answers, strict=True):
+    """Check that answers agree within both certificates if the solver starts from zero or from its own multipliers."""
+    for request, first in zip(record_requests(case.instance), case.answers, strict=True):
         lam, p = request.program.admissible(first.lam, first.p, first.d)
         for begin in (replace(request, lam=0 * lam, p=0 * p), replace(request, lam=lam, p=p)):
             _agree(request.program, first, case.answer(begin))
 
 
 def remembers_no_other_step(case: Case) -> None:
-    """Check that a solver prepared once, with steps in reverse order, agrees with newly prepared solvers."""
-    steps = requests_of(case.instance)
+    """Check that a solver that is prepared once, for steps in reverse order, agrees with newly prepared solvers."""
+    steps = record_requests(case.instance)
     prepared = case.solver.prepare(steps[0].program.operators)
     for request, fresh in zip(reversed(steps), reversed(case.answers), strict=True):
         again = replace(request.program, operators=steps[0].program.operators)
         _agree(request.program, prepared.solve(again, request.target, request.lam, request.p), fresh)
 
 
-def changes_nothing_that_it_is_given(case: Case) -> None:
+def leaves_its_input_unchanged(case: Case) -> None:
     """Check that the program and the initial multipliers are not modified."""
-    request = requests_of(case.instance)[1]
+    request = record_requests(case.instance)[1]
     before = [array.copy() for array in request.arrays()]
     case.answer(request)
     for array, copy in zip(request.arrays(), before, strict=True):
@@ -299,7 +299,7 @@ def changes_nothing_that_it_is_given(case: Case) -> None:
 
 
 def gives_the_same_answer_twice(case: Case) -> None:
-    """Check that a second run is equal bit by bit, and that settings are unchanged."""
+    """Check that a second run is equal bit by bit, and that the solver's settings are unchanged."""
     settings = repr(case.solver)
     first, again = case.trajectory, case.march()
     for name in ("state", "multipliers", "pressures", "gap", "iterations"):
@@ -309,7 +309,7 @@ def gives_the_same_answer_twice(case: Case) -> None:
 
 def does_not_move_without_a_load(case: Case) -> None:
     """Check that the answer without a load is zero, within both certificates."""
-    request = requests_of(case.instance)[0]
+    request = record_requests(case.instance)[0]
     program, lam, p = request.program, 0 * request.lam, 0 * request.p
     rest = replace(program, g=0 * program.g, b=0 * program.b, e=np.maximum(program.e, 0.0))
     _agree(rest, case.answer(replace(request, program=rest)), Answer(0 * program.g, lam, 0, p=p))
@@ -334,11 +334,11 @@ def answers_sliders_in_closed_form(case: Case) -> None:
 
 INSTANCE_PROPERTIES: list[Callable[[Case], None]] = [
     answers_within_its_accuracy,
-    is_as_near_to_newton_as_certified,
-    gives_multipliers_as_admissible_as_it_is_accurate,
+    agrees_with_newton_within_both_certificates,
+    gives_nearly_admissible_multipliers,
     agrees_with_itself_warm_and_cold,
     remembers_no_other_step,
-    changes_nothing_that_it_is_given,
+    leaves_its_input_unchanged,
     gives_the_same_answer_twice,
     does_not_move_without_a_load,
     answers_sliders_in_closed_form,

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
 from scenes import any_family, small
 
+import elastoplastic_block as lesson
 import vemcvx as vx
-
-PROBLEMS = Path(__file__).parents[2] / "problems"
-
-import elastoplastic_block as lesson  # noqa: E402
-from spring_slider_chain import play  # noqa: E402
-
-SHEAR = np.array([0.0, 0.4, 0.9, 1.2, 0.6, 0.0, -0.3, -1.0, 0.2, 1.3])
+from spring_slider_chain import play
 
 
-def against_closed_form(mesh, stress, solver):
+def assert_closed_form(mesh, stress, solver):
     posed = lesson.block(mesh, stress)
     trajectory = vx.march(posed.system, np.arange(float(len(stress))), solver=solver)
     p, eps, back = lesson.exact_solution(stress)
@@ -39,50 +32,27 @@ def against_closed_form(mesh, stress, solver):
 
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda solver: solver.name)
-def test_the_spiral_is_a_return_mapping(solver):
-    against_closed_form(small("voronoi", 3), lesson.spiral()[::2], solver)
+def test_a_spiral_of_stress_follows_the_return_mapping(solver):
+    assert_closed_form(small("voronoi", 3), lesson.spiral()[::2], solver)
 
 
 @any_family
-def test_uniform_on_every_family(family):
-    total, eps = against_closed_form(small(family, 2), lesson.spiral()[::4], vx.Newton())
-    # Newton stops within 1e-8 of the energy norm, cells are few and of similar size.
+def test_strains_are_uniform_on_every_family(family):
+    total, eps = assert_closed_form(small(family, 2), lesson.spiral()[::4], vx.Newton())
+    # Newton stops at 1e-8 of the energy norm; the mesh has few cells of similar size.
     assert np.abs(total - eps[:, None]).max() < 1e-6 * np.abs(eps).max()
 
 
 @pytest.mark.long
-def test_shear_alone_is_a_play():
-    stress = np.outer(SHEAR, [0, 0, 1])
-    total, _ = against_closed_form(small("voronoi", 3), stress, vx.Newton())
-    p = play(lesson.RADIUS, np.sqrt(2) * SHEAR)[:, 0] / lesson.HARDENING
-    gamma = SHEAR / lesson.MU + np.sqrt(2) * p
+def test_the_return_mapping_of_pure_shear_is_a_play():
+    shear = np.array([0.0, 0.4, 0.9, 1.2, 0.6, 0.0, -0.3, -1.0, 0.2, 1.3])
+    _, eps, _ = lesson.exact_solution(np.outer(shear, [0, 0, 1]))
+    p = play(lesson.RADIUS, np.sqrt(2) * shear)[:, 0] / lesson.HARDENING
     assert np.abs(p).max() > 0
-    assert np.abs(total[:, :, 2] - gamma[:, None]).max() < 1e-6 * np.abs(gamma).max()
+    assert eps[:, 2] == pytest.approx(shear / lesson.MU + np.sqrt(2) * p, rel=1e-12, abs=1e-15)
 
 
-def test_a_ball_is_no_box():
+def test_osqp_refuses_second_order_cones():
     system = lesson.block(vx.meshes.squares(2), lesson.spiral()).system
     with pytest.raises(vx.NotAccepted, match="second-order cones"):
         vx.march(system, [0.0, 1.0], solver=vx.OSQP())
-
-
-def test_the_stored_energy_is_that_of_the_formula():
-    """1/2 (eps - P) : C (eps - P) + H/2 |P|^2 of a uniform state, out-of-plane part included."""
-    mesh = small("voronoi", 3)
-    posed = lesson.block(mesh, lesson.spiral())
-    # Zero at the lower left corner, and across at the lower right.
-    G, p = np.array([[0.01, 0.05], [0.0, 0.02]]), np.array([0.004, -0.007, 0.011])
-    u = (mesh.points @ G.T).ravel()
-    y = np.concatenate([u[posed.free], np.tile(p, mesh.n_cells)])
-    eps, N = np.zeros((3, 3)), _basis()
-    eps[:2, :2] = 0.5 * (G + G.T)
-    e = eps - np.einsum("k,kij->ij", p, N)
-    stored = lesson.MU * np.sum(e * e) + 0.5 * lesson.LAM * np.trace(e) ** 2 + 0.5 * lesson.HARDENING * p @ p
-    assert 0.5 * y @ (posed.system.K @ y) == pytest.approx(stored, rel=1e-12)
-
-
-def _basis():
-    N = np.zeros((3, 3, 3))
-    N[0], N[1] = np.diag([1, -1, 0]) / np.sqrt(2), np.diag([1, 1, -2]) / np.sqrt(6)
-    N[2, 0, 1] = N[2, 1, 0] = 1 / np.sqrt(2)
-    return N

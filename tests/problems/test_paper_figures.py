@@ -1,16 +1,15 @@
-"""The paper's figures and table by one command, in a small setting; and its printed numbers beside ours."""
+"""The paper's figures and table by one command, in a small setting; its printed numbers beside ours."""
 
 from __future__ import annotations
 
-import importlib
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-PROBLEMS = Path(__file__).parents[2] / "problems"
+import paper_figures as figures
+
 # Relative errors at h = k = 1/4 ... 1/64 against 1/256, beside the print .1745 .0911 .0458 .0221 .0099.
 OURS = {
     "unit": {
@@ -30,15 +29,8 @@ OURS = {
 }
 
 
-@pytest.fixture
-def figures(monkeypatch):
-    pytest.importorskip("matplotlib")
-    monkeypatch.syspath_prepend(PROBLEMS)
-    return importlib.import_module("paper_figures")
-
-
 @pytest.mark.long
-def test_one_command(figures, tmp_path):
+def test_one_command_draws_all_figures_and_prints_the_tables(tmp_path):
     text = io.StringIO()
     console = Console(file=text, width=140)
     figures.main(tmp_path, sizes=(4, 8), reference=32, n=6, steps=4, counts=(50, 200), console=console)
@@ -51,8 +43,8 @@ def test_one_command(figures, tmp_path):
 
 
 @pytest.mark.long
-def test_table_1_in_small(figures):
-    """Against h = 1/32 instead of 1/256; steps cost nothing, and the nodal distance is the least."""
+def test_errors_of_table_1_are_those_of_the_mesh():
+    """The reference is h = 1/32, not 1/256. Steps cause no error, and nodal distances are below exact ones."""
     found = figures.errors((4, 8), 32, "shear")
     relative = {kind: [one.relative for one in found[kind]] for kind in found}
     assert relative["exact"] == pytest.approx([0.189838, 0.103589], rel=1e-5)
@@ -63,33 +55,20 @@ def test_table_1_in_small(figures):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stabilisation", ["unit", "shear"])
-def test_the_printed_numbers_beside_ours(figures, stabilisation):
-    """Ours to the four digits that are told; no measure of ours is within a tenth of the print on all five meshes."""
+def test_our_errors_have_the_stated_digits_and_differ_from_the_print(stabilisation):
+    """No measure of ours is within a tenth of the printed numbers on all five meshes."""
     printed = np.array(list(figures.PRINTED_ERRORS.values()))
     found = figures.errors(stabilisation=stabilisation)
-    for kind, told in OURS[stabilisation].items():
+    for kind, stated in OURS[stabilisation].items():
         ours = np.array([one.relative for one in found[kind]])
-        np.testing.assert_allclose(ours, told, rtol=5e-4)
+        np.testing.assert_allclose(ours, stated, rtol=5e-4)
         assert np.abs(ours / printed - 1).max() > 0.1
         assert (ours[1:] < ours[:-1]).all()
 
 
-def test_every_deviation_has_a_word_that_the_package_knows(figures):
-    """Three columns, and of what stands between backquotes the names are there."""
-    import vemcvx as vx
-
-    rows = [line.split("|")[1:-1] for line in figures.deviations().splitlines()]
-    assert {len(row) for row in rows} == {3}
-    words = "".join(row[2] for row in rows[2:])
-    for name in ("Elasticity", "TrescaFriction", "simulate", "projected"):
-        assert name in words
-        assert hasattr(vx, name)
-    assert len(rows) == 2 + len(figures.DEVIATIONS)
-
-
 @pytest.mark.long
-def test_fig_4_triangles_to_the_node(figures):
-    """The paper's triangles are ours; polygons that nobody collapses have 2 n + 2 nodes."""
+def test_triangles_of_figure_4_have_the_printed_numbers_of_nodes():
+    """A mesh of n polygons without collapsed sides has 2 n + 2 nodes."""
     for count, fewest, most, whole, triangles, _ in figures.nodes((50, 200), seeds=3):
         assert triangles == figures.PRINTED_NODES[count][1]
         assert whole == 2 * count + 2

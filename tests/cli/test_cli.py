@@ -194,7 +194,7 @@ def test_a_miss_exits_with_three(tmp_path):
         (["--accuracy", "2"], "accuracy = 2.0; it is a relative energy error between 0 and 1"),
         (["--n", "0"], "Invalid value for '--n'"),
         (["--steps", "many"], "Invalid value for '--steps'"),
-        (["--results", "slip"], "--results: is for a study only"),
+        (["--results", "slip"], "--results: found a single run"),
         (["--probe", "0,0"], "--probe: displacements of points are written to DIR"),
         (["--probe", "here", "--out", "o"], "--probe: found 'here'; wanted points, such as 0.5,0.25"),
         (["--probe", "0,0", "--probe", "2", "--out", "o"], "--probe: found '0,0', '2'; wanted points"),
@@ -392,10 +392,10 @@ def test_a_target_may_be_of_friction_work(tmp_path):
     told = json.loads((tmp_path / "summary.json").read_text())["quantities"]["dissipated"]
     assert 0 < told["error"] <= 0.1 * told["value"]
     assert re.search(rf"dissipated +{told['value']:.6g}, estimated error {told['error']:.2g}", done.output)
-    assert "--of: found 'stress'; there are energy, dissipated, work, wear" in invoke(
+    assert "--of: found quantity 'stress'; there are 'energy', 'dissipated', 'work' and 'wear'" in invoke(
         "run", PROBLEM, "--target", 0.1, "--of", "stress"
     ).output.replace("\n", " ")
-    assert "--of: work goes with --target X" in invoke("run", PROBLEM, "--of", "work").output.replace("\n", " ")
+    assert "--of: work needs --target X" in invoke("run", PROBLEM, "--of", "work").output.replace("\n", " ")
 
 
 def test_version_and_help():
@@ -484,7 +484,7 @@ def test_meshes_beyond_the_memory_are_refused_before_they_are_made(monkeypatch):
     assert refused.exit_code == 2
     said = " ".join(refused.output.split())
     assert re.search(
-        r"--n 5000: some [\d.]+e\+07 unknowns need \d+ GB of memory at least, and this machine has 8 GB", said
+        r"--n 5000: about [\d.]+e\+07 unknowns need at least \d+ GB of memory, and this machine has 8 GB", said
     )
     assert "--target 0.02, which refines only where the error is large" in said
     assert max(made) == 16

@@ -75,10 +75,10 @@ def test_optima_are_those_published(tmp_path):
     """What is written here agrees with the list that came with the version, or is told."""
     small = [one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")]
     said = write_collection(tmp_path, instances=small)
-    assert "optima.csv agrees with that of version 5" in said
+    assert "optima.csv agrees with the published optima.csv of version 5" in said
     (row, *_) = json.loads((tmp_path / "manifest.json").read_text())["instances"]
     assert departures([{**row, "unknowns": 99}]) == [f"{row['name']} has unknowns 99, not {row['unknowns']}"]
-    assert departures([{**row, "name": "new"}]) == ["new is not in it"]
+    assert departures([{**row, "name": "new"}]) == ["new is not in the published optima.csv"]
     lower = {
         **row,
         "optimum": {**row["optimum"], "low": row["optimum"]["low"] - 2.0, "high": row["optimum"]["low"] - 1.0},
@@ -203,7 +203,7 @@ def test_it_is_the_same_every_time(tmp_path):
 def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch):
     done = invoke("collection", "--out", tmp_path / "new", "--format", "sif")
     assert done.exit_code == 2
-    assert "--format: there is no format 'sif'" in done.output
+    assert "--format: found format 'sif'; there are 'npz'" in done.output
     monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
     done = invoke("collection", "--out", tmp_path / "new")
     assert done.exit_code == 2
@@ -216,5 +216,5 @@ def test_the_whole_collection_is_confirmed(tmp_path):
     assert done.exit_code == 0, done.output
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "optima.csv agrees with that of version 5" in " ".join(done.output.split())
+    assert "optima.csv agrees with the published optima.csv of version 5" in " ".join(done.output.split())
     assert "141 of 141 are confirmed: 135 optima, 6 proofs that no optimum exists" in run.stdout

@@ -139,7 +139,7 @@ def test_all_that_accept_the_program_agree():
 
 @pytest.mark.long
 def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
-    options = ["--accuracy", "1e-12", "--tuning", "tuned", "--solvers", "newton,clarabel,Mosek"]
+    options = ["--accuracy", "1e-12", "--solvers", "newton,clarabel,Mosek"]
     done = invoke(PROBLEM, "--n", 4, "--steps", 3, *options)
     assert done.exit_code == 0, done.output
     says = r"Clarabel \(tuned\): missed: misses its accuracy in \d of 3 steps, first in step \d"
@@ -168,7 +168,6 @@ def test_nobody_certified_exits_with_three(solvers, accuracy):
         (["--option", "scs.max_iters=3"], "--option: 'scs' is none of the chosen solvers, newton, clarabel, osqp"),
         (["--option", "newton.speed=3"], "--option: newton has no setting 'speed'; it has accuracy, max_iterations"),
         (["--option", "newton.max_iterations=many"], "Newton: found max_iterations = 'many'"),
-        (["--tuning", "fine"], "--tuning: found 'fine'; there are both, tuned, default"),
         (["--time-limit", "0"], "--time-limit: found 0; wanted seconds, more than zero"),
         (["--csv", "nowhere/a.csv"], "--csv: nowhere/a.csv cannot be written: its folder must exist"),
         pytest.param(
@@ -260,14 +259,14 @@ def test_an_error_of_the_problem_is_told_once(tmp_path):
 def test_a_time_limit_ends_a_solver_and_its_process(broken):
     """The sleeper would take a minute; the others are done in the limit, the most certain among them."""
     solvers = f"newton,{broken}:Sleeping,{broken}:Dying,clarabel"
-    done = invoke(PROBLEM, "--n", 3, "--steps", 1, "--time-limit", "20", "--tuning", "tuned", "--solvers", solvers)
+    done = invoke(PROBLEM, "--n", 3, "--steps", 1, "--time-limit", "20", "--solvers", solvers)
     assert done.exit_code == 0, done.output
     assert words(done.output) == {
         ("Sleeping", "own"): "stopped stopped after 20 s",
         ("Dying", "own"): "failed its process ended: ended with exit code 3",
     }
     answered = [key for key, line in rows(done.output).items() if line[1] != "-"]
-    assert answered == [("Newton", "own"), ("Clarabel", "tuned")]
+    assert answered == [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default")]
 
 
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("*.py") if "\ndef times(" in path.read_text())

@@ -150,7 +150,7 @@ def test_a_code_of_the_problem_that_ends_its_process(pad):
     ("words", "message"),
     [
         (("--results", "slips"), "--results: there is no result 'slips'; there are energy, dissipated"),
-        (("--report",), "each of several runs has its own folder in DIR of --out DIR"),
+        (("--report",), "Each has its own folder in DIR of --out DIR, which --report needs"),
         (("--resume", "old"), "none of them can be resumed"),
     ],
 )

@@ -165,7 +165,7 @@ def test_errors_may_be_those_of_friction_work(tmp_path):
             run = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(int(row["n"])), feng_han_huang.times(2))
             assert value == pytest.approx(run.dissipated_second_order[-1])
             assert float(row["estimated_error"]) == pytest.approx(vx.quantities(run)["dissipated"].relative)
-    assert "--of: found 'heat'; there are energy" in cost(PROBLEM, "--of", "heat").output
+    assert "--of: found quantity 'heat'; there are 'energy'" in cost(PROBLEM, "--of", "heat").output
 
 
 def posed(point):

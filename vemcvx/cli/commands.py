@@ -39,7 +39,7 @@ KINDS = {
 
 
 class Commands(TyperGroup):
-    """The group of commands; each command is made when it is used."""
+    """The group of commands; a command is made at its first use."""
 
     def __init__(self, **given: Any):
         super().__init__(**given)
@@ -54,7 +54,7 @@ class Commands(TyperGroup):
 
 
 def make_command(name: str, kind: type[Any]) -> Any:
-    """Make a command of a class; report its errors by a line and an exit code."""
+    """Return the command of a class; it reports an error by a line and an exit code."""
 
     def command(**given: Any) -> None:
         with report_errors():
@@ -96,20 +96,17 @@ class Lesson:
     def __call__(self) -> None:
         """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
         if self.number is None:
-            for name, is_set in (("--notebook", self.notebook), ("--no-solutions", self.no_solutions)):
-                if is_set:
-                    raise ProblemError(f"lesson: found {name} without a number; `vemcvx lesson` lists the lessons.")
+            if self.notebook or self.no_solutions:
+                found = "--notebook" if self.notebook else "--no-solutions"
+                raise ProblemError(f"lesson: found {found} without a number; `vemcvx lesson` lists the lessons.")
             rows = [(str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items()]
             typer.echo(Table((), rows).text())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
         for path in copy_lesson(self.number, Path(), self.notebook, not self.no_solutions):
             say(f"{path}")
-        say(
-            "Open the lesson in Jupyter or VS Code."
-            if self.notebook
-            else "Open the lesson as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it with Python."
-        )
+        places = "VS Code, Jupyter (jupytext) or marimo, or run it with Python"
+        say(f"Open the lesson {'in Jupyter or VS Code' if self.notebook else f'as a notebook in {places}'}.")
 
 
 def _version(wanted: bool) -> None:

@@ -1,17 +1,18 @@
 """`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
 
-Steps with given weights are nonexpansive in the energy norm, so two answers y, z to the same steps obey
+Steps with given weights are nonexpansive in the energy norm. So the states y, z of two answers to the same steps obey
 
-    |y_n - z_n|_K <= sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m), of y, plus the same sum of z.
+    |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
 
-The left side is exact: K is the matrix of the scene. All answers are compared with the most certain answer, whose sum
-is the smallest. This tests every certificate: a certificate that satisfies the inequality is *honest*. A certificate
-is *good* if it is as small as requested, apart from its rounding floor; an honest certificate need not be good. If
-weights depend on the answer, or friction or viscosity occurs together with limits, the sum is no bound
-(:class:`vemcvx.stepping.trajectory.Trajectory`). Then the distance is only reported.
+where gap_m and floor_m are the duality gap and the rounding floor of step m. The left side is exact: K is the matrix of
+the scene. All answers are compared with the most certain answer, the one with the smallest sum. This tests every
+certificate: a certificate that satisfies the inequality is *honest*. A certificate is *good* if it is as small as
+requested, apart from its rounding floor; an honest certificate need not be good. If weights depend on the answer, or
+friction or viscosity occurs together with limits, the sum is no bound
+(:class:`vemcvx.stepping.trajectory.Trajectory`). Then the distance is reported without a bound.
 
-Every solver has a row, also if it refuses the program, misses its accuracy, fails, or exceeds the time limit. With a
-time limit each solver runs in a separate process, which is then stopped; so a crash, too, is only a row.
+Every solver has a row, also a solver that refuses the program, misses its accuracy, fails, or exceeds the time limit.
+With a time limit each solver runs in a separate process, which is stopped at the limit; a crash costs one row.
 """
 
 from __future__ import annotations
@@ -45,16 +46,15 @@ from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
-"""Outcomes: as accurate as requested; less accurate; program not accepted; no answer; time limit exceeded."""
+"""Outcomes: as accurate as requested; less accurate; program not accepted; no answer; stopped at the time limit."""
 ENDS = {NotAccepted: REFUSED, NotCertified: MISSED}
-SETTINGS = {"both": ("tuned", "default"), "tuned": ("tuned",), "default": ("default",)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """A row of the comparison: a solver with its own, tuned or default settings, and its outcome.
 
-    Errors are relative to the largest energy norm of the states so far. Iterations are the median over steps, or None
+    Errors are relative to the largest energy norm of the states so far. `iterations` is the median over steps, or None
     if the solver does not count them.
     """
 
@@ -83,7 +83,7 @@ Attempt = tuple[Row, Trajectory | None]  # A row before the comparison, and the 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All rows, the label of the most certain solver, and a flag: True if certificates bound distances."""
+    """All rows, the label of the most certain solver, and True in `rigorous` if certificates bound the distances."""
 
     rows: tuple[Row, ...]
     most_certain: str | None
@@ -165,9 +165,9 @@ def error_bounds(run: Trajectory) -> Floats:
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """Return the distance of two answers and the bound by their certificates, both relative, and True if it holds.
+    """Return the relative distance of two answers, the relative bound by their certificates, and True if it holds.
 
-    The instant is the one with the largest excess over the bound, or with the largest distance if the bound holds.
+    They are taken at the instant of the largest distance, or of the largest excess over the bound if it is violated.
     """
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
@@ -203,9 +203,6 @@ class Compare:
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
     options: Options = NONE
-    tuning: Annotated[str, typer.Option(metavar="both|tuned|default", help="Settings of solvers called by cvxpy.")] = (
-        "both"
-    )
     time_limit: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Stop each solver, in a separate process, after this time.")
     ] = None
@@ -258,9 +255,7 @@ class Compare:
 
 
 def entrants(command: Compare) -> list[tuple[Solver, str]]:
-    """Return the chosen solvers with words for their settings; solvers of cvxpy once with each kind of settings."""
-    if command.tuning not in SETTINGS:
-        raise ProblemError(f"--tuning: found {command.tuning!r}; there are {', '.join(SETTINGS)}.")
+    """Return the chosen solvers and the kind of their settings; solvers that cvxpy calls are tried with both kinds."""
     # This imports cvxpy, so that the import is not in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
 
@@ -276,8 +271,8 @@ def entrants(command: Compare) -> list[tuple[Solver, str]]:
         if not isinstance(solver, ThroughCvxpy):
             found.append((solver, "own"))
         else:
-            wanted = SETTINGS[command.tuning] if solver.solver in TUNED else ("default",)
-            found += [(replace(solver, tuned=settings == "tuned"), settings) for settings in wanted]
+            kinds = ("tuned", "default") if solver.solver in TUNED else ("default",)
+            found += [(replace(solver, tuned=kind == "tuned"), kind) for kind in kinds]
     return found
 
 
@@ -302,7 +297,7 @@ def _attempt_within(seconds: float, problem: Problem, command: Compare, i: int, 
 
 
 def attempt_in_process(path: Path, command: Compare, i: int, row: Row) -> Attempt:
-    """Solve the problem by solver `i` in a new process; only the first process logs, because all log the same."""
+    """Solve the problem by solver `i` in this new process; only the first process logs, because all logs are alike."""
     with limit_log(0 if i else 1):
         return attempt(read_problem(path), command, row, entrants(command)[i][0], None)
 
@@ -316,14 +311,14 @@ def attempt(
         history = posed.simulate(check=False, progress=progress or False)
     except (VemcvxError, MemoryError) as error:
         outcome = next((end for kind, end in ENDS.items() if isinstance(error, kind)), FAILED)
-        told = "it ran out of memory" if isinstance(error, MemoryError) else str(error)
-        return replace(row, outcome=outcome, says=_own_words(told) if outcome == FAILED else clause(told)), None
+        words = "it ran out of memory" if isinstance(error, MemoryError) else str(error)
+        return replace(row, outcome=outcome, says=_own_words(words) if outcome == FAILED else clause(words)), None
     return replace(row, seconds=sum(history.seconds.values())), history.trajectory
 
 
 @contextmanager
 def warn_once() -> Iterator[None]:
-    """Give each warning of the block once, even if several solvers cause it, or all of them fail."""
+    """Give each warning of the block once, even if several solvers cause it or the block raises an error."""
     caught = list[warnings.WarningMessage]()
     try:
         with quietly() as caught:
@@ -374,5 +369,5 @@ def as_json(found: Comparison, title: str, size: str) -> str:
         {key: str(x) if isinstance(x, float) and not np.isfinite(x) else x for key, x in asdict(row).items()}
         for row in found.rows
     ]
-    told = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
-    return json.dumps(told, indent=1) + "\n"
+    contents = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
+    return json.dumps(contents, indent=1) + "\n"

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from vemcvx.base.arrays import choice
 from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.base.outline import count_steps
@@ -91,13 +92,12 @@ class Cost:
     def __call__(self) -> None:
         """Measure the cost of accuracy: true errors against seconds and unknowns, for meshes, steps and solvers."""
         problem = read_problem(self.file)
-        if self.of not in QUANTITIES:
-            raise ProblemError(f"--of: found {self.of!r}; there are {', '.join(QUANTITIES)}.")
+        choice(self.of, "--of", "quantity", list(QUANTITIES), ProblemError)
         targets = self._targets(problem)
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
-        recipe(points[-1])  # A problem that cannot be posed is one error here, not an error at every point.
+        recipe(points[-1])  # A problem that cannot be posed is one error here, instead of one at every point.
         with Owned(folder) as own:
             # Fail before the sweep starts if the files cannot be written.
             for name in (TABLE, PICTURE):
@@ -118,9 +118,9 @@ class Cost:
         return tuple(sorted(parse_list("--target", typed, _fraction, FRACTIONS), reverse=True)) if typed else ()
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
-        """Return all combinations, the largest first, so that at the end no worker waits long for another worker.
+        """Return all combinations, the largest first, so that no worker waits long for another at the end.
 
-        By default Newton runs at all points, and other solvers on some meshes of the first family.
+        By default Newton's method runs at all points, and other solvers run on some meshes of the first family.
         """
         kinds = self._families(problem)
         ns = parse_list("--n", self.n or (SPACE_N if problem.in_space() else DEFAULT_N), _whole, WHOLE)
@@ -170,15 +170,15 @@ def _fraction(word: str) -> float:
 
 
 def _describe_reference(found: Sweep) -> list[str]:
-    it, instants = found.reference, ", ".join(f"{t:g}" for t in found.instants)
-    known = it["estimated_error"]
+    run, instants = found.reference, ", ".join(f"{t:g}" for t in found.instants)
+    known = run["estimated_error"]
     own = "without an estimate of its error" if known is None else f"estimated error {known:.2%}"
     errors = f"in the energy norm, the largest over t = {instants}, relative to the largest norm"
-    if "value" in it:
-        errors = f"of {QUANTITIES[it['of']]} at the end, relative to {it['value']:.6g}, the value of the reference"
-    size = f"{it['cells']} cells, {it['unknowns']} unknowns, {count_steps(it['steps'])}"
+    if "value" in run:
+        errors = f"of {QUANTITIES[run['of']]} at the end, relative to {run['value']:.6g}, the value of the reference"
+    size = f"{run['cells']} cells, {run['unknowns']} unknowns, {count_steps(run['steps'])}"
     lines = [
-        f"reference   {size}, {own}, {it['seconds']:.3g} s",
+        f"reference   {size}, {own}, {run['seconds']:.3g} s",
         f"errors      {errors}",
         "seconds     in one thread, from assembly to answer, without making the first mesh",
     ]

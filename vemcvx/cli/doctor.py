@@ -27,11 +27,10 @@ EXTRAS = {
     **{"pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
 PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}
-"""Name of a linear solver -> its package."""
-
+"""Name of a linear solver -> the package that it needs."""
 
 Finding = tuple[str, str, bool]
-"""The name of a package or solver, the result in words, and True if vemcvx can work with it."""
+"""The name of a package or solver, the result in words, and False for a failure."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Doctor:
     """The command `vemcvx doctor`."""
 
     def __call__(self) -> None:
-        """List the installed packages, and test the solvers on a closed form; the exit code is 1 after a failure."""
+        """List the installed packages, and test the solvers by a closed form; the exit code is 1 after a failure."""
         failed = []
         for subject, words, works in findings():
             typer.echo(Table((), [(f"{subject:14}", words)]).text())
@@ -78,7 +77,7 @@ def version_of(package: str) -> str | None:
 
 
 def _test_chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
-    """Solve a chain of four blocks with friction .5 each, pulled by 1.2: two slip, by .9 and .2, and two stick."""
+    """Solve a chain of four blocks that is pulled by 1.2, with friction .5 each: two slip, by .9 and .2, two stick."""
     K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
     system = System(K, lambda t: [1.2 * t, 0.0, 0.0, 0.0], Norms(sp.csr_matrix(np.eye(4)), np.full(4, 0.5)))
     try:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from vemcvx.base.arrays import choice
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
 from vemcvx.cli.options import NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
@@ -46,8 +47,7 @@ class Export:
         such = f"numbers from 1 to {self.of} separated by commas, or ranges, such as 1,{self.of} or 1-{self.of}"
         runs = parse_list("--steps", self.steps, self._steps, f"{such}; --of is the number of steps of the run")
         numbers = tuple(dict.fromkeys(n for run in runs for n in run))
-        if self.form not in FORMATS:
-            raise ProblemError(f"--format: there is no format {self.form!r}; there are {', '.join(FORMATS)}.")
+        choice(self.form, "--format", "format", list(FORMATS), ProblemError)
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
             kept = sorted({m for n in numbers for m in (n - 1, n)})
             mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)

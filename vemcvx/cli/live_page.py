@@ -1,6 +1,6 @@
-"""`vemcvx app`: a page in the browser to change a problem and solve it again.
+"""`vemcvx app`: a page in the browser, on which a problem can be changed and solved again.
 
-The page is a marimo app, the file `live_page.py` in the folder of the problem files.
+The page is a marimo app: the file `live_page.py` in the folder of the problem files.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import check_writable, limit_log, say, write_text
 
-GIVEN = "VEMCVX_APP"
+GIVEN = "VEMCVX_APP"  # The environment variable that passes the problem file to the page.
 PAGE = "live_page.py"
-FRAMES = 11
+FRAMES = 11  # Number of steps on a page without Python.
 STYLE = "dd b{font-size:1.4em}label{display:flex;gap:1em;flex-wrap:wrap}input{flex:1 1 12em}"
 SHOW = """
 const steps = [...document.querySelectorAll('section')];
@@ -53,7 +53,7 @@ class App:
         int | None, typer.Option(min=1, max=65535, help="Port of the page on this machine. (default: a free one)")
     ] = None
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
-    check: Annotated[bool, typer.Option("--check", help="Run the page without a browser, to test it.")] = False
+    check: Annotated[bool, typer.Option("--check", help="Test the page without a browser.")] = False
     html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write a page that needs no Python.")] = None
     step: Annotated[int | None, typer.Option(min=1, help="The step that PAGE shows first. (default: 1)")] = None
 
@@ -63,7 +63,7 @@ class App:
             raise ProblemError("app: found --check and --html; give one of them.")
         if self.step is not None and self.html is None:
             raise ProblemError("app: found --step without --html; the live page has a slider for the step.")
-        # The app reads the name of its problem file from the environment, again for every page that is opened.
+        # marimo executes the page again for each visitor, in this environment.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.file:
             read_problem(self.file).require("scene")
@@ -77,7 +77,7 @@ class App:
 
 
 def check() -> str:
-    """Run all cells of the app in this process, without a browser, and return a line with the certificate."""
+    """Run all cells of the page in this process, without a browser; return a line with the certificate."""
     start = time.perf_counter()
     with limit_log(0):
         _, cells, found = _run()
@@ -86,7 +86,7 @@ def check() -> str:
 
 
 def serve(port: int | None, browser: bool) -> None:
-    """Serve the page by marimo to browsers on this machine, with a token, until Ctrl-C."""
+    """Serve the page to browsers on this machine by marimo, with an access token, until Ctrl-C."""
     _require_marimo()
     command = [sys.executable, "-m", "marimo", "run", str(problems_folder() / PAGE), "--token"]
     command += [] if port is None else ["--port", str(port)]
@@ -101,10 +101,7 @@ def serve(port: int | None, browser: bool) -> None:
 
 
 def write(path: Path, opens: int | None = None) -> str:
-    """Write a page with pictures and numbers of some steps, as one file, and return a line for the user.
-
-    The page shows the step `opens` first.
-    """
+    """Write one file with pictures and numbers of some steps, of which the page first shows `opens`; return a line."""
     module, _, found = _run()
     history, problem = found["history"], found["problem"]
     course, units = module.course_of(found["path"].value, problem), problem.units
@@ -131,7 +128,7 @@ def write(path: Path, opens: int | None = None) -> str:
 
 
 def _run() -> tuple[Any, int, Mapping[str, Any]]:
-    """Run the cells of the app; return its module, the number of cells, and the names that they define."""
+    """Run the cells of the page; return its module, the number of cells, and the values that they define by name."""
     _require_marimo()
     path = problems_folder() / PAGE
     module = execute_file(path, "app")

@@ -15,7 +15,7 @@ from vemcvx.meshes import FAMILIES
 
 
 def make_completion(names: Callable[[], Iterable[object]]) -> Callable[[str], list[str]]:
-    """Return a function for typer that completes the last of several words separated by commas."""
+    """Return a function for typer that completes the last of several names separated by commas."""
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",")
@@ -50,8 +50,8 @@ Linear = Annotated[
     str | None,
     typer.Option(
         autocompletion=make_completion(lambda: LINEAR),
-        help="superlu, pardiso, iterative, petsc (under mpiexec, too) or FILE.py:CLASS. (default: by size and what is "
-        "installed)",
+        help="superlu, pardiso, iterative, petsc (also under mpiexec) or FILE.py:CLASS. (default: depends on the size "
+        "and on what is installed)",
     ),
 ]
 CELLS = "Cells across the shortest side."
@@ -62,7 +62,7 @@ Of = Annotated[
     typer.Option(
         metavar="QUANTITY",
         autocompletion=make_completion(lambda: import_module("vemcvx.estimate.adapt").QUANTITIES),
-        help="The quantity of that error: energy (the energy norm), dissipated, work or wear.",
+        help="The quantity with this error: energy (the energy norm), dissipated, work or wear.",
     ),
 ]
 Condense = Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")]
@@ -73,7 +73,7 @@ SolverName = Annotated[
     str,
     typer.Option(
         autocompletion=solver_names,
-        help="newton, clarabel, osqp, direct, a solver that cvxpy finds (scs, highs ...), or FILE.py:CLASS.",
+        help="newton, clarabel, osqp, direct, any solver that cvxpy finds (scs, highs ...), or FILE.py:CLASS.",
     ),
 ]
 Options = Annotated[

@@ -1,4 +1,4 @@
-"""Problem files, Python files of the user. Errors of their code are reported with file and line."""
+"""Problem files: Python files that define a scene, a mesh and instants. Errors are reported with file and line."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def execute_file(path: Path, kind: str) -> ModuleType:
-    """Execute a file and return its module; raise ProblemError if that fails. `kind` is its name in messages."""
+    """Execute a file and return its module; raise ProblemError for a failure. `kind` names the file in messages."""
     if not os.path.isfile(path):
         here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
         known = f" The package has this problem: run {path.stem}." if path.stem in problem_files() else ""
@@ -57,7 +57,7 @@ def execute_file(path: Path, kind: str) -> ModuleType:
 
 
 def run_user_code(path: Path, what: str, action: Callable[[], Any], wanted: str = "") -> Any:
-    """Run code of a user's file; raise ProblemError with file, line and `wanted` if the code itself fails."""
+    """Run code of a user's file; if the code raises an error, raise ProblemError with file, line and `wanted`."""
     try:
         return action()
     except VemcvxError:
@@ -73,7 +73,7 @@ def run_user_code(path: Path, what: str, action: Callable[[], Any], wanted: str 
 
 
 def parse_literal(text: str) -> Any:
-    """Return the value of a Python literal, or the text itself if it is none."""
+    """Return the value of a Python literal; any other text is returned unchanged."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
@@ -81,11 +81,11 @@ def parse_literal(text: str) -> Any:
 
 
 def split_values(text: str) -> list[str]:
-    """Return the values, as text, between commas outside brackets and quotes."""
+    """Split a text at commas outside brackets and quotes."""
     try:
         body = ast.parse(text, mode="eval").body
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        # The text is no Python. Words such as steel,rubber-2 are several; a text with brackets or quotes is one value.
+        # Not Python: words such as steel,rubber-2 are several values; a text with brackets or quotes is one value.
         return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
     if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
         return [text]
@@ -93,9 +93,9 @@ def split_values(text: str) -> list[str]:
 
 
 SPACE_N = 8  # Default number of cells across the shortest side in space: 64 would be 262,144 cubes.
+# Functions of a problem file: their signatures, the types of their results, and these results in words.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
-
 RETURNS = {
     "scene": "a vemcvx.Scene",
     "mesh": "a mesh for every number n of cells across the shortest side",
@@ -119,7 +119,7 @@ class Posed:
         return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
 
     def adapt(self, instants: Floats, target: float, **options: Any) -> Adapted:
-        """Return an adaptive run that begins with this mesh, at the first instant and `instants`."""
+        """Return an adaptive run that begins with this mesh; its instants are the initial instant and `instants`."""
         from vemcvx.estimate.adapt import adapt
 
         wanted = np.append(self.times[0], instants)
@@ -128,7 +128,7 @@ class Posed:
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem file: its scene, mesh, times, initial state, and names of units."""
+    """A problem file: its scene, mesh, instants, initial state, and names of units."""
 
     path: Path
     module: ModuleType
@@ -140,7 +140,7 @@ class Problem:
 
     @property
     def title(self) -> str:
-        """The first line of its docstring."""
+        """The first line of the file's docstring."""
         return f"{self.module.__doc__ or ''}\n{self.name}".strip().splitlines()[0]
 
     @property
@@ -149,7 +149,7 @@ class Problem:
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """Return the parameters of the scene and their values in words, from "name=value" or the defaults."""
+        """Return the parameters of the scene with their values in words: settings "name=value", or defaults."""
         given = self._parse_settings(settings)
         own = self._signature()
         known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
@@ -158,8 +158,8 @@ class Problem:
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
         """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest.
 
-        If the default value in the scene is a tuple or a list, numbers separated by commas are one value; then several
-        values need brackets around each.
+        If the default value in the scene is a tuple or a list, numbers separated by commas are one value; each of
+        several values then needs brackets.
         """
         choices: dict[str, list[str]] = {}
         for setting, (name, value) in zip(settings, self._parse_settings(settings).items(), strict=True):
@@ -196,10 +196,10 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """Return the mesh. `family` is a family, a mesh file (a name with a suffix), or by default that of the problem.
+        """Return the mesh. `family` names a family or, with a suffix, a mesh file; None is the family of the problem.
 
-        A file is read as several bodies if the scene of these settings names parts of bodies, such as "plate.rim", or
-        interfaces, such as "plate|pin".
+        A file is read as several bodies if the scene with these settings names parts of bodies, such as "plate.rim",
+        or interfaces, such as "plate|pin".
         """
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
@@ -212,7 +212,7 @@ class Problem:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """The families of meshes for the problem: those in space if its own family is one of them, else plane ones."""
+        """The families of meshes for the problem: those in space if its default family is in space, else plane ones."""
         return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
@@ -222,19 +222,19 @@ class Problem:
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def in_space(self, family: str | None = None) -> bool:
-        """Return True if the mesh is of polyhedra. For families of the file's own a coarse mesh is made to find out."""
+        """Return True if the mesh consists of polyhedra; for a family unknown to vemcvx, a coarse mesh decides."""
         known = family or self.family
         if known in FAMILIES or known in SPACE_FAMILIES:
             return known in SPACE_FAMILIES
         return not isinstance(self.mesh(SPACE_N, family), PolygonMesh)
 
     def default_n(self, in_plane: int, family: str | None = None) -> int:
-        """Return the default number of cells across the shortest side: `in_plane`, but at most 8 in space."""
+        """Return the default number of cells across the shortest side: `in_plane`, but at most SPACE_N in space."""
         plane = in_plane <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return in_plane if plane else SPACE_N
 
     def times(self, steps: int) -> Any:
-        """Return the instants, which `simulate` checks."""
+        """Return the instants of the file, unchecked."""
         return self._call("times", steps)
 
     def pose(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
@@ -252,12 +252,12 @@ class Problem:
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """Return the parameters of scene or stages; by default of stages, if the file has them."""
+        """Return the parameters of the function scene or stages; by default of stages if the file defines it."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 
     def _parse_settings(self, settings: Sequence[str], part: str = "") -> dict[str, Any]:
-        """Return the values of parameters by settings "name=value"; raise ProblemError if one is set twice."""
+        """Return name -> value from settings "name=value"; raise ProblemError for an invalid or repeated setting."""
         known, given = self._signature(part), dict[str, Any]()
         any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in known.values())
         for setting in settings:
@@ -278,7 +278,7 @@ class Problem:
         return given
 
     def require(self, part: str) -> None:
-        """Raise ProblemError if a file with stages does not define this part."""
+        """Raise ProblemError if a file with stages does not define this function."""
         if not callable(getattr(self.module, part, None)):
             raise ProblemError(
                 f"{self.path}: it has stages and no {PARTS[part]}; only `vemcvx run` and `show` take stages. Define "
@@ -286,7 +286,7 @@ class Problem:
             )
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
-        """Return the result of a function of the file; raise ProblemError for a wrong type."""
+        """Return the result of a function of the file; raise ProblemError for a result of a wrong type."""
         self.require(part)
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         wanted = f". The function {part} of the problem file must return {RETURNS[part]}."
@@ -298,7 +298,7 @@ class Problem:
 
 
 def read_problem(file: str | Path) -> Problem:
-    """Read a problem file: a file, or by its name one that came with the package."""
+    """Read a problem file, given by its path or by the name of a problem file of the package."""
     path = problem_path(file)
     module = execute_file(path, "problem file")
     needed = ("mesh",) if callable(getattr(module, "stages", None)) else tuple(PARTS)

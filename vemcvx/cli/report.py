@@ -1,6 +1,6 @@
-"""`vemcvx run --report`: an HTML page with the scene, the results, and what is needed to repeat the run.
+"""`vemcvx run --report`: an HTML page with the scene, the results, and all data for a repetition of the run.
 
-The page is one file: pictures and style are inside it. It is written after a successful run.
+The page is one file that contains its pictures and its style. It is written after a successful run.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from vemcvx.plots.pictures import draw_pictures, omissions
 
 TEMPLATE = Path(__file__).with_name("page.html")
 MARK = '<meta name="generator" content="vemcvx">'
-"""A mark in the template. Only files with this mark are replaced."""
+"""A mark of the template: only files that contain it are replaced."""
 REPORT = "report.html"
-MOST_STEPS = 64  # Most steps in the error budget of a report: each needs residuals on all cells.
+MOST_STEPS = 64  # Largest number of steps in the error budget: each needs residuals on all cells.
 
 
 def page(title: str, body: str, style: str = "") -> str:
@@ -61,10 +61,10 @@ def write_report(
     mesh: str,
     results: str,
 ) -> Path:
-    """Write the page; `results` is the output on the terminal, and `mesh` describes the mesh."""
+    """Write the report; `results` is the output on the terminal, and `mesh` describes the mesh."""
     rows = problem_in_words(problem, settings, history.mesh, mesh)
     parameters = problem.parameters(settings)
-    text = problem.path.read_text(encoding="utf-8", errors="replace")
+    source = problem.path.read_text(encoding="utf-8", errors="replace")
     packages = {name: found for name in (*NEEDED, *EXTRAS) if (found := version_of(name))}
     run = [
         ("command", shlex.join(["vemcvx", *sys.argv[1:]])),
@@ -79,20 +79,20 @@ def write_report(
         "Error budget": _budget(history),
         "How to repeat it": (
             f"{Outline('The run', run).html()}{Outline('Parameters of the scene', parameters).html()}"
-            f"<h3>{escape(problem.path.name)}</h3><pre>{escape(text)}</pre>"
+            f"<h3>{escape(problem.path.name)}</h3><pre>{escape(source)}</pre>"
         ),
     }
-    body = "".join(f"<section><h2>{title}</h2>{said}</section>\n" for title, said in sections.items())
+    body = "".join(f"<section><h2>{title}</h2>{text}</section>\n" for title, text in sections.items())
     path = folder / REPORT
     write_text(path, page(f"{problem.name}: {problem.title}", body), "--report")
     return path
 
 
 def _prose(text: str) -> str:
-    """Return paragraphs as HTML. Indented paragraphs are formulas or commands and keep their line breaks."""
+    """Return paragraphs as HTML; indented ones, which are formulas or commands, keep their line breaks."""
     parts = [part.strip("\n") for part in text.split("\n\n")]
     kinds = [("pre" if part.startswith(" ") else "p", textwrap.dedent(part)) for part in parts if part.strip()]
-    return "".join(f"<{kind}>{escape(said)}</{kind}>" for kind, said in kinds)
+    return "".join(f"<{kind}>{escape(part)}</{kind}>" for kind, part in kinds)
 
 
 def _pictures(history: History, problem: Problem) -> str:
@@ -105,7 +105,7 @@ def _pictures(history: History, problem: Problem) -> str:
 
 
 def _budget(history: History) -> str:
-    """Return the error budget as HTML, or the reason why there is none."""
+    """Return the error budget as HTML, or the reason why no budget exists."""
     if history.errors:  # an adaptive run, whose results contain its error budget
         return "<p>The error budget of the adaptive run is part of the results.</p>"
     try:
@@ -115,7 +115,7 @@ def _budget(history: History) -> str:
 
 
 def _choose_steps(history: History) -> list[int]:
-    """Return the stored steps of the error budget: all, or MOST_STEPS of them and the one with the largest energy."""
+    """Return all stored steps, or if there are more than MOST_STEPS, so many of them and the one of largest norm."""
     steps = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     if len(steps) > MOST_STEPS:
         evenly = steps[np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int)]
@@ -124,7 +124,7 @@ def _choose_steps(history: History) -> list[int]:
 
 
 def with_errors(history: History) -> tuple[History, str]:
-    """Return the history with quantities and their errors, and "" or a line that explains why there are none."""
+    """Return the history with quantities and their errors, and ""; or the same history, and the reason in a line."""
     if history.quantities is not None:
         return history, ""
     plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]

@@ -1,4 +1,4 @@
-"""`vemcvx run`: simulate a problem, write and draw the history; or a study of its parameters."""
+"""`vemcvx run`: simulate a problem, write and draw its history, or run all combinations of several settings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.base.arrays import Floats
+from vemcvx.base.arrays import Floats, choice
 from vemcvx.base.canvas import new_figure
 from vemcvx.base.errors import ProblemError, VemcvxError, quietly
 from vemcvx.base.outline import coordinates, count_steps
@@ -61,7 +61,7 @@ class Run:
     ] = None
     plot: Annotated[bool, typer.Option("--plot", help="Write pictures into DIR, or results/<problem>.")] = False
     report: Annotated[
-        bool, typer.Option("--report", help="Write report.html into the same folder, unless the run is refused.")
+        bool, typer.Option("--report", help="Write report.html into DIR, or results/<problem>, if the run succeeds.")
     ] = False
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all"
     condense: Condense = True
@@ -74,24 +74,26 @@ class Run:
     ] = None
     of: Of = "energy"
     bound: Annotated[
-        bool, typer.Option("--bound", help="Bound the error of the mesh in every step, from both sides, guaranteed.")
+        bool, typer.Option("--bound", help="Compute guaranteed bounds on the mesh error of every step, on both sides.")
     ] = False
     probes: Annotated[
-        list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
+        list[str], typer.Option("--probe", metavar="X,Y", help="A point to follow, in space X,Y,Z; may be repeated.")
     ] = NONE
     settings: Annotated[
         list[str],
         typer.Option(
             "--set",
             metavar="NAME=VALUE,...",
-            help="A parameter of the scene; several values, also of several parameters, run all combinations.",
+            help="A parameter of the scene; may be repeated. All combinations of several values are run.",
         ),
     ] = NONE
     results: Annotated[
         str | None,
-        typer.Option(metavar="NAME,...", help=f"Results in the table of a study. (default: {','.join(study.USUAL)})"),
+        typer.Option(
+            metavar="NAME,...", help=f"Results in the table of several runs. (default: {','.join(study.USUAL)})"
+        ),
     ] = None
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes of a study.")] = 2
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes of several runs.")] = 2
 
     def __call__(self) -> None:
         """Simulate a problem, and print the results and how certain they are."""
@@ -102,7 +104,7 @@ class Run:
         if len(several) > 1:
             self._study(problem, several)
         elif self.results:
-            raise ProblemError("--results: is for a study only; give a parameter several values, --set a=1,2.")
+            raise ProblemError("--results: found a single run; give a parameter several values, --set a=1,2.")
         else:
             say("\n".join(self.execute(problem)[1]))
 
@@ -114,7 +116,7 @@ class Run:
         stored = int(self.store) if self.store.isdecimal() else self.store
         # The folder is locked until the history is written: a second run with the same folder is refused.
         locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
-        missing = list[str]()
+        unestimated = list[str]()
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
                 check_memory(problem, n, self.mesh, len(choose_stored_steps(stored, steps)) if folder is None else 1)
@@ -133,38 +135,37 @@ class Run:
 
                 show("estimating errors, in finer steps and on a finer mesh", 0, None)
                 history, why = with_errors(history)
-                missing = [why] if why else []
+                unestimated = [why] if why else []
             summary = self._write(history, problem, folder, n, show)
-            lines = [f"{problem.name}: {problem.title}", *words, *summary, *missing]
             if rows is not None:
                 rows.clear()
+        lines = [f"{problem.name}: {problem.title}", *words, *summary, *unestimated]
         if self.plot:
             from vemcvx.plots.pictures import omissions, write_plots
 
-            drawn = write_plots(history, drawings, units=problem.units)
+            drawn = write_plots(history, drawings)
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(omissions(history).values())]
         if self.report:
-            from vemcvx.cli.report import write_report
-            from vemcvx.cli.show import mesh_name
-
-            path = write_report(
-                drawings,
-                problem,
-                history,
-                settings=self.settings,
-                mesh=mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None),
-                results="\n".join(lines),
-            )
-            lines.append(f"report      {path}")
+            lines.append(self._report(history, problem, drawings, n, "\n".join(lines)))
         return history, lines
+
+    def _report(self, history: History, problem: Problem, folder: Path, n: int, results: str) -> str:
+        """Write the report and return a line for the terminal; `results` is the output so far."""
+        from vemcvx.cli.report import write_report
+        from vemcvx.cli.show import mesh_name
+
+        mesh = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
+        path = write_report(folder, problem, history, settings=self.settings, mesh=mesh, results=results)
+        return f"report      {path}"
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         """Run all combinations, each in its own process and folder, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
         if self.resume is not None or (self.report and self.out is None):
             raise ProblemError(
-                "--set: each of several runs has its own folder in DIR of --out DIR; none of them can be resumed."
+                "--set: found several runs. Each has its own folder in DIR of --out DIR, which --report needs; none of "
+                "them can be resumed."
             )
         drawings = self.out or Path("results") / problem.name
         if self.plot:
@@ -217,7 +218,7 @@ class Run:
         show: ShowProgress,
         rows: Folder | None = None,
     ) -> tuple[History, list[str]]:
-        """Return the history, and a line if the run was resumed; `show` receives the progress."""
+        """Return the history, and a line if the run was resumed; `show` displays the progress."""
         made, resumed = [], self.resume is not None
         show("assembling", 0, None)
 
@@ -225,23 +226,25 @@ class Run:
             made.append(n)
             show("marching", n, steps)
 
-        linear, posed = make_linear_solver(self.linear), self._pose(problem, mesh, steps)
-        warn_of_turns(posed.scene, mesh, posed.times)
-        how: dict[str, Any] = {"condense": self.condense, "linear": linear, "bound": self.bound, "stream": rows}
-        history = posed.simulate(store=store, progress=advance, resume=resumed, **how)
+        posed = self._pose(problem, mesh, steps)
+        how: dict[str, Any] = {"bound": self.bound, "stream": rows, "resume": resumed}
+        history = self._march(posed, store=store, progress=advance, **how)
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
+
+    def _march(self, posed: Posed, **how: Any) -> History:
+        """Return the history of a posed run, after a warning of turns that its steps miss."""
+        warn_of_turns(posed.scene, posed.mesh, posed.times)
+        return posed.simulate(condense=self.condense, linear=make_linear_solver(self.linear), **how)
 
     def _simulate_stages(
         self, problem: Problem, mesh: AnyMesh, store: int | str, *, show: ShowProgress, folder: Path | None
     ) -> tuple[History, list[str]]:
-        """Return the stages as one history, and a line for each; each stage is written to its own folder."""
+        """Return the stages as one history, and a line for each stage; write each stage to its own folder."""
         solver, found, lines = make_solver(self.solver, self.accuracy), list[History](), list[str]()
         for k, (scene, times) in enumerate(problem.stages(self.settings), start=1):
-            warn_of_turns(scene, mesh, times)
             posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
-            how: dict[str, Any] = {"condense": self.condense, "linear": make_linear_solver(self.linear)}
-            advance = partial(show, f"stage {k}, marching")
-            found.append(replace(posed.simulate(store=store, progress=advance, **how), units=problem.units))
+            history = self._march(posed, store=store, progress=partial(show, f"stage {k}, marching"))
+            found.append(replace(history, units=problem.units))
             own = folder and write_results(found[-1], folder / f"stage_{k}", Origin(problem.name), self.points)
             where = f", in {own}" if own else ""
             lines.append(f"stage {k:<6d}t = {times[0]:.6g} ... {times[-1]:.6g}, {count_steps(found[-1].steps)}{where}")
@@ -253,7 +256,7 @@ class Run:
     def _adapt(
         self, problem: Problem, mesh: AnyMesh, steps: int, target: float, show: ShowProgress
     ) -> tuple[History, list[str]]:
-        """Return the history on a mesh and at instants chosen for the target; begin with `mesh` and `steps`."""
+        """Return the history on an adapted mesh and at adapted instants; adaptation begins with `mesh` and `steps`."""
         if self.resume or self.store != "all" or self.linear is not None or not self.condense:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
         posed = self._pose(problem, mesh, steps)
@@ -278,22 +281,20 @@ class Run:
         if self.of != "energy":
             from vemcvx.estimate.adapt import QUANTITIES
 
-            if self.of not in QUANTITIES:
-                raise ProblemError(f"--of: found {self.of!r}; there are {', '.join(QUANTITIES)}.")
+            choice(self.of, "--of", "quantity", list(QUANTITIES), ProblemError)
             if self.target is None:
-                words = "the relative error of this quantity"
-                raise ProblemError(f"--of: {self.of} goes with --target X, {words}.")
+                raise ProblemError(f"--of: {self.of} needs --target X, the relative error of this quantity.")
         given = {"--steps": self.steps, "--target": self.target, "--resume": self.resume, "--bound": self.bound or None}
         given["--store last"] = True if self.store == "last" else None
         if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
             raise ProblemError(
-                f"{found[0]}: {problem.name} has stages, each with its own instants, which continue one another; "
-                f"{', '.join(given)} are for problem files without stages()."
+                f"{found[0]}: {problem.name} has stages, which have their own instants and run one after the other. "
+                f"Leave out {', '.join(given)} for problem files with stages()."
             )
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.points is not None and folder is None:
-            raise ProblemError("--probe: displacements of points are written to DIR of --out DIR.")
+            raise ProblemError("--probe: displacements of points are written to DIR of --out DIR; give --out DIR.")
         if self.plot or self.report:
             new_figure()
         if self.plot:
@@ -311,7 +312,7 @@ class Run:
         return folder, drawings
 
     def _write(self, history: History, problem: Problem, folder: Path | None, n: int, show: ShowProgress) -> list[str]:
-        """Write the history, if it has a folder; return its summary, its extremes and its files in words."""
+        """Write the history if a folder is given; return its summary, its extremes and its files in words."""
         show("extremes", 0, None)
         extremes, start = list(_extremes(history, problem.units)), time.perf_counter()
         if folder is None:
@@ -327,13 +328,13 @@ class Run:
 
 
 LEAST_MEMORY = 2000.0
-"""Least bytes of memory per unknown: 2,500 were measured on plane squares with PARDISO, 8,000 in space."""
+"""Least memory in bytes per unknown: 2,500 were measured on plane squares with PARDISO, 8,000 in space."""
 
 
 def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> None:
-    """Refuse a mesh before it is made if the machine has less memory than every solver needs.
+    """Refuse a mesh before it is made if the machine has less memory than any solver would need.
 
-    The number of unknowns is extrapolated from two coarse meshes. Stored steps need 24 bytes per unknown.
+    The number of unknowns is extrapolated from two coarse meshes. Each stored step needs 24 bytes per unknown.
     """
     if n <= 64 or (family is not None and is_file(family)):
         return
@@ -346,7 +347,7 @@ def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> N
     needed, most = (LEAST_MEMORY + 24.0 * stored) * unknowns, machine_memory()
     if needed > most:
         raise ProblemError(
-            f"--n {n}: some {unknowns:.2g} unknowns need {needed / 1e9:.2g} GB of memory at least, and this machine "
+            f"--n {n}: about {unknowns:.2g} unknowns need at least {needed / 1e9:.2g} GB of memory, and this machine "
             f"has {most / 1e9:.2g} GB. Take fewer cells, --store last, or --target 0.02, which refines only where "
             "the error is large."
         )
@@ -363,7 +364,7 @@ def machine_memory() -> float:
 
 
 def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
-    """Return the row of one run of a study, in its own process, and the labels of its figures."""
+    """Run one combination of a study in a new process; return its row and the labels of its figures."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
     status, found = call_safely(_execute, run)
     if status != DONE:
@@ -373,7 +374,7 @@ def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
 
 
 def _execute(run: Run) -> tuple[Row, dict[str, str]]:
-    """Return the figures of a run with its warnings, and the labels of the figures."""
+    """Return the key figures of a run with its warnings, and the labels of the figures."""
     logged = BufferingHandler(10**6)
     logged.setLevel(logging.WARNING)
     logging.getLogger("vemcvx").addHandler(logged)

@@ -1,4 +1,4 @@
-"""`vemcvx show`: describe the scene of a problem, its convex program and its solvers in words."""
+"""`vemcvx show`: describe in words the scene of a problem, its convex program, and the solvers that accept it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Show:
 def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, name: str) -> list[tuple[str, str]]:
     """Return rows (name, words) for the scene of a problem, or for the scenes of all its stages."""
     if not problem.has_stages:
-        # Data are evaluated at 64 instants, to find data that are zero at all times.
+        # Data are evaluated at 65 instants to find data that are always zero.
         return scene_in_words(problem.scene(settings), mesh, check_times(problem.times(64)), name)
     rows = list[tuple[str, str]]()
     for k, (scene, times) in enumerate(problem.stages(settings), start=1):
@@ -64,14 +64,14 @@ def mesh_name(problem: Problem, family: str | None, n: int | None) -> str:
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
-    """Return rows (name, words) for a scene, without effects whose data are zero at all these instants."""
+    """Return rows (name, words) for a scene; effects whose data are zero at all these instants are left out."""
     posed = pose_scene(scene, mesh, times.tolist())
-    seen, n = Condensation(posed.system), posed.system.n
-    operators, m = seen.operators, len(seen.retained)
+    condensed, n = Condensation(posed.system), posed.system.n
+    operators, m = condensed.operators, len(condensed.retained)
     able = [solver for solver in BY_SIZE if operators.features <= solver.accepts]
     lacking = {solver.name: operators.features - solver.accepts for solver in BY_SIZE if solver not in able}
-    refuse = [f"{name} (no {name_features(features)})" for name, features in lacking.items()]
-    once = f"{type(seen.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
+    refusing = [f"{name} (no {name_features(features)})" for name, features in lacking.items()]
+    once = f"{type(condensed.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
     again = f"; then dense {m} x {m} each step" if m < n else " a step"
     rows = {
         "simulated": "\n".join(effect.describe_body(posed.space.in_plane) for effect in scene.canonical),
@@ -84,7 +84,7 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
         "terms": _terms(operators),
         "certificate": _certificate(posed.system.norms, operators),
         "solvers": f"{', '.join(solver.name for solver in able)}; the default is {able[0].name}",
-        "not accepting": ", ".join(refuse),
+        "not accepting": ", ".join(refusing),
         "linear solve": once + (again if m else "; then a back-substitution for every new shape of the load"),
     }
     return [(name, text) for name, text in rows.items() if text]
@@ -109,7 +109,7 @@ def _program(operators: Operators, viscous: bool) -> str:
 
 
 def _terms(operators: Operators) -> str:
-    """Return the numbers of convex terms of each kind, and of second-order cones, in words."""
+    """Return in words the numbers of convex terms of each kind and of second-order cones."""
     bounds, soft = int((operators.compliance == 0).sum()), int((operators.compliance > 0).sum())
     kind = "absolute values"
     if operators.block > 1:
@@ -119,7 +119,7 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
-    """Return the kind of certificate, and the ratio of softening to stiffness for laws of slip weakening."""
+    """Return the kind of certificate in words, with the ratio of softening to stiffness if friction weakens by slip."""
     if norms is None or norms.law is None:
         return "a bound"
     found = softening_ratio(operators, norms.softening)

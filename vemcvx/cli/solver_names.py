@@ -1,4 +1,4 @@
-"""Solvers and linear solvers by their names on the command line: vemcvx's, cvxpy's, and FILE.py:NAME."""
+"""Solvers and linear solvers by name on the command line: those of vemcvx and cvxpy, and users' own, FILE.py:NAME."""
 
 from __future__ import annotations
 
@@ -25,18 +25,17 @@ from vemcvx.solvers import (
     list_installed,
 )
 
-LINEAR: dict[str, Callable[[], LinearSolver]] = {
-    **{"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc},
-}
+LINEAR: dict[str, type[LinearSolver]] = {"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc}
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
 def make_solver(
     name: str, accuracy: float | None, option: str = "--solver", settings: Mapping[str, Any] | None = None
 ) -> Solver:
-    """Return the solver of a name: vemcvx's, cvxpy's (in upper or lower case), or FILE.py:NAME; `option` is its option.
+    """Return the solver of a name: of vemcvx, of cvxpy (in upper or lower case), or FILE.py:NAME.
 
-    A solver that cvxpy supports, but that is not installed, raises later, when it is prepared.
+    `option` names the option in messages. A solver that cvxpy supports, but that is not installed, raises an error when
+    it is prepared.
     """
     given = dict(settings or {})
     if ":" in name:
@@ -88,7 +87,8 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
     """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings.
 
-    `fits` tests its class; `has` describes the members that the class must have.
+    `fits` tests the class of the solver; `has` describes in messages the members that this class must have. `noun` is
+    "solver" or "linear solver".
     """
     file, _, name = typed.rpartition(":")
     path = Path(file)
@@ -116,7 +116,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver of a name or FILE.py:NAME; None if the number of unknowns decides."""
+    """Return the linear solver of a name or FILE.py:NAME; None without a name: the number of unknowns then decides."""
     if name is None:
         return None
     if ":" in name:
@@ -129,9 +129,9 @@ def make_linear_solver(name: str | None) -> LinearSolver | None:
 
 
 def serve_ranks(linear: str | None, runs: int = 1) -> bool:
-    """Serve PETSc on all ranks of mpiexec but rank 0 until rank 0 ends, and return True there; else return False.
+    """Return False on rank 0 and without PETSc; on all other ranks of mpiexec serve PETSc, then return True.
 
-    Raise ProblemError for several `runs`, because each has its own process.
+    Raise ProblemError for several `runs` on several ranks, because each run has its own process.
     """
     if linear is None or linear.lower() != "petsc":
         return False

@@ -1,7 +1,7 @@
-"""Problem files and lessons that come with the package: inside an installed package, beside it in a checkout.
+"""Problem files and lessons of the package: inside an installed package, or beside it in a checkout.
 
-Lessons are Python files with cells in jupytext's percent format. They can be copied as notebooks (nbformat 4.5):
-https://nbformat.readthedocs.io/en/latest/format_description.html.
+Lessons are Python files with cells in jupytext's percent format. They can be copied as notebooks (nbformat 4.5,
+https://nbformat.readthedocs.io/en/latest/format_description.html).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LESSON = re.compile(r"lesson_(\d+)_(?!solutions)\w+\.py")
 
 @dataclass(frozen=True)
 class Supplied:
-    """A Python file that came with the package."""
+    """A Python file of the package."""
 
     path: Path
 
@@ -33,14 +33,14 @@ class Supplied:
 
     @property
     def sentence(self) -> str:
-        """The first sentence of its docstring; in lessons this is a heading."""
+        """The first sentence of the file's docstring; in lessons this is a heading."""
         text = " ".join((ast.get_docstring(self._tree) or "").removeprefix("# ").split())
         first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # an initial such as J. ends no sentence
         return first.group() if first else text
 
     @property
     def is_problem(self) -> bool:
-        """True if it is a problem file: it defines mesh, and either scene and times, or stages."""
+        """True for a problem file: it defines mesh, and either scene and times, or stages."""
         defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
         return defined >= {"scene", "mesh", "times"} or defined >= {"mesh", "stages"}
 
@@ -68,7 +68,7 @@ def lessons() -> dict[int, Supplied]:
 def problem_path(file: str | Path) -> Path:
     """Return the path of a file, or of the problem file of the package with this name.
 
-    Raise ProblemError if `file` is a bare name, and neither a file nor a problem file of the package has it.
+    Raise ProblemError if `file` is a bare name that neither a file nor a problem file of the package has.
     """
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
@@ -82,7 +82,7 @@ def problem_path(file: str | Path) -> Path:
 
 
 def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool = True) -> list[Path]:
-    """Copy a lesson and its solutions, as notebooks if `notebook`, and return the copies; overwrite no file."""
+    """Copy a lesson and its solutions, as notebooks if `notebook`; return the copies. No file is overwritten."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
@@ -91,7 +91,7 @@ def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool
     copies = {into / (f"{path.stem}.ipynb" if notebook else path.name): path for path in files}
     for copy in filter(os.path.lexists, copies):
         raise ProblemError(
-            f"lesson: {copy} exists, and no file is overwritten; move it away, or copy the lesson in another folder."
+            f"lesson: {copy} exists, and no file is overwritten; move it away, or copy the lesson into another folder."
         )
     for copy, path in copies.items():
         try:
@@ -103,13 +103,13 @@ def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool
     return list(copies)
 
 
-MARK = re.compile(r"^# %%(.*)\n", re.MULTILINE)
+CELL_MARK = re.compile(r"^# %%(.*)\n", re.MULTILINE)
 FOLDED = {"jupyter": {"source_hidden": True}}
 
 
 def cells(text: str) -> list[tuple[str, str, bool]]:
     """Return the kind ("markdown" or "code") and the source of every cell of a file, and True if it is folded."""
-    first, *rest = MARK.split(text)
+    first, *rest = CELL_MARK.split(text)
     found = []
     for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:
         said = source.strip("\n")

@@ -37,7 +37,7 @@ def wrap_lines(text: str, width: int) -> str:
 
 
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """Return the values of an option that takes several, separated by commas, in their order and without repeats.
+    """Return the distinct values of an option that takes several, separated by commas, in their order.
 
     `kind` converts a word to a value, or raises ValueError; `wanted` describes the values in messages.
     """
@@ -73,7 +73,7 @@ LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal. Sh
 
 @contextmanager
 def progress_bar(doing: str) -> Iterator[ShowProgress]:
-    """Show the task, its progress and the time on standard error: a bar on a terminal, else a line now and then."""
+    """Show task, progress and time on standard error: a bar on a terminal, else a line every LINE_INTERVAL seconds."""
     if not sys.stderr.isatty():
         yield ProgressLines(doing)
         return
@@ -118,7 +118,7 @@ class ProgressLines:
 
 @contextmanager
 def limit_log(times: int) -> Iterator[None]:
-    """Limit the log of the package inside the block: at most `times` lines with the same words before the colon."""
+    """Limit the log of the package inside the block: at most `times` lines with the same text before the colon."""
     counts: Counter[str] = Counter()
 
     def is_within_limit(record: logging.LogRecord) -> bool:
@@ -135,16 +135,16 @@ def limit_log(times: int) -> Iterator[None]:
 
 
 INVALID, NOT_CERTIFIED = 2, 3
-"""Exit codes of commands that fail. SIGTERM and SIGHUP end a command like Ctrl-C: its clean-up code runs."""
+"""Exit codes of commands that fail."""
 
 
 class Terminated(BaseException):
-    """A signal that ends the command; `args` has the number of the signal."""
+    """A signal, SIGTERM or SIGHUP, that ends the command after its clean-up code; `args` has the signal's number."""
 
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Turn errors inside the block into a line and an exit code, and warnings into a line."""
+    """Turn an error inside the block into a line and an exit code, and each warning into a line."""
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:
         say(f"vemcvx: warning: {message}", err=True)
@@ -173,7 +173,7 @@ def report_errors() -> Iterator[None]:
 
 @contextmanager
 def _raise_on_signals() -> Iterator[None]:
-    """Raise Terminated for signals that end a process, unless they are handled or ignored already."""
+    """Raise Terminated for SIGTERM and SIGHUP, unless a handler exists or the signal is ignored."""
 
     def end(number: int, _: object) -> None:
         raise Terminated(number)

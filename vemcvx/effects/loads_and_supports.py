@@ -409,8 +409,8 @@ class Pretension(Effect):
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
-        The last instant of tightening: one of the instants of the run, or a time outside the run. By default the bolt
-        is never locked.
+        The last instant of tightening, one of the instants of the run. A run that ends before `until` never locks the
+        bolt; in a run that begins after `until` it is always locked. By default the bolt is never locked.
 
     Examples
     --------

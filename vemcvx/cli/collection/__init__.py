@@ -1,4 +1,4 @@
-"""`vemcvx collection`: graded instances from the problem files, with certified optima and a script to confirm them."""
+"""`vemcvx collection`: graded instances from the problem files, with certified optima and a script to confirm these."""
 
 from vemcvx.cli.collection.writing import INSTANCES, Collection, Instance, write_collection
 

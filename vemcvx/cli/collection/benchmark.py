@@ -1,17 +1,17 @@
 """`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
 
 Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both, relative to
-its own norms. So each solver runs with many tolerances. Its time to the error E on an instance is the time of the
-*cheapest* trial with a true error of at most E. A trial is one call of a solver with one tolerance. With d* the
-certified optimum of the file and d the answer, its true error is |d - d*|_K / |d*|_K, known up to the certificate of
-d*; its certified error does not need d*. From these times follow
+norms of its own. So each solver runs with many tolerances. A trial is one call of a solver with one tolerance. The true
+error of its answer d is |d - d*|_K / |d*|_K, where d* is the certified optimum of the file. The true error is known up
+to the certificate of d*; the certified error of d does not need d*. The time of a solver to the error E on an instance
+is the time of the *cheapest* trial with a true error of at most E. From these times follow
 
-- for every E the number of instances that a solver solves to E, and the outcome of the others: *missed* (all answers
-  are less accurate), *failed* (no answer), *late* (time limit exceeded), without instances that it does not accept;
-- the shifted geometric mean exp(mean log(t + s)) - s of its seconds with s = .01, where an instance that it does not
-  solve to E counts with the time limit;
-- the performance profile (Dolan and Moré 2002): the fraction of instances on which it takes at most x times as long as
-  the fastest solver.
+- for every E the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
+  answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);
+- the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01, where an instance that is
+  not solved to E counts with the time limit;
+- the performance profile (Dolan and Moré 2002): the fraction of instances on which a solver takes at most x times as
+  long as the fastest solver.
 
 An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) have their own
 table, because not every solver accepts their cones. Sequences and programs without an optimum have tables, too. For a
@@ -19,11 +19,11 @@ program without an optimum only the status is judged: "infeasible" or "unbounded
 
 Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries. Two
 settings differ: one tolerance replaces all tolerances of the library, and the time limit replaces limits on iterations.
-Solvers of vemcvx and of users' files have the duality gap 1/2 (tolerance |d*|)^2 as their target. A sequence is solved
-step by step; a step is a warm start for the next if the solver can use it. The error of a sequence is the largest of
-all steps, in units of the largest |d*|_K, and its time is the sum. Seconds are processor time of all threads for set-up
-and solve in the library, without the compilation in cvxpy. The minimum of up to five calls within a tenth of a second
-counts. The time limit is wall-clock time.
+The target of solvers of vemcvx and of users' files is the duality gap 1/2 (tolerance |d*|)^2. A sequence is solved step
+by step; the answer to a step is a warm start for the next step if the solver can use it. The error of a sequence is the
+largest error of all steps, in units of the largest |d*|_K, and its time is the sum over steps. Seconds are processor
+time of all threads for set-up and solve in the library, without the compilation in cvxpy. The minimum of up to five
+calls within a tenth of a second counts. The time limit is wall-clock time.
 """
 
 from __future__ import annotations
@@ -70,11 +70,11 @@ ERRORS = 1e-3, 1e-6, 1e-9
 """The relative errors in energy norm at which solvers are compared."""
 BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
 """Outcomes of a trial: unfinished; an answer of any accuracy; no answer; time limit exceeded; program not accepted."""
-PLANE, DISCS, NONE_THERE, SEQUENCE = "plane", "discs", "no optimum", "sequence"
+PLANE, DISCS, NO_OPTIMUM, SEQUENCE = "plane", "discs", "no optimum", "sequence"
 KINDS = {
     PLANE: "Absolute values and bounds",
     DISCS: "Discs: second-order cones",
-    NONE_THERE: "Infeasible or unbounded",
+    NO_OPTIMUM: "Infeasible or unbounded",
     SEQUENCE: "Sequences of steps, each with a warm start from the previous answer",
 }
 """Kinds of instances, and their titles in tables."""
@@ -90,16 +90,16 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Solver -> names of its tolerances in cvxpy, a limit on iterations above what the time limit permits, and the smallest
-tolerance that its library accepts. Other solvers run once, with default settings."""
+"""Solver -> names of its tolerances in cvxpy, a limit on iterations that the time limit makes ineffective, and the
+smallest tolerance that the library accepts. Other solvers run once, with default settings."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}
-"""Solvers whose package has another name than the solver in cvxpy."""
+"""Solver in cvxpy -> its package, if the two names differ."""
 REPEATS, LONG_ENOUGH = 5, 0.1
 """Largest number of calls of a trial, and the seconds after which it is not repeated; the minimum time counts."""
 BATCH = 10
-"""Number of instances that one process tries; progress is shown between processes."""
+"""Number of instances for which one process runs a solver; progress is shown between processes."""
 MEAN_SHIFT = 0.01
-"""Shift of the geometric mean, in seconds: much smaller differences do not count."""
+"""Shift of the geometric mean, in seconds: differences that are much smaller do not count."""
 TABLE, WORDS, PROFILES = "trials.csv", "benchmark.md", "profiles.png"
 
 
@@ -122,7 +122,7 @@ class Benchmark:
     ] = ",".join(f"1e-{k}" for k in range(1, 16))
     options: Options = NONE
     only: Annotated[
-        str | None, typer.Option(metavar="WORD,WORD,...", help="Instances with one of these words in grade or name.")
+        str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
     ] = None
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: DIR/benchmark)")] = None
 
@@ -166,7 +166,7 @@ Row = Mapping[str, Any]
 
 
 def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
-    """Return the instances of a collection; with `only`, instances with one of these words in grade or name."""
+    """Return the instances of a collection; with `only`, those whose grade or name has one of these words."""
     path = folder / MANIFEST
     try:
         rows = [{**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]]
@@ -189,11 +189,11 @@ def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
 def kind_of(row: Row) -> str:
     """Return the kind of an instance."""
     if "optimum" not in row:
-        return NONE_THERE
+        return NO_OPTIMUM
     return SEQUENCE if row["steps"] > 1 else DISCS if row["block"] > 1 else PLANE
 
 
-# Trials, and the journal of a solver: one line of JSON for each finished trial.
+# Trials, and the journal of a solver with one line of JSON for each finished trial.
 
 
 @dataclass(frozen=True)
@@ -213,20 +213,20 @@ class Trial:
 
     @property
     def is_enough(self) -> bool:
-        """True if tighter tolerances are not needed."""
+        """True if no tighter tolerance is needed."""
         if self.true is None or self.certified is None:
             return False
         return self.true <= min(ERRORS) and self.certified <= ERRORS[1]
 
 
 Work = tuple[Trial, tuple[float | None, ...]]
-"""A trial to begin with, and the tolerances that have not been tried."""
+"""An unfinished trial of an instance, and the tolerances that have not been tried on it."""
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 """The label of a solver -> the name of an instance -> its trials."""
 
 
 def journal(path: Path) -> list[Trial]:
-    """Return the trials in a journal, without damaged lines and lines of another version."""
+    """Return the trials in a journal; damaged lines and lines of other versions are left out."""
     trials: list[Trial] = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         try:
@@ -237,7 +237,7 @@ def journal(path: Path) -> list[Trial]:
 
 
 def remaining_work(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Work]:
-    """Yield the part of the work that the trials do not cover; late trials are repeated if the time limit is larger."""
+    """Yield the work that the trials do not cover; late trials are repeated if the time limit is now larger."""
     for new, ladder in work:
         own = [one for one in trials if (one.instance, one.sha256) == (new.instance, new.sha256)]
         late = any(one.outcome == LATE and one.limit >= new.limit for one in own)
@@ -248,7 +248,7 @@ def remaining_work(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Wo
 
 
 def read_journals(folder: Path, instances: Sequence[Row]) -> Entries:
-    """Return the trials in all journals of a folder, without trials on files that do not belong to the instances."""
+    """Return the trials in all journals of a folder; trials on other versions of the instances are left out."""
     files = {one["name"]: one["sha256"] for one in instances}
     found: dict[str, dict[str, list[Trial]]] = {}
     for path in sorted(folder.glob("*.jsonl")):
@@ -260,7 +260,7 @@ def read_journals(folder: Path, instances: Sequence[Row]) -> Entries:
 
 
 def try_in_process(entrant: Entrant, folder: Path, work: Sequence[Work], path: Path) -> None:
-    """Try a solver in a separate process until the work or the time ends, or the process dies; extend the journal."""
+    """Try a solver in a new process until the work ends, a trial is late, or the process dies; extend the journal."""
     spawn = get_context("spawn")
     here, there = spawn.Pipe(duplex=False)
     process = spawn.Process(target=try_all, args=(there, entrant, folder, work), daemon=True)
@@ -293,9 +293,9 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    With each trial goes the largest number of seconds until the next message, or None while a solver is prepared.
+    Each message also has the largest number of seconds until the next message; None means any time.
     """
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries always print.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
     os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with threadpool_limits(limits=1):
         for trial, ladder in work:
@@ -304,11 +304,11 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
             trial = replace(trial, tolerance=ladder[0])
             try:
                 pipe.send((trial, None))
-                asks = entrant.asks(programs)
+                calls = entrant.make_calls(programs)
                 for tolerance in ladder:
                     trial = replace(trial, tolerance=tolerance)
                     pipe.send((trial, trial.limit))
-                    ended = replace(trial, outcome=ANSWERED, **measure(asks, programs, tolerance, status))
+                    ended = replace(trial, outcome=ANSWERED, **measure(calls, programs, tolerance, status))
                     pipe.send((ended, None))
                     if ended.is_enough:
                         break
@@ -317,11 +317,11 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
                 pipe.send((replace(trial, outcome=outcome, says=str(error)), None))
 
 
-# Calls of a solver, and their errors.
+# Calls of a solver, and the errors of its answers.
 
 Memory = dict[str, Any]
-"""Data of one step of a sequence for the warm start of the next step; empty before the first."""
-Asking = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
+"""Data of one step of a sequence for the warm start of the next step; empty before the first step."""
+Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
 """A function of a tolerance and the memory; returns seconds, the answer or None, and the status of the solver."""
 
 
@@ -334,23 +334,23 @@ class Entrant:
 
     @property
     def solver(self) -> Solver:
-        """The solver: of vemcvx, of a user's file, or of cvxpy."""
+        """The solver, which belongs to vemcvx, to cvxpy, or to a user's file."""
         return make_solver(self.typed, None, "--solvers", dict(self.options))
 
     @property
     def label(self) -> str:
-        """Name, settings, and the version of the library or of vemcvx, or a hash of the user's file."""
+        """The name with its settings, and the version of the library or of vemcvx, or a hash of the user's file."""
         solver, name = self.solver, self.typed.lower()
         if ":" in self.typed:
-            name, of = solver.name, sha256(Path(self.typed.rpartition(":")[0]).read_bytes()).hexdigest()[:8]
+            name, edition = solver.name, sha256(Path(self.typed.rpartition(":")[0]).read_bytes()).hexdigest()[:8]
         elif isinstance(solver, ThroughCvxpy):
             try:
-                of = version(PACKAGES.get(solver.solver, name))
+                edition = version(PACKAGES.get(solver.solver, name))
             except PackageNotFoundError:
-                of = "unknown"
+                edition = "unknown"
         else:
-            of = __version__
-        return " ".join([name, *(f"{key}={value}" for key, value in self.options), of])
+            edition = __version__
+        return " ".join([name, *(f"{key}={value}" for key, value in self.options), edition])
 
     def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
         """Return the tolerances for this solver, from loose to tight."""
@@ -360,7 +360,7 @@ class Entrant:
         least = LIBRARIES[name][2] if name else 0.0
         return tuple(sorted({max(one, least) for one in tolerances}, reverse=True))
 
-    def asks(self, programs: Sequence[StepProgram]) -> list[Asking]:
+    def make_calls(self, programs: Sequence[StepProgram]) -> list[Call]:
         """Return functions that solve these programs; their common operators are compiled or prepared once.
 
         Raise NotAccepted if the solver does not accept such a program, or is not installed.
@@ -376,18 +376,18 @@ class Entrant:
             solver.prepare(operators)
             scaling = Scaling.from_operators(operators)
             alpha = max(scaling.length(program) for program in programs)
-            return [_through_cvxpy(solver, scaling, alpha, program) for program in programs]
+            return [_call_cvxpy(solver, scaling, alpha, program) for program in programs]
         with name_failures(solver.name):
             prepared = solver.prepare(operators) if solver.any_units else ScaledSolver.prepare(solver, operators)
-        return [_by_its_own(prepared, program, _unit(programs)) for program in programs]
+        return [_call_own(prepared, program, _unit(programs)) for program in programs]
 
 
-def _through_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program: StepProgram) -> Asking:
+def _call_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program: StepProgram) -> Call:
     posed = scaling.scale(program, alpha).to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(solver.solver, solver_opts={})
     tolerances, unlimited, _ = LIBRARIES.get(solver.solver, ((), {}, 0.0))
 
-    def ask(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
+    def call(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
         # Some interfaces of cvxpy change their dictionaries.
         options = {**unlimited, **dict.fromkeys(tolerances, tolerance), **solver.options}
         start = time.process_time()
@@ -400,46 +400,46 @@ def _through_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program
         count = 0 if stats is None or stats.num_iters is None else int(stats.num_iters)
         return seconds, scaling.restore(Answer(d, posed.lam, count, p=posed.p), alpha), status
 
-    return ask
+    return call
 
 
-def _by_its_own(prepared: Prepared, program: StepProgram, unit: float) -> Asking:
-    nothing = {"lam": np.zeros((len(program.w), program.operators.block)), "p": np.zeros_like(program.e)}
+def _call_own(prepared: Prepared, program: StepProgram, unit: float) -> Call:
+    zero = {"lam": np.zeros((len(program.w), program.operators.block)), "p": np.zeros_like(program.e)}
 
-    def ask(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
-        target, begin = 0.5 * ((tolerance or 0.0) * unit) ** 2, nothing | memory
+    def call(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
+        target, begin = 0.5 * ((tolerance or 0.0) * unit) ** 2, zero | memory
         start = time.process_time()
         answer = prepared.solve(program, target, begin["lam"], begin["p"])
         seconds = time.process_time() - start
         memory |= {"lam": answer.lam, "p": answer.p}
         return seconds, answer, answer.status
 
-    return ask
+    return call
 
 
 def _unit(programs: Sequence[StepProgram]) -> float:
-    """Return the largest |d*|_K; 1 if it is zero, or if there is no d*."""
+    """Return the largest |d*|_K; 1 if it is zero, or without any optimum d*."""
     return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
 
 
 def measure(
-    asks: Sequence[Asking], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
+    calls: Sequence[Call], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
 ) -> dict[str, Any]:
     """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
 
-    A single step is solved several times, and the minimum of the seconds counts. For a program without an optimum,
+    A single step is solved several times, and the smallest number of seconds counts. For a program without an optimum,
     `status` is the right status; any other status is an infinite error. Raise SolverFailed without a finite answer.
     """
     memory: Memory = {}
     unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
     with name_failures("of this trial"), quietly():  # The status of a library replaces its warnings.
-        for ask, program in zip(asks, programs, strict=True):
+        for call, program in zip(calls, programs, strict=True):
             begun = time.perf_counter()
-            seconds, answer, says = ask(tolerance, memory)
+            seconds, answer, says = call(tolerance, memory)
             for _ in range(REPEATS - 1 if len(programs) == 1 else 0):
                 if time.perf_counter() - begun > LONG_ENOUGH:
                     break
-                seconds = min(seconds, ask(tolerance, {})[0])
+                seconds = min(seconds, call(tolerance, {})[0])
             taken += seconds
             iterations += 0 if answer is None else answer.iterations
             stated = says.lower().removesuffix("_inaccurate")
@@ -466,7 +466,7 @@ def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, f
 
 
 def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:
-    """Return the seconds of the cheapest trial that reaches the error; infinite if none does."""
+    """Return the seconds of the cheapest trial that reaches the error; infinite if no trial reaches it."""
     known = [(one.seconds, getattr(one, measure)) for one in trials if one.seconds is not None]
     return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
@@ -485,7 +485,7 @@ def fate(trials: Sequence[Trial], error: float) -> str:
 
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that accept some instances of a kind, and the valid instances that all of them accept.
+    """Return the solvers that accept some valid instances of a kind, and the valid instances that they all accept.
 
     An instance is valid if its optimum is certified to a tenth of the error.
     """
@@ -495,7 +495,7 @@ def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: 
 
 
 def geometric_mean(seconds: Sequence[float], limit: float) -> float:
-    """Return the shifted geometric mean; larger and infinite seconds count as the limit. NaN without instances."""
+    """Return the shifted geometric mean; seconds beyond the limit count as the limit. NaN without instances."""
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
@@ -512,7 +512,7 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
             text += f"{heading}\n{table.text()}\n\n"
             markdown += f"## {heading}\n\n{table.markdown()}\n"
     remark = (
-        "to: instances solved to this error, of those that the solver accepts and whose optimum is certified to a "
+        "to: instances solved to this error, of all that the solver accepts and whose optimum is certified to a "
         "tenth of this error. s to: processor time to this error with the cheapest tolerance, as shifted geometric "
         "means over the instances that all solvers of the table accept; an instance that is not solved counts as "
         f"{limit:g} s. sure: instances whose certified error, with rounding, also reaches this error. miss, fail, "
@@ -522,18 +522,15 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
 
 
 def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
-    """Return one row per solver, the fastest to 1e-6 first; means are over instances that all these solvers accept.
+    """Return a table with one row per solver, the fastest solver to 1e-6 first.
 
-    Names are wrapped to 16 of 80 columns.
+    Means are over the instances that all these solvers accept. Names are wrapped to 16 of 80 columns.
     """
     rows, errors = [], [f"1e{round(np.log10(error))}" for error in ERRORS]
     for label, own in select_common(entries, instances, kind, max(ERRORS))[0].items():
         counts, means = [], []
         for error in ERRORS:
-            mine, common = (
-                select_common({label: own}, instances, kind, error)[1],
-                select_common(entries, instances, kind, error)[1],
-            )
+            mine, common = (select_common(some, instances, kind, error)[1] for some in ({label: own}, entries))
             fates = Counter(fate(own[name], error) for name in mine)
             counts.append((f"{fates['reached']}/{len(mine)}", fates, mine))
             means.append(geometric_mean([seconds_to(own[name], error) for name in common], limit))
@@ -549,7 +546,7 @@ def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) 
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
-    """Return label -> the seconds relative to the fastest solver on each instance; infinite if it is not solved."""
+    """Return label -> the seconds on each instance relative to the fastest solver; infinite for unsolved instances."""
     tick = time.get_clock_info("process_time").resolution  # A slow clock may measure zero seconds.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
@@ -562,7 +559,7 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
 
 
 def profiles(entries: Entries, instances: Sequence[Row]) -> Figure:
-    """Draw performance profiles at each error, one row per kind of instances that all solvers accept."""
+    """Draw performance profiles at each error, in one row for each kind of instances that all solvers accept."""
     kinds = [kind for kind in (PLANE, DISCS) if select_common(entries, instances, kind, ERRORS[1])[1]]
     if not kinds:
         raise VemcvxError("there is no instance that all solvers accept")

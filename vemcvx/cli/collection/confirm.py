@@ -2,14 +2,15 @@
 
     python confirm.py [FOLDER]
 
-Needs numpy, scipy and clarabel only. With d_1, d_2 two answers to one program and gap_1, gap_2 their gaps,
+The script needs numpy, scipy and clarabel only. If d_1 and d_2 are two answers to one program, with duality gaps gap_1
+and gap_2, then
 
     |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),
 
-and the interval [primal - gap, primal] of each answer contains the minimum. This script tests both statements, in every
-step of a sequence. It computes the gaps from the numbers in the file. An infeasible or unbounded instance comes with a
-vector as proof, which is tested: p >= 0 with D'p = 0, e'p < 0 (infeasible), or d with K d = 0, D d <= 0, g'd > sum
-w|Bd| (unbounded).
+and the interval [primal - gap, primal] of each answer contains the minimum. The script tests both statements in every
+step of a sequence. It computes the gaps from the numbers in the file. An infeasible or unbounded instance has a vector
+as its proof, which the script tests: p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d = 0, D d <= 0 and
+g'd > sum w|Bd| (unbounded).
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Program:
             self.solve = splu(self.K).solve
 
     def steps(self) -> list[Program]:
-        """Return the programs of a sequence, whose vectors have one row per step; a program alone is a list of one."""
+        """Return the programs of a sequence, whose vectors have one row per step; a single program is a list of one."""
         if self.g.ndim == 1:
             return [self]
         every = [copy.copy(self) for _ in self.g]
@@ -70,14 +71,14 @@ class Program:
         return float(np.sqrt(max(d @ (self.K @ d), 0.0)))
 
     def feasible(self, d: Any) -> Any:
-        """Return d, clipped to its hard bounds, each of which bounds one unknown."""
+        """Return d clipped to the hard limits, each of which bounds a single unknown."""
         d, D = d.copy(), sp.csr_matrix(self.D)
         for i, x, e in zip(D.indices[self.c == 0], D.data[self.c == 0], self.e[self.c == 0], strict=True):
             d[i] = min(d[i], e / x) if x > 0 else max(d[i], e / x)
         return d
 
     def certify(self, d: Any, lam: Any, p: Any) -> tuple[float, float, float]:
-        """Return the primal value, the gap and its rounding error for d within its bounds."""
+        """Return the primal value, the duality gap and its rounding error for a feasible d."""
         size, p = np.linalg.norm(lam.reshape(-1, self.block), axis=1), np.maximum(p, 0.0)
         factor = np.where(size > self.w, self.w / np.where(size > 0, size, 1.0), 1.0)
         lam = lam * np.repeat(factor, self.block)
@@ -98,9 +99,9 @@ class Program:
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
     def run_clarabel(self) -> tuple[Any, Any, Any]:
-        """Solve with Clarabel for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e; return d, lam and p.
+        """Solve by Clarabel for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e; return d, lam and p.
 
-        An absolute value is written as two inequalities, which is more accurate than a cone.
+        Two inequalities pose an absolute value, which is more accurate than a cone.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]
@@ -124,7 +125,7 @@ class Program:
         return np.array(found.x)[:n], lam, z[len(right) :]
 
     def confirm(self) -> tuple[bool, float]:
-        """Return whether Clarabel's answer agrees with the stored one, and Clarabel's certified relative error."""
+        """Return True if Clarabel's answer agrees with the stored answer, and its certified relative error."""
         d, lam, p = self.run_clarabel()
         d = self.feasible(d)
         stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)

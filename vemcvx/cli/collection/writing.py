@@ -1,13 +1,13 @@
 """A collection of instances with certified optima for authors of solvers: steps of runs of problem files.
 
-Grades name what makes instances hard. *easy* and *sizes*: the paper's scene and closed forms. *bounds*: one-sided
-contact. *pressure*: friction with Coulomb's weights at the pressures of the solution. *discs*: friction in space, with
-one second-order cone per contact node. *bodies*: several bodies. *floating*: a K with a kernel, as only friction and
-contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*: few terms slip.
-*degenerate*: many terms have zero slip and a multiplier at its bound. *incompressible* and *units*: K with condition
-numbers up to 1e9, and numbers of unusual magnitude. *large*: sparse K with up to a million unknowns. *no optimum*:
-infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run, each with the answer before
-as a warm start.
+A grade names the difficulty of its instances. *easy* and *sizes*: the paper's scene and closed forms. *bounds*:
+one-sided contact. *pressure*: friction with Coulomb's weights at the pressures of the solution. *discs*: friction in
+space, with one second-order cone per contact node. *bodies*: several bodies. *floating*: K has a kernel, because only
+friction and contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*: few terms
+slip. *degenerate*: many terms have zero slip and a multiplier at its bound. *incompressible* and *units*: K with
+condition numbers up to 1e9, and numbers of unusual magnitude. *large*: sparse K with up to a million unknowns. *no
+optimum*: infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run; the answer to each
+step is a warm start for the next.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.base.arrays import ROUNDING, SAME, Floats
+from vemcvx.base.arrays import ROUNDING, SAME, Floats, choice
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.table import Table
@@ -40,7 +40,7 @@ from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
 VERSION = 5
-"""The version of the list below: if instances change, also under the same names, the version changes."""
+"""The version of the list below: it changes whenever instances change, even under the same names."""
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files in this folder that are copied into a collection, with its version numbers filled in."""
@@ -110,7 +110,7 @@ class Instance:
 
 
 Row = tuple[str, str, tuple[int, ...], tuple[int, ...]] | tuple[Any, ...]
-"""Grade, problem, cells per unit length, steps, and settings, if any."""
+"""Grade, problem, numbers of cells per unit length, steps, and optional settings."""
 
 
 def _list_instances(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[Instance, ...]:
@@ -209,12 +209,12 @@ SEQUENCES = _list_instances(
 )
 """Sequences with absolute values, with Coulomb's weights and bounds, and with discs."""
 LARGE = _list_instances([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
-"""Instances that are only written on request: they take minutes and a gigabyte."""
+"""Instances that are written only on request: they take minutes and a gigabyte."""
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}
 
 
 def _choose_core() -> frozenset[str]:
-    """Return the names of three instances per grade, evenly spaced; two of similar ones (FEWER), six with discs."""
+    """Return the names of three instances per grade, evenly spaced, or of another number given in FEWER."""
     found: list[str] = []
     for grade in dict.fromkeys(one.grade for one in INSTANCES):
         own, k = [one.name for one in INSTANCES if one.grade == grade], FEWER.get(grade, 3)
@@ -236,12 +236,12 @@ class Collection:
     ] = None
     core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
     large: Annotated[
-        bool, typer.Option("--large", help="Include sparse programs of up to a million unknowns: minutes, and a GB.")
+        bool, typer.Option("--large", help="Include sparse programs of up to a million unknowns: minutes and a GB.")
     ] = False
 
     def __call__(self) -> None:
         """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
-        # Runs log what is unusual in a scene. Here it is intended.
+        # The log would name unusual features of scenes, which are intended here.
         with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
@@ -258,9 +258,9 @@ def write_collection(
 
     `beside` is a further format of the files. `progress` is called with (name, done, total).
     """
-    if beside is not None and beside not in FORMATS:
-        raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
-    forms = dict.fromkeys([*([beside] if beside else []), "npz"])
+    forms = dict.fromkeys(
+        [choice("npz" if beside is None else beside, "--format", "format", list(FORMATS), ProblemError), "npz"]
+    )
     rows, sums = list[dict[str, Any]](), dict[str, str]()
     with Owned(folder) as files:
 
@@ -286,10 +286,10 @@ def write_collection(
         write(OPTIMA, optima(rows).csv().encode())
         files.write(SUMS, "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items())))
     sizes, others = [row["unknowns"] for row in rows], departures(rows)
-    as_published = "" if others else f"; {OPTIMA} agrees with that of version {VERSION}"
+    as_published = "" if others else f"; {OPTIMA} agrees with the published {OPTIMA} of version {VERSION}"
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
-        f"{MANIFEST} has sizes, nonzeros and certified optima; python {SCRIPT} confirms them; README.md describes "
+        f"{MANIFEST} has sizes, nonzeros and certified optima; python {SCRIPT} confirms these; README.md describes "
         f"the files{as_published}" + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
     )
 
@@ -308,7 +308,7 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return sentences on instances that differ from those published with this version, in the file OPTIMA.
+    """Return sentences on instances that differ from the published ones of this version, in the file OPTIMA.
 
     Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
     the last digits of condensed matrices and of states before a step depend on the machine. With another BLAS the
@@ -320,7 +320,7 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for row in csv.DictReader(optima(rows).csv().splitlines()):
         known = published.get(row["name"])
         if known is None:
-            found.append(f"{row['name']} is not in it")
+            found.append(f"{row['name']} is not in the published {OPTIMA}")
             continue
         keys = [key for key in ("grade", *SIZES, "status") if row[key] != known[key]]
         if not keys and row["low"]:
@@ -331,9 +331,9 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _encode(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
-    """Return suffix -> contents of the files of one program or of a sequence; JSON is the last.
+    """Return suffix -> contents for the files of one program or of a sequence; JSON comes last.
 
-    For a sequence the value and its bounds are sums over all steps; errors are the largest of all steps.
+    In the JSON of a sequence, the value and its bounds are sums over all steps; errors are the largest of all steps.
     """
     if instance.steps == 1:
         program, proof = _variant(instance, solved[0])
@@ -347,7 +347,7 @@ def _encode(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence
 
 
 def _make_programs(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
-    """Yield the instances with the programs of their steps; each run is simulated once."""
+    """Yield each instance with the programs of its steps; a run is simulated once for all of its instances."""
     here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
@@ -375,7 +375,7 @@ def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, d
 
 
 def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a second obstacle that contradicts the first, and multipliers that prove infeasibility.
+    """Return the program with a limit added that contradicts the first, and multipliers that prove infeasibility.
 
     D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
     """
@@ -389,14 +389,14 @@ def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 
 
 def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a load along a motion of the kernel that is twice the friction, and this motion.
+    """Return the program with a load along a kernel motion r that is twice the friction along r, and r itself.
 
-    Along the ray r, K r = 0 and D r <= 0, the objective falls by g'r - sum w_i |B_i r| > 0 for each length of r.
+    K r = 0 and D r <= 0, so the objective at s r, s > 0, falls at the rate g'r - sum w_i |B_i r| > 0.
     """
     operators = program.operators
     assert operators.kernel is not None
     motions = [sign * motion for motion in operators.kernel.T for sign in (1.0, -1.0)]
-    # Rounding of its entries must not exclude a motion along an obstacle.
+    # Rounding of the entries of r must not exclude a motion along an obstacle.
     ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
     held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1))
     held = held or float(np.abs(program.g).max())

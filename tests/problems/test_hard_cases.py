@@ -1,4 +1,4 @@
-"""The table of hard cases, case by case: what it requires holds, and no claim is smaller than the truth."""
+"""The table of hard cases: every case has the required behaviour, and true errors are within certified errors."""
 
 from __future__ import annotations
 
@@ -11,16 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hard_cases
 import vemcvx as vx
-
-PROBLEMS = Path(__file__).parents[2] / "problems"
-
-import hard_cases  # noqa: E402
-from hard.case import Case, Finding, Setting, compare_findings, run  # noqa: E402
-from hard.ground import block  # noqa: E402
+from hard.case import Case, Finding, Setting, compare_findings, run
+from hard.ground import block
 
 IDS = [f"{subject}: {case.name}" for subject, case in hard_cases.CASES]
-# Each has a smaller one beside it: a strip in three steps, a polygon of 200 vertices, other Poisson's ratios.
+# Each of these cases has a smaller variant: three steps, a polygon of 200 vertices, other Poisson's ratios.
 SLOW = {
     "time and load: thin strip, L/H = 50: pushed, released, pushed",
     "time and load: ten cycles",
@@ -38,13 +35,13 @@ CASES = [
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # the table records warnings itself
 @pytest.mark.parametrize("case", CASES)
-def test_hard_case(case):
+def test_a_hard_case_has_the_required_behaviour(case):
     findings = run(case)
     assert [finding.complaint for finding in findings if finding.complaint] == []
     assert {finding.solver for finding in findings} == {solver.name for solver in case.solvers}
 
 
-def test_every_subject_of_the_table_has_cases():
+def test_names_of_cases_are_unique_and_every_subject_has_cases():
     assert set(IDS) >= SLOW
     assert len(set(IDS)) == len(IDS)
     assert {subject for subject, _ in hard_cases.CASES} == set(hard_cases.SUBJECTS)
@@ -52,18 +49,17 @@ def test_every_subject_of_the_table_has_cases():
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
-def test_the_table_notices_what_is_wrong():
-    """A table that could not fail would show nothing: each kind of complaint is provoked once."""
+def test_the_table_reports_every_kind_of_fault():
     mesh, times = vx.meshes.squares(4), np.linspace(0, 0.5, 3)
     zero = np.zeros((3, mesh.n_nodes, 2))
 
-    def made(exact=None):
+    def setting(exact=None):
         return lambda: Setting(block(), mesh, times, exact)
 
     newton = (vx.Newton(),)
     for case, complaint in (
         (
-            Case("refused", made(), must="refuse with an error", solvers=newton),
+            Case("refused", setting(), must="refuse with an error", solvers=newton),
             "must refuse with an error",
         ),
         (Case("silent", lambda: Setting(block(clamp="rihgt"), mesh, times)), "must answer, but: refuse"),
@@ -71,8 +67,8 @@ def test_the_table_notices_what_is_wrong():
             Case("otherwise", lambda: Setting(block(clamp="no"), mesh, times), "refuse with an error", "floats"),
             "does not say 'floats'",
         ),
-        (Case("wrong reference", made(zero), solvers=newton), "true error .* above certificate"),
-        (Case("claim", made(), holds=lambda setting, history: "it does not", solvers=newton), "it does not"),
+        (Case("wrong reference", setting(zero), solvers=newton), "true error .* above certificate"),
+        (Case("claim", setting(), holds=lambda setting, history: "it does not", solvers=newton), "it does not"),
     ):
         complaints = [finding.complaint for finding in run(case)]
         assert all(complaints)
@@ -80,8 +76,7 @@ def test_the_table_notices_what_is_wrong():
 
 
 @pytest.mark.long
-def test_solved_but_wrong_is_noticed():
-    """A solver whose answer is off by more than it certifies, with a certificate to match, differs from the others."""
+def test_the_table_reports_an_answer_with_a_false_certificate():
     mesh, times = vx.meshes.squares(4), np.linspace(0, 0.5, 3)
     case = Case("two scenes", lambda: Setting(block(), mesh, times))
     findings = run(case)
@@ -91,11 +86,10 @@ def test_solved_but_wrong_is_noticed():
 
 
 @pytest.mark.slow
-def test_the_command(tmp_path):
-    """Prints the table, draws the picture, succeeds."""
-    here = {**os.environ, "PYTHONPATH": str(PROBLEMS.parent)}
-    command = [sys.executable, str(PROBLEMS / "hard_cases.py"), "--picture", str(tmp_path / "table.png")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=here)
+def test_the_command_draws_a_picture_and_finds_no_wrong_answer(tmp_path):
+    command = [sys.executable, hard_cases.__file__, "--picture", str(tmp_path / "table.png")]
+    environment = {**os.environ, "PYTHONPATH": str(Path(hard_cases.__file__).parents[1])}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert f"{len(hard_cases.CASES)} cases; Newton does" in done.stdout
     assert "0 findings are wrong" in done.stdout
     assert (tmp_path / "table.png").stat().st_size > 10_000
@@ -103,8 +97,7 @@ def test_the_command(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["no clamp, friction holds", "no clamp, friction just holds"])
-def test_interior_points_keep_their_digits_on_bodies_without_supports(name):
-    """With the regularisation that serves bodies with supports Clarabel ended at 6e-6 on the second."""
+def test_clarabel_reaches_1e_6_on_bodies_without_supports(name):
     case = next(case for _, case in hard_cases.CASES if case.name == name)
     setting = case.make()
     with pytest.warns(vx.SceneWarning):

@@ -27,7 +27,7 @@ U = U0 * np.interp(TIMES, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
 def closed_form():
-    """Shear strain, slip of the bottom, and friction work, step by step."""
+    """Return shear strain, slip of the bottom, and friction work at every instant."""
     gamma, a, loss = np.zeros(len(U)), np.zeros(len(U)), np.zeros(len(U))
     for n in range(1, len(U)):
         gamma[n] = np.clip((U[n] - a[n - 1]) / H, -G / MU, G / MU)
@@ -58,23 +58,12 @@ def run(family):
     return vx.simulate(scene(), mesh, TIMES, solver=vx.Newton())
 
 
-@pytest.fixture
-def history(family):
-    return run(family)
-
-
 @any_family
-def test_displacements_are_exact(history):
-    gamma, a, _ = closed_form()
-    y = history.mesh.points[:, 1]
+def test_displacements_and_dissipation_are_exact(family):
+    history, (gamma, a, loss) = run(family), closed_form()
     exact = np.zeros_like(history.displacement)
-    exact[:, :, 0] = a[:, None] + gamma[:, None] * y
+    exact[:, :, 0] = a[:, None] + gamma[:, None] * history.mesh.points[:, 1]
     assert np.abs(history.displacement - exact).max() < 1e-10 * U0
-
-
-@any_family
-def test_dissipation_is_exact(history):
-    _, _, loss = closed_form()
     assert np.abs(history.dissipated - loss).max() < 1e-10 * loss[-1]
     # The loop from the first turning point (t = 1) back to it (t = 5) is closed.
     closed = history.dissipated[20] - history.dissipated[4]
@@ -82,20 +71,20 @@ def test_dissipation_is_exact(history):
 
 
 @any_family
-def test_stick_slip_and_tractions_are_exact(history):
-    gamma, a, _ = closed_form()
+def test_stick_slip_and_tractions_are_exact(family):
+    history, (gamma, a, _) = run(family), closed_form()
     slips = np.append(False, np.abs(np.diff(a)) > 1e-12 * U0)
     assert slips.any()
     assert not slips[1:].all()
     assert (history.contact.sticking == ~slips[:, None]).all()
-    # The friction force on the body is minus the shear stress at the bottom's outward normal (0, -1).
+    # The outward normal of the bottom is (0, -1): friction on the body is minus the shear stress.
     shear = np.where(slips, np.sign(np.append(0.0, np.diff(a))) * G, MU * gamma)
     assert np.abs(history.contact.traction[:, :, 0] + shear[:, None]).max() < 1e-10 * G
     assert np.abs(history.contact.pressure).max() < 1e-10 * G
 
 
 @pytest.mark.long
-def test_every_solver_finds_it():
+def test_conic_solvers_find_the_closed_form():
     mesh = small("voronoi", 3, box=((0, L), (0, H)))
     _, _, loss = closed_form()
     for solver in (vx.Clarabel(), vx.OSQP()):

@@ -285,7 +285,7 @@ def test_an_author_gets_a_profile_with_the_readme_alone(tmp_path, monkeypatch):
     lines = (tmp_path / "README.md").read_text().splitlines()
     begin = lines.index("    import numpy as np")
     end = next(k for k in range(begin, len(lines)) if lines[k].startswith("    vemcvx benchmark"))
-    code = [line.removeprefix("    ") for line in lines[begin:end]]
+    code = [line.removeprefix("    ") for line in lines[begin:end] if line[:4].isspace()]
     dots = [k for k, line in enumerate(code) if line.lstrip().startswith("...")]
     (tmp_path / "mine.py").write_text("\n".join([*code[: dots[0]], ADMM.strip("\n"), *code[dots[-1] + 1 :], ""]))
     monkeypatch.chdir(tmp_path)
@@ -324,7 +324,7 @@ def test_steps_of_a_sequence_begin_with_what_is_left(tmp_path):
         "benchmark", tmp_path / "all", "--solvers", solvers, "--tolerances", "1e-8", "--out", tmp_path / "out"
     )
     assert done.exit_code == 0, done.output
-    assert "what the one before has left: 1 instances" in done.output
+    assert "each with a warm start from the previous answer: 1 instances" in done.output
     trials = {path.name.split("_")[0]: journal(path) for path in (tmp_path / "out").glob("*.jsonl")}
     assert [one.iterations for one in trials["Seen"]] == [7]
     assert [one.outcome for one in trials["scs"] + trials["osqp"]] == [ANSWERED] * 2

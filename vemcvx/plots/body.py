@@ -1,6 +1,6 @@
-"""The deformed body: in the plane in colours of displacement or stress with contact forces, in space of stress.
+"""The deformed body: colours show its displacement or stress, and in the plane arrows show contact forces.
 
-In space, PyVista renders the surface to an image and needs no display; only this picture file imports it.
+In space, PyVista renders the surface as an image and needs no display; no other module of the pictures imports PyVista.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
-from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, label_axes, unit, within
+from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, label_axes, units_of, within
 from vemcvx.results import Results, last_of_largest
 from vemcvx.vem import component_names
 
@@ -37,7 +37,7 @@ EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
     "min_principal": ("smallest principal stress", lambda on: on["principal_stresses"][:, -1]),
     "mean": ("mean of normal stresses", lambda on: on["stress"][:, : on["principal_stresses"].shape[1]].mean(axis=1)),
 }
-"""Invariants of stress: their names, and their values from the fields of a step on cells."""
+"""Invariant of stress -> its name in words, and a function that computes it from the cell fields of a step."""
 UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
 FORCES = {"contact": "contact force", "friction": "friction", "none": ""}
 CLOSED = "closed contact bold or hatched"
@@ -64,13 +64,13 @@ def deformed_mesh(
     magnify : float, optional
         Magnification of displacements; by default 1, 2 or 5 times a power of ten.
     limits : (low, high), optional
-        Ends of the colour scale; by default 0 and the largest |u| of all stored steps.
+        Ends of the colour scale; by default 0 and the largest value of all stored steps.
 
     Returns
     -------
     matplotlib Figure
-        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows of
-        friction and marks of contact are those of `stressed_body` with ``forces="friction"``.
+        The colour of a cell is the mean of |u| at its vertices. The dashed line is the undeformed outline. Arrows of
+        friction and marks of contact are as in `stressed_body` with ``forces="friction"``.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def deformed_mesh(
     >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.deformed_mesh(history, units={"length": "mm"})
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     sizes = (np.linalg.norm(u, axis=1)[mesh.vertices] for u in history.displacement)
     means = [np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes]
@@ -116,39 +116,39 @@ def stressed_body(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the deformed body, each cell in its stress, at a stored step.
+    """Draw the deformed body at a stored step, each cell in the colour of its stress.
 
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step at which the largest drawn stress is within a percent of that of all
+        A stored step; by default the last step whose largest visible stress is within a percent of the largest of all
         steps.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
-        Principal stresses are those in the plane. Tension is red and compression blue.
+        Principal stresses are taken in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
-        Arrows of pressure and friction together, with their heads on the body; of friction only, beside the body; or
-        none. They are blue and thick where contact sticks, orange and thin where it slips, grey without friction.
+        Arrows of pressure and friction together, with heads on the body; of friction alone, beside the body; or none.
+        Arrows are blue and thick where contact sticks, orange and thin where it slips, grey without friction.
     window : ((x0, x1), (y0, y1)), optional
         Draw only this part, in units of length.
     stretch : float
         Factor on lengths along x_2, for slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
-        Signs of x_1 and x_2 in mirror images, drawn without mesh, if the body is half or a quarter of a whole.
+        Signs of x_1 and x_2 in mirror images, drawn without mesh, for a model of a half or a quarter of a body.
     magnify, limits : as for `deformed_mesh`; by default the same for all stored steps
 
     Returns
     -------
     matplotlib Figure
-        The title gives the magnification of displacements and the largest force (per length, on the body). Arrows
-        longer than 1.5 times those of 9 of 10 nodes are cut, with a note in the title. The boundary is bold where
-        contact is closed; closed contact that magnified displacements draw apart or overlapping is hatched. A pointed
-        end of the colour bar means stresses beyond it, in at most one cell in a hundred.
+        The title gives the magnification of displacements and the largest force per length on the body. Arrows beyond
+        1.5 times the 90 % quantile are cut, with a note in the title. The boundary is bold where contact is closed. If
+        magnified displacements draw the sides of closed contact apart or overlapping, the area between is hatched. A
+        pointed end of the colour bar stands for stresses beyond it, in at most one cell in a hundred.
 
     Raises
     ------
     HistoryError
-        There is no stress, or are no forces, of this name.
+        `stress` or `forces` is none of these names, or no cell is in the window.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def stressed_body(
     >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.stressed_body(history, stress="von_mises", forces="friction")
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     _check_stress(stress, history, "stressed_body")
     choice(forces, "stressed_body", "forces", list(FORCES), HistoryError)
     mesh = plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
@@ -181,7 +181,7 @@ def stressed_body(
 
 @dataclass(frozen=True)
 class _Field:
-    """A coloured field: values (n_cells,) at all stored steps, a label, and colours."""
+    """A field on cells: its values (n_cells,) at all stored steps, its label, and its colours."""
 
     values: Sequence[Floats]
     label: str
@@ -197,11 +197,11 @@ class _View:
     stretch: float = 1.0
     images: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     magnify: float | None = None
-    units: Units | None = None
+    units: Units
 
 
 def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: Sequence[str] = ()) -> Figure:
-    """Draw a plane history at a row, each cell in its colour, with the forces and marks of contact."""
+    """Draw one row of a plane history: each cell in its colour, contact forces, and marks of closed contact."""
     (history, row), (window, units) = at, (view.window, view.units)
     mesh = plane_mesh(history.mesh, "stressed_body")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
@@ -213,7 +213,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:
-        # Drawing needs no checks of the mesh, and they would refuse bodies in contact, whose nodes coincide.
+        # The checks of meshes would refuse bodies in contact, whose nodes coincide; drawing does not need them.
         image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _outline_closed(history, row, places)
@@ -223,7 +223,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     if largest:
         words = FORCES[view.forces].replace("force", "forces")
-        title += f", {words} at most {largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+        title += f", {words} at most {style.amount(largest, 'force per length', units)}"
     notes = [*marks, *[CLOSED] * bool(touching), *[f"arrows cut at {cut:.3g}"] * (largest > cut)]
     title += "\n" * bool(notes) + "; ".join(notes)
     title += f"\n{NO_GAPS}" * _gaps_not_drawn(history, row, factor)
@@ -235,20 +235,19 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
         ax.autoscale_view()
     canvas.legend_below(ax)
     drawn = "" if view.stretch == 1.0 else f",\n× {view.stretch:g}"
-    y = f"$x_2$ ({unit(units, 'length')}{drawn})"
+    y = f"$x_2$ ({style.unit(units, 'length')}{drawn})"
     return label_axes(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=view.stretch)
 
 
 def _check_stress(name: object, history: Results, picture: str) -> None:
     """Raise HistoryError unless there is a stress of this name."""
-    components = component_names(history.mesh.points.shape[1])
-    choice(name, picture, "stress", [*components, *EQUIVALENT], HistoryError)
+    choice(name, picture, "stress", [*component_names(history.mesh.points.shape[1]), *EQUIVALENT], HistoryError)
 
 
 def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
-    """Return the stress of this name in words, and in all cells at the stored steps."""
+    """Return the name of a stress in words, and its values in all cells at the stored steps."""
     if name == "von_mises":
-        history.von_mises(int(history.stored[0]))  # This raises an error if a material does not give it.
+        history.von_mises(int(history.stored[0]))  # This raises an error if the stress is unknown.
     every = [history.on_cells(int(step)) for step in history.stored]
     if name in EQUIVALENT:
         words, value = EQUIVALENT[name]
@@ -258,15 +257,15 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
 
 
 def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
-    """Return the row of a step, by default of the largest stress that is drawn; `stresses` are S arrays (k,)."""
+    """Return the row of a step, by default of the step with the largest of the `stresses`, S arrays (k,)."""
     return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for the stresses of all steps and its ends: symmetric about zero, or of one sign.
+    """Return a colour map for the stresses of all steps and its ends: symmetric about zero, or from zero to one side.
 
-    Colours cover 99 of 100 cells, because stress at the corner of a clamp is unbounded. Stresses count as of one sign
-    if the other sign stays below a tenth of the largest.
+    Colours cover 99 of 100 cells, because stress at the corner of a clamp is unbounded. The map has one sign if
+    stresses of the other sign stay below a tenth of the largest stress.
     """
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
@@ -281,10 +280,10 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 
 
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Return outlines (k, 2) of the areas between bodies in closed contact, drawn at `places`; flat where they touch.
+    """Return outlines (k, 2) of the areas between the sides of closed contact, with the nodes at `places`.
 
     Gaps and interferences are no part of the mesh, and bodies rotate and slip. Magnified displacements therefore draw
-    bodies in contact apart, or overlapping.
+    bodies in contact apart, or overlapping. Outlines are degenerate where the drawn bodies touch.
     """
     contact = history.contact
     if not contact.closed[row].any():
@@ -297,7 +296,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
-    """Return True if open contact is drawn as closed or overlapping, because initial gaps are no part of the mesh."""
+    """Return True if open contact is drawn closed or overlapping, because initial gaps are no part of the mesh."""
     contact, u = history.contact, history.displacement[row]
     between = np.flatnonzero((contact.partners >= 0) & ~contact.closed[row])
     apart = u[contact.nodes[between]] - u[contact.partners[between]]
@@ -306,9 +305,9 @@ def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces per length at up to 26 contact nodes; return the largest visible force, and the longest arrow's.
+    """Draw forces per length at up to 26 contact nodes; return the largest visible force, and where arrows are cut.
 
-    `scale` is the magnification and the size of the visible part. Arrows have one scale for all steps.
+    `scale` is the magnification and the size of the visible part. The scale of arrows is the same at all steps.
     """
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
@@ -317,7 +316,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     sizes = np.linalg.norm(every[:, seen], axis=2)
     if not sizes.any() or view.forces == "none":
         return 0.0, 0.0
-    # Forces at corners are unbounded: the longest arrow is 1.5 times the 90 % quantile of the forces of a step.
+    # Forces at corners are unbounded: arrows are cut at 1.5 times the largest 90 % quantile of a step.
     loaded = [row[row > 1e-6 * sizes.max()] for row in sizes]
     cut = min(float(sizes.max()), 1.5 * max(float(np.quantile(row, 0.9)) for row in loaded if len(row)))
     # Select nodes evenly along the boundary.
@@ -333,7 +332,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     heads, arrows = tips[row], lengths[row]
     beside, joined = 0.03 * size * contact.normals[shown] / flat, contact.partners[shown] >= 0
     if not together:
-        # Between two bodies, draw friction just inside both of them, with opposite directions.
+        # Between two bodies, draw friction just inside both bodies, in opposite directions.
         heads = heads + np.where(joined, -1.0, 1.0)[:, None] * beside
         heads = np.concatenate([heads, places[contact.partners[shown[joined]]] + beside[joined]])
         arrows, sticks = np.concatenate([arrows, -arrows[joined]]), np.append(sticks, sticks[joined])
@@ -362,7 +361,7 @@ def deformed_body(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw a body in space deformed at a stored step, each face of its surface in the stress of its cell.
+    """Draw a deformed body in space at a stored step, each face of its surface in the colour of the cell's stress.
 
     Magnification, colours and the visible part are the same at all steps. No display is needed.
 
@@ -393,7 +392,7 @@ def deformed_body(
     >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.deformed_body(history, stress="von_mises")  # doctest: +SKIP
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("deformed_body: this body is plane; deformed_mesh and stressed_body draw it.")

@@ -1,7 +1,7 @@
-"""Contact in the plane along a line: friction between its bounds, stick, slip, pressure, wear.
+"""Contact in the plane along a line: friction and its bounds, stick, slip, pressure, wear.
 
-The line is a coordinate axis if all contact nodes lie along it, or else the arc length of :mod:`vemcvx.results.arc`,
-one piece after the other. A node owns half of each of its edges.
+The position on the line is a coordinate if all contact nodes lie along this axis, or else the arc length of
+:mod:`vemcvx.results.arc`, one piece of contact after the other. A node owns half of each of its edges.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import plane_mesh
 from vemcvx.plots import style
-from vemcvx.plots.style import Units, idle, instant, label, label_axes, unit, value_range
+from vemcvx.plots.style import Units, amount, idle, instant, label, label_axes, units_of, value_range
 from vemcvx.results import Contact, Results, contact_path
 
 if TYPE_CHECKING:
@@ -57,14 +57,14 @@ class ContactLine:
         return np.insert(self.position, self.gaps, np.nan), np.insert(values, self.gaps, np.nan)
 
     def spans(self, chosen: Bools) -> Floats:
-        """Return the intervals (k, 2) of the line that the chosen nodes (m,), in the line's order, own together."""
+        """Return the intervals (k, 2) that the nodes `chosen` (m,) own together; nodes are in the order of the line."""
         starts = chosen & ~np.append(False, chosen[:-1])
         starts[self.gaps] |= chosen[self.gaps]
         ends = np.append(starts[1:] | ~chosen[1:], True) & chosen
         return np.column_stack([self.limits[starts, 0], self.limits[ends, 1]])
 
     def finish(
-        self, ax: Axes, y: str, title: str, units: Units | None, ends: tuple[float, float], size: str = "medium"
+        self, ax: Axes, y: str, title: str, units: Units, ends: tuple[float, float], size: str = "medium"
     ) -> Figure:
         """Set labels, title, legend and the window of axes along the line, and return their figure."""
         whole = (self.limits.min(), self.limits.max())
@@ -145,7 +145,7 @@ def friction_traction(
     >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.friction_traction(history)
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     row, contact = history.row(step), history.contact
     line = contact_line(history, "friction_traction")
     traction = line.along(contact.traction[row])
@@ -160,8 +160,7 @@ def friction_traction(
     top, bound, far = _reach(contact), contact.bound[row, line.order], ""
     ends = value_range(limits, (-top, top))
     if bound.min() > min(-ends[0], ends[1]):
-        far = f" off the axis, {bound.min():.3g} {unit(units, 'force per length') if units else ''}".rstrip()
-        far += " or more" * bool(np.ptp(bound) > 0)
+        far = f" off the axis, {amount(bound.min(), 'force per length', units)}" + " or more" * bool(np.ptp(bound) > 0)
     for side, name in ((bound, f"bound $\\pm g${far}"), (-bound, None)):
         ax.plot(*line.interrupt(side), color="black", linestyle="--", linewidth=1.2, label=name)
     ax.plot(*line.interrupt(traction), color="0.35", linewidth=1.0, zorder=1.5)
@@ -178,7 +177,7 @@ def friction_traction(
 
 
 def _reach(contact: Contact) -> float:
-    """Return the end of an axis of friction: beyond bound and friction, or beyond friction if bounds are far larger."""
+    """Return the end of an axis that shows friction, and bounds unless they are far larger than friction."""
     friction = float(np.abs(contact.traction).max(initial=0.0))
     bound = float(np.abs(contact.bound).max(initial=0.0))
     # Friction is still visible in a fifth of the axis; friction at the level of rounding should not fill it.
@@ -202,8 +201,8 @@ STATES = (
 def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw stick, and slip with its direction, for every contact node and stored step.
 
-    A band spans the time from the stored instant before to that of its step. If steps in between were not stored, the
-    band still shows its last step only, and the title says so.
+    A band spans the time from the previous stored instant to the instant of its step. If steps in between were not
+    stored, the band shows its last step only, with a note in the title.
 
     Parameters
     ----------
@@ -226,8 +225,8 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.stick_slip_map(history)
     """
-    units = history.units if units is None else units
-    line, steps = contact_line(history, "stick_slip_map"), _later(history, "stick_slip_map")
+    units = units_of(history, units)
+    line, steps = contact_line(history, "stick_slip_map"), list_steps(history, "stick_slip_map")
     states = directions(history, line)
     ax = canvas.axes_or_new(ax, 6.4, 4.2)
     edges = history.trajectory.times[np.concatenate([[0], steps])]
@@ -246,7 +245,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     return line.finish(ax, label("t", "time", units), title, units, (edges[0], edges[-1]))
 
 
-def _later(history: Results, picture: str) -> Ints:
+def list_steps(history: Results, picture: str) -> Ints:
     """Return the stored steps after the initial instant; raise HistoryError if there are none."""
     steps = history.stored[history.stored > 0]
     if len(steps) == 0:
@@ -257,8 +256,8 @@ def _later(history: Results, picture: str) -> Ints:
 def directions(history: Results, line: ContactLine) -> Floats:
     """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0.
 
-    Open contact without friction is NaN. The direction is opposite to friction, which does not need the step before;
-    without friction it is that of the slip since the last stored step.
+    Open contact without friction is NaN. The direction is opposite to friction, which is known without the step before.
+    If there is no friction, it is the direction of the slip since the last stored step.
     """
     contact = history.contact
     against = line.along(contact.traction)
@@ -269,9 +268,9 @@ def directions(history: Results, line: ContactLine) -> Floats:
 
 
 def pressures(history: Results) -> Floats:
-    """Return the contact pressure (S, m) of all pictures, without the ripple of nodal forces.
+    """Return the contact pressure (S, m) for pictures, without the ripple of nodal forces.
 
-    It is set to zero if all of it is rounding relative to the stresses; else an axis would show 1e-14.
+    Pressures that are rounding errors relative to the stresses are set to zero, so that no axis shows 1e-14.
     """
     found, keys = history.contact.pressure_recovered, ("largest_principal_stress", "smallest_principal_stress")
     stress = max((abs(one.value) for one in history.extremes if one.key in keys), default=0.0)
@@ -279,7 +278,7 @@ def pressures(history: Results) -> Floats:
 
 
 def slips(history: Results) -> Floats:
-    """Return the slip (S, m, dim), set to zero if all of it is rounding relative to the displacements."""
+    """Return the slip (S, m, dim), set to zero if it is a rounding error relative to the displacements."""
     slip, largest = history.contact.slip, float(np.abs(history.displacement).max(initial=0.0))
     return slip if np.abs(slip).max(initial=0.0) > 1e-10 * largest else np.zeros_like(slip)
 
@@ -308,12 +307,12 @@ def along_contact(
     ----------
     history, ax, units : as for `friction_traction`
     show : {"pressure", "slip", "wear"}
-        Pressure and slip at these instants, or the friction work per length until then.
+        Pressure or slip at the instants of the steps, or the friction work per length up to these instants.
     steps : int or sequence of int, optional
         Stored steps, at most four; by default ``history.telling(4)``: the peak, the first and the last turns of the
         motion and the last step, or evenly spaced steps if the motion never reverses.
     limits : (low, high), optional
-        Ends of the axis of values; by default from 0, or less, to a little more than the largest of all steps.
+        Ends of the axis of values; by default the axis shows 0 and the values of all steps.
 
     Returns
     -------
@@ -332,10 +331,10 @@ def along_contact(
     >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.along_contact(history, show="slip")
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
     picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
-    line, _ = contact_line(history, picture), _later(history, picture)
+    line, _ = contact_line(history, picture), list_steps(history, picture)
     chosen = history.telling(most).tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
     rows = [history.row(step) for step in chosen]
     if not 0 < len(rows) <= most:

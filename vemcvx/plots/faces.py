@@ -18,7 +18,7 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
 from vemcvx.plots.contact import pressures, with_nodes
-from vemcvx.plots.style import Units, Window, idle, instant, label, label_axes, unit, value_range, within
+from vemcvx.plots.style import Units, Window, amount, idle, instant, label, label_axes, units_of, value_range, within
 from vemcvx.results import ALONG, Contact, Results
 from vemcvx.scene import pair_numbers
 from vemcvx.vem import Part, Space
@@ -35,7 +35,7 @@ HIDDEN = (
 
 @dataclass(frozen=True)
 class ContactFace:
-    """Contact nodes on a face of contact in space, in the plane of the picture."""
+    """A face of contact in space: its contact nodes, projected into the plane of the picture."""
 
     history: Results  # with only these contact nodes
     frame: Floats  # (2, 3) unit vectors to the right and up
@@ -78,9 +78,9 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
 
 
 def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
-    """Return True for contact nodes of obstacles whose normals agree with the sides of a part at them.
+    """Return True for contact nodes of obstacles whose normals agree with the adjacent sides of a part.
 
-    A node that belongs to the part only by an edge has another normal.
+    A node at an edge of the part may belong to contact on other sides, and has another normal then.
     """
     row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
     row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
@@ -104,7 +104,7 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
 
 
 def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Return vectors to the right and up, orthogonal to the mean normal, and their names; axes if it is an axis."""
+    """Return vectors to the right and up, orthogonal to the mean normal, and their names: axes if possible."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
     if abs(mean[axis]) > (1 - SAME) * length:
@@ -118,7 +118,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
     """Return the quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
     normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
     normal[contact.nodes] = contact.normals
-    # Nodes at the rim of an interface own parts of its faces only, not of adjacent faces.
+    # Nodes at the rim of an interface own parts of the faces of this interface only.
     rows = np.full((2, mesh.n_nodes), -1)
     rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
     inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
@@ -172,8 +172,8 @@ def contact_face(
     Returns
     -------
     matplotlib Figure
-        Each node colours the part of the face that it owns. Arrows are the slip since the last stored step (at
-        interfaces, of the first body against the second); the title gives the largest.
+        Each node colours the part of the face that it owns. Arrows show the slip since the last stored step, at
+        interfaces the slip of the first body against the second; the title gives the largest slip.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def contact_face(
     >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.contact_face(history, show="pressure")
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     row = history.row(step)
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
     window = style.window_of(window)
@@ -242,8 +242,8 @@ def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:
     canvas.legend_under(ax)
 
 
-def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, units: Units | None) -> str:
-    """Draw the slip since the last stored step at slipping nodes; return the largest in words, "" if there is none."""
+def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, units: Units) -> str:
+    """Draw the slip since the last stored step at slipping nodes; return the largest slip in words, "" for none."""
     contact, stored, places = face.history.contact, face.history.stored, face.places
     shown = np.flatnonzero((_states(face, row) == 1) & within(places, window) & (row > 0))
     moved = face.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
@@ -257,7 +257,7 @@ def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, u
     arrows = moved[kept] * 0.085 * size / largest
     canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)
     since = "of the step" if stored[row - 1] == stored[row] - 1 else "since the last stored step"
-    return f", slip {since} at most {largest:.3g} {unit(units, 'length') if units else ''}".rstrip()
+    return f", slip {since} at most {amount(largest, 'length', units)}"
 
 
 def friction_disc(
@@ -268,7 +268,7 @@ def friction_disc(
     ax: Axes | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the friction on the body divided by its bound, for every contact node a point in the unit disc.
+    """Draw the friction on the body divided by its bound: each contact node is a point in the unit disc.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def friction_disc(
     >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.friction_disc(history)
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     row = history.row(step)
     for panel, name, face in _panels(history, on, ax, "friction_disc", (5.0, 5.0)):
         contact = face.history.contact

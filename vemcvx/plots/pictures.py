@@ -1,8 +1,8 @@
-"""Energies and reactions over a run, and all pictures of a history as files or frames of a film.
+"""Energies and forces over a run, and all pictures of a history as files or as frames of a film.
 
-    work - (stored - stored at the start) - dissipated = numerical dissipation = sum over steps of 1/2 a(du, du) >= 0
+Backward Euler loses energy in addition to friction. This loss tends to zero with the step; with increments du it is
 
-is the energy that backward Euler loses in addition to friction; it goes to zero with the step.
+    work - (stored - stored at the start) - dissipated = sum over steps of 1/2 a(du, du) >= 0.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import pressures, rubs, slips, wear
-from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, value_range
+from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, units_of, value_range
 from vemcvx.results import Results, loop_of
 
 if TYPE_CHECKING:
@@ -65,13 +65,13 @@ def energy_ledger(
     >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.energy_ledger(history)
     """
-    units = history.units if units is None else units
-    if history.steps == 0:
-        raise HistoryError("energy_ledger: this history has no step after the initial instant.")
+    units = units_of(history, units)
+    contact.list_steps(history, "energy_ledger")
     given = canvas.new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
     panels = list(given) if isinstance(given, Iterable) else [given]
-    energy, thickness = unit(units, "energy"), ", per thickness" if _plane(history) else ""
-    _energies(panels[0], history, "energy" if energy == "energy" else f"energy ({energy}){thickness}")
+    energy = unit(units, "energy")
+    words = "energy" if energy == "energy" else f"energy ({energy})" + ", per thickness" * _plane(history)
+    _energies(panels[0], history, words)
     if limits is not None:
         panels[0].set_ylim(value_range(limits, ()))
     for second in panels[1:]:
@@ -100,7 +100,7 @@ def _energies(ax: Axes, history: Results, words: str) -> None:
 
 
 def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
-    """Draw intervals (k, 2) that contain the exact value, except those with NaN or infinite ends."""
+    """Draw intervals (k, 2) that contain the exact value; intervals with NaN or infinite ends are left out."""
     known = np.isfinite(between).all(axis=1)
     low, high = between[known].T
     bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
@@ -110,8 +110,8 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
 
-    The colour is the root of the cell's part of the squared bound divided by its area, on a logarithmic scale: refining
-    the darkest cells gains most.
+    The colour is the root of the cell's part of the squared bound per area, on a logarithmic scale. Refining the
+    darkest cells gains most.
 
     Parameters
     ----------
@@ -133,26 +133,24 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
     >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled", bound=True)
     >>> figure = vx.plots.error_map(history)
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     if history.cell_bounds is None or history.bound is None:
         raise HistoryError("error_map: this history has no guaranteed bound; simulate the scene with bound=True.")
     mesh = plane_mesh(history.mesh, "error_map")
     density = np.sqrt(history.cell_bounds / mesh.areas)
     top = float(density.max()) or 1.0
     ax = canvas.axes_or_new(ax, *size_of_page(history))
-    line = float(np.clip(9.0 / np.sqrt(mesh.n_cells), 0.0, 0.5))
-    mesh.plot(ax=ax, linewidth=line, edgecolor="0.35")
+    mesh.plot(ax=ax, linewidth=float(np.clip(9.0 / np.sqrt(mesh.n_cells), 0.0, 0.5)), edgecolor="0.35")
     cells = ax.collections[0]
-    # Three decades: cells below a thousandth of the largest do not matter.
+    # The scale has three decades: cells below a thousandth of the largest value do not matter.
     cells.set_array(np.log10(np.maximum(density / top, 1e-3)))
     cells.set(cmap="magma_r", clim=(-3.0, 0.0))
     bar = canvas.bar_beside(ax, cells)
     bar.set_ticks([-3.0, -2.0, -1.0, 0.0], labels=["≤ .001", ".01", ".1", "1"])
     bar.set_label("error bound of a cell per root of area, over the largest", fontsize="small")
     title = f"error of the mesh at most {history.bound['relative']:.2%}, in step {history.bound['step']:.0f}"
-    return label_axes(
-        ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="small", aspect=1.0
-    )
+    x, y = (label(name, "length", units) for name in ("$x_1$", "$x_2$"))
+    return label_axes(ax, x, y, title, size="small", aspect=1.0)
 
 
 def _certificates(ax: Axes, history: Results) -> None:
@@ -182,8 +180,8 @@ def hysteresis_loop(
     ----------
     history, ax, units : as for `friction_traction`
     on : str, optional
-        The boundary; by default that of the prescribed displacement with the longest path, or else of the load whose
-        total changes most along an axis.
+        The boundary; by default the one whose prescribed displacement has the longest path, or else the boundary of
+        the load whose total changes most along an axis.
     between : (S, 2) array, optional
         Bounds on the force at the stored instants, drawn as bars: `low` and `high` of ``vx.error_bound(history, step,
         of=...)`` with the PrescribedDisplacement of the boundary along this axis; NaN if unknown. By default
@@ -208,7 +206,7 @@ def hysteresis_loop(
     >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0, 2.0, 3.0])
     >>> figure = vx.plots.hysteresis_loop(history, on="top")
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     if (loop := loop_of(history, on)) is None:
         names = ", ".join(map(repr, history.mesh.boundaries))
         raise HistoryError(f"hysteresis_loop: no driven boundary is known; give on=, one of {names}.")
@@ -228,17 +226,15 @@ def hysteresis_loop(
     if limits is not None:
         ax.set_ylim(value_range(limits, ()))
     canvas.legend_below(ax)
-    thickness = ", per thickness" if _plane(history) else ""
-    x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label(loop.kind, "force", units)
-    return label_axes(
-        ax, x, f"{y}{thickness}", f"{loop.kind.capitalize()} of {name} along $x_{axis + 1}$ against its motion"
-    )
+    x = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units)
+    y = label(loop.kind, "force", units) + ", per thickness" * _plane(history)
+    return label_axes(ax, x, y, f"{loop.kind.capitalize()} of {name} along $x_{axis + 1}$ against its motion")
 
 
 def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the forces on named boundaries over time, one curve per component.
 
-    The curves are the eight largest components of `History.resultants`, without those below a hundredth of the largest.
+    These are the eight largest components of `History.resultants`, without those below a hundredth of the largest.
 
     Parameters
     ----------
@@ -260,7 +256,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.forces_over_time(history)
     """
-    units = history.units if units is None else units
+    units = units_of(history, units)
     curves = {
         f"{name}, $x_{axis + 1}$": values[:, axis]
         for name, values in history.resultants.items()
@@ -276,16 +272,13 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
         ax.plot(history.times, curves[name], marker=mark, color=colour, linewidth=1.4, markersize=3, label=name)
     canvas.light_grid(ax)
     canvas.legend_under(ax, columns=2)
-    thickness = ", per thickness" if _plane(history) else ""
-    return label_axes(
-        ax, label("t", "time", units), f"{label('force', 'force', units)}{thickness}", "Forces on boundaries"
-    )
+    y = label("force", "force", units) + ", per thickness" * _plane(history)
+    return label_axes(ax, label("t", "time", units), y, "Forces on boundaries")
 
 
 def _draw_stress(history: Results, units: Units | None = None) -> Figure:
-    """Draw von Mises' stress on the deformed body, or the largest shear stress if the material does not give it."""
-    stress = "shear" if history.out_of_plane is None else "von_mises"
-    return stressed_body(history, stress=stress, units=units)
+    """Draw the deformed body in von Mises' stress, or if this is unknown in the largest shear stress."""
+    return stressed_body(history, stress="shear" if history.out_of_plane is None else "von_mises", units=units)
 
 
 def _plane(history: Results) -> bool:
@@ -320,17 +313,17 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "forces_over_time": (forces_over_time, lambda h: _moves(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _moves),
 }
-"""Pictures by the names of their files: the function that draws them, and a test that a history has content for it."""
+"""Name of a picture's file -> the function that draws it, and a test that a history has content for it."""
 MARKS = {
     ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
     ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
     ".pdf": ({"Creator": "vemcvx"}, b"/Creator (vemcvx)"),
 }
-"""Marks of our files by suffix: the metadata for matplotlib, and the bytes that it writes."""
+"""Suffix -> the mark of files of this package: metadata for matplotlib, and the bytes that matplotlib writes."""
 
 
 def omissions(history: Results) -> dict[str, str]:
-    """Return the pictures that cannot be drawn, by name, with the reason."""
+    """Return name -> reason for the pictures that cannot be drawn."""
     if _plane(history):
         return {}
     around = len(history.contact.nodes) > 0 and not _faces(history)
@@ -341,7 +334,7 @@ def omissions(history: Results) -> dict[str, str]:
 def write_plots(
     history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
 ) -> list[Path]:
-    """Write all pictures for which a history has content; without contact or steps there are fewer.
+    """Write all pictures for which a history has content: fewer without contact, or without steps.
 
     Parameters
     ----------
@@ -356,7 +349,7 @@ def write_plots(
     Returns
     -------
     list of Path
-        The written files; other pictures of an older run are removed.
+        The written files; pictures of an older run with the same suffix are removed.
 
     Raises
     ------
@@ -429,7 +422,7 @@ def animate(
         ``.gif`` (written by pillow, which comes with matplotlib) or ``.mp4`` (if ffmpeg is installed). An existing file
         is replaced.
     seconds : float
-        Duration of the film; frames per second are a whole number from 1 to 50.
+        Duration of the film, approximately: the number of frames per second is an integer from 1 to 50.
     magnify, limits, units
         See `deformed_mesh`, or `deformed_body`.
 

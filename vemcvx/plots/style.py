@@ -1,8 +1,8 @@
 """The common style of all pictures: colours by meaning, labels with units, and one scale for all stored steps.
 
-Colours differ for colour-blind eyes (after Okabe and Ito) and, as areas, in grey print. Labels give the unit of a
-quantity if the user has named one, or else the quantity itself. Magnifications, colour scales and frames are the same
-at all steps, so that pictures of several steps can be compared, or be the frames of a film.
+Colour-blind readers can tell the colours apart (after Okabe and Ito); areas also differ in grey print. A label gives
+the unit of its quantity if the user has named units, or else the quantity. Magnifications, colour scales and frames are
+the same at all steps, so that pictures of several steps can be compared, or be the frames of a film.
 """
 
 from __future__ import annotations
@@ -30,16 +30,15 @@ STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
 SLIP_AREA, OPEN_AREA = "#E59866", "#F7F7F7"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
-COMPUTED, EXACT = "#0072B2", "#000000"
-SECOND, THIRD = "#D55E00", "#009E73"
-"""Colours of computed marks, of the line of a closed form, and of further curves."""
+COMPUTED, SECOND, THIRD = "#0072B2", "#D55E00", "#009E73"
+"""Colours of computed marks and of further curves."""
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
 MARKERS = "osD^vPX*"
-"""Colours of many series, and their markers for grey print."""
+"""Colours of many curves, and their markers for grey print."""
 TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
-"""Colour maps of tension (red), of compression (blue), of unsigned fields, and of both signs. The last gets darker from
-compression to tension, so that also in grey print no stress looks like its opposite."""
+"""Colour maps of tension (red), of compression (blue), of unsigned fields, and of fields of both signs. The last map
+gets darker from compression to tension, so that no stress looks like its opposite in grey print."""
 EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves get darker with time.
 
 Units = Mapping[str, str]
@@ -57,9 +56,9 @@ BY_STRESS = {
     "energy per length": "{stress} {length}²",
     "energy per area": "{stress} {length}",
 }
-"""Units derived from force and length, or from stress and length if there is no unit of force."""
+"""Units derived from force and length, or without a unit of force from stress and length."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""In the plane, a quantity per length of a contact boundary is per unit of thickness, and therefore per area."""
+"""In the plane, a force or energy per length of a contact boundary is also per thickness, and therefore per area."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",
@@ -67,13 +66,18 @@ WORDS = {
     "energy/length": "energy per length",
     "energy/length²": "energy per area",
 }
-"""Quantities by the products of units that tables use for them."""
+"""Product of units in tables -> its quantity."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
+
+
+def units_of(history: Results, units: Units | None) -> Units:
+    """Return the names of units for a picture: `units`, or by default those of the history."""
+    return check_units(history.units if units is None else units)
 
 
 def unit(units: Units | None, quantity: str) -> str:
     """Return the name of the unit of a quantity: as given, derived from other units, or the quantity itself."""
-    given = check_units(units)
+    given = units or {}
     if quantity not in given and THICKNESS.get(quantity) in given:
         quantity = THICKNESS[quantity]
     if quantity not in given and quantity in DERIVED and {"force", "length"} <= set(given):
@@ -81,6 +85,11 @@ def unit(units: Units | None, quantity: str) -> str:
     if quantity not in given and quantity in BY_STRESS and {"force per area", "length"} <= set(given):
         return BY_STRESS[quantity].format(stress=given["force per area"], length=given["length"])
     return given.get(quantity, quantity)
+
+
+def amount(value: float, quantity: str, units: Units) -> str:
+    """Return a number in words, with the unit of its quantity if there are units."""
+    return f"{value:.3g} {unit(units, quantity) if units else ''}".rstrip()
 
 
 def in_units(product: str, units: Units | None) -> str:
@@ -94,12 +103,12 @@ def label(words: str, quantity: str, units: Units | None) -> str:
 
 
 def instant(t: float, units: Units | None) -> str:
-    """Return an instant in words, with its unit if one is given."""
-    return f"t = {t:.4g} {check_units(units).get('time', '')}".rstrip()
+    """Return an instant in words, with its unit if it has a name."""
+    return f"t = {t:.4g} {(units or {}).get('time', '')}".rstrip()
 
 
 def check_units(units: Units | None, subject: str = "units") -> Units:
-    """Return the units, {} for None; raise HistoryError unless they map known quantities to words."""
+    """Return the names of units, {} for None; raise HistoryError unless they map known quantities to words."""
     if units is None:
         return {}
     known = ", ".join(map(repr, QUANTITIES))
@@ -123,7 +132,7 @@ def label_axes(
 
 
 def window_of(raw: ArrayLike | None) -> Window | None:
-    """Return the visible part of the plane, None for all of it; raise HistoryError unless it is two intervals."""
+    """Return the visible part of the plane, None for the whole plane; raise HistoryError unless it is two intervals."""
     if raw is None:
         return None
     wanted = "((low, high), (low, high)), the parts of both axes"
@@ -167,8 +176,8 @@ def positive(raw: object, found: str, wanted: str) -> float:
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
     """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None.
 
-    With this number, `nodes` move by at most about 0.15 of the size of the body. The ends of 99 of 100 edges move
-    apart by at most half the edge's length; beyond that cells turn inside out.
+    The round number moves `nodes` by at most about 0.15 of the `size` of the picture. It changes the distance of the
+    ends of 99 of 100 edges by at most half the length of the edge; beyond that cells turn inside out.
     """
     if magnify is not None:
         return positive(magnify, "magnify: found", "a positive number, or None for an automatic one")
@@ -191,7 +200,7 @@ def extent(history: Results, factor: float) -> Floats:
 
 
 def value_range(limits: ArrayLike | None, default: Iterable[float]) -> tuple[float, float]:
-    """Return the ends of a range of values, given or default; raise HistoryError unless they are two in order."""
+    """Return the ends of a range, `limits` or `default`; raise HistoryError unless these are two numbers in order."""
     try:
         low, high = (float(end) for end in (default if limits is None else np.asarray(limits)))
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""A thousand scenes at random: no answer further from the exact one than its certificate and floor say, no raw error.
+"""A thousand random scenes: true errors are within certificate plus floor, and all errors are of vemcvx.
 
 A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.judged`` runs and judges it.
 """
@@ -21,11 +21,11 @@ CHUNK = 25
 DEFAULT, ALL = (29, 33, 37, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *range(10_000, 10_028)), range(1000)
 
 
-def tried(seeds):
-    """Every scene of the seeds is judged; faults of all of them are reported together.
+def judge_all(seeds, most_refused):
+    """Judge the scenes of all seeds, and report their faults together.
 
-    Of the steps that the reference does not find, those of one scene do not count: some are beyond it altogether, such
-    as 251, whose friction is 1e-28 of its loads.
+    The exact reference must answer 95 % of the steps; the scene in which it misses most steps does not count. In scene
+    251, for example, friction is 1e-28 of the loads.
     """
     faults, refused, steps, unknown = [], Counter(), 0, []
     for seed in seeds:
@@ -40,12 +40,14 @@ def tried(seeds):
         unknown.append(verdict.unknown)
         faults += [f"{fault}\n  {drawn.words}" for fault in verdict.faults]
     assert not faults, "\n".join([f"{len(faults)} faults:", *faults])
-    return refused.total(), steps, sum(unknown) - max(unknown, default=0), len(seeds)
+    assert refused.total() <= most_refused * len(seeds)
+    assert steps >= len(seeds)
+    assert sum(unknown) - max(unknown, default=0) <= 0.05 * steps
 
 
 @cache
 def known():
-    """A drawn scene in which bodies slip on two sides and obstacles press, and its history."""
+    """Return a scene in which bodies slip on two sides and obstacles press, and its history."""
     drawn = draw(83)
     return drawn, run(drawn)
 
@@ -58,14 +60,13 @@ FALSE = {
 
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
-def test_the_judge_finds_nothing_in_what_is_right():
+def test_the_judge_finds_no_fault_in_a_right_answer():
     assert judge(*known()).faults == []
 
 
 @pytest.mark.parametrize("complaint", FALSE)
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
-def test_the_judge_notices_what_is_false(complaint):
-    """What an answer gets wrong by a millionth is found."""
+def test_the_judge_finds_relative_errors_of_a_millionth(complaint):
     drawn, history = known()
     trajectory = history.trajectory
     false = replace(history, trajectory=replace(trajectory, **FALSE[complaint](trajectory)))
@@ -73,7 +74,7 @@ def test_the_judge_notices_what_is_false(complaint):
 
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
-def test_the_judge_notices_forces_that_do_not_balance():
+def test_the_judge_finds_forces_that_do_not_balance():
     drawn, history = known()
     forces = np.array(history.forces)
     forces[-1, 0] *= 1 + 1e-9
@@ -81,7 +82,7 @@ def test_the_judge_notices_forces_that_do_not_balance():
 
 
 def test_exact_steps_are_exact():
-    """Two springs between a wall and friction, whose answer is a fraction."""
+    """The answer of two springs between a wall and friction is a fraction."""
     system = vx.System(
         np.array([[3.0, -1.0], [-1.0, 2.0]]),
         lambda t: np.array([5.0, 1.0]) * t,
@@ -95,22 +96,16 @@ def test_exact_steps_are_exact():
     assert floats(step.p)[0] > 0
     assert step.slip_sets.tolist() == [1]
     assert step.acts.tolist() == [True]
-    # |(1, 7/8)|_K^2 = 3 - 2 * 7/8 + 2 * 49/64, and it is its own distance from zero.
+    # The distance of the answer from zero is |(1, 7/8)|_K, with |(1, 7/8)|_K^2 = 3 - 2 * 7/8 + 2 * 49/64.
     assert step.distance(0 * step.d) == pytest.approx(np.sqrt(3 - 1.75 + 2 * 49 / 64), rel=1e-15)
 
 
 @pytest.mark.long
 def test_certificates_hold_in_any_scene():
-    refused, steps, unknown, run = tried(DEFAULT)
-    assert refused <= 0.4 * run
-    assert steps >= run
-    assert unknown <= 0.05 * steps
+    judge_all(DEFAULT, most_refused=0.4)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("first", ALL[::CHUNK])
 def test_certificates_hold_in_a_thousand_scenes(first):
-    refused, steps, unknown, run = tried(range(first, first + CHUNK))
-    assert refused <= 0.5 * run
-    assert steps >= run
-    assert unknown <= 0.05 * steps
+    judge_all(range(first, first + CHUNK), most_refused=0.5)

@@ -1,4 +1,4 @@
-"""Functions that users hand in: what they are given they cannot change, and what they give is copied at once."""
+"""Functions of users cannot change their arguments, and their results are copied at once."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ K = np.array([[4.0, -1.0], [-1.0, 3.0]])
 TIMES = [0.0, 0.5, 1.0]
 
 
-def reused(function):
-    """The function, writing into one array for ever."""
+def reuse_buffer(function):
+    """Return the function with a change: it writes all its results into one array."""
     kept = []
 
-    def same(*given):
+    def write(*given):
         kept.append(np.zeros_like(function(*given)))
         kept[0][:] = function(*given)
         return kept[0]
 
-    return same
+    return write
 
 
 def load(t):
@@ -31,16 +31,15 @@ def load(t):
 @pytest.mark.parametrize(
     "system",
     [
-        lambda of: vx.System(K, of(load), vx.Norms(np.eye(2), 0.5)),
-        lambda of: vx.System(K, load, vx.Norms(np.eye(2), of(lambda t: np.array([t, 0.1 + t])))),
-        lambda of: vx.System(K, load, limits=vx.Limits(np.eye(2), of(lambda t: np.array([0.5 * t, 1.0])))),
-        lambda of: vx.System(K, of(load), damping=vx.Damping(np.eye(2))),
+        lambda wrap: vx.System(K, wrap(load), vx.Norms(np.eye(2), 0.5)),
+        lambda wrap: vx.System(K, load, vx.Norms(np.eye(2), wrap(lambda t: np.array([t, 0.1 + t])))),
+        lambda wrap: vx.System(K, load, limits=vx.Limits(np.eye(2), wrap(lambda t: np.array([0.5 * t, 1.0])))),
+        lambda wrap: vx.System(K, wrap(load), damping=vx.Damping(np.eye(2))),
     ],
     ids=["load", "weights", "limits", "damped"],
 )
-def test_one_buffer_for_all_instants(system):
-    """A load compared with itself would never change: state 0, certified 0."""
-    fresh, same = (vx.march(system(of), TIMES) for of in (lambda f: f, reused))
+def test_a_system_may_return_one_buffer_for_all_instants(system):
+    fresh, same = (vx.march(system(wrap), TIMES) for wrap in (lambda f: f, reuse_buffer))
     assert np.abs(fresh.state[-1]).max() > 0.1
     for name in ("state", "multipliers", "pressures", "energy", "work", "dissipated", "gap"):
         np.testing.assert_array_equal(getattr(same, name), getattr(fresh, name))
@@ -50,13 +49,13 @@ def pull(x, t):
     return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
 
 
-def test_one_buffer_for_all_instants_of_a_scene():
-    def scene(of):
+def test_a_scene_may_return_one_buffer_for_all_instants():
+    def scene(wrap):
         parts = (e for e in paper_scene() if not isinstance(e, (vx.Traction, vx.TrescaFriction)))
-        bound = of(lambda x, t: 1.0 + t + 0 * x[:, 0])
-        return vx.Scene(*parts, vx.Traction(of(pull), "left"), vx.TrescaFriction(bound, "bottom"))
+        bound = wrap(lambda x, t: 1.0 + t + 0 * x[:, 0])
+        return vx.Scene(*parts, vx.Traction(wrap(pull), "left"), vx.TrescaFriction(bound, "bottom"))
 
-    fresh, same = (vx.simulate(scene(of), small("squares", 4), TIMES) for of in (lambda f: f, reused))
+    fresh, same = (vx.simulate(scene(wrap), small("squares", 4), TIMES) for wrap in (lambda f: f, reuse_buffer))
     np.testing.assert_array_equal(same.displacement, fresh.displacement)
     np.testing.assert_array_equal(same.work, fresh.work)
 
@@ -80,7 +79,7 @@ def spoil(x, t=0.0):
     ],
     ids=["load", "modulus", "boundary", "law"],
 )
-def test_points_cannot_be_changed(use):
+def test_functions_cannot_change_their_arguments(use):
     mesh = small("squares", 4)
     before = mesh.points.copy()
     with pytest.raises(vx.VemcvxError, match="read-only"):

@@ -1,10 +1,10 @@
-"""Two bodies of tetrahedra against programs that were written again from scratch, and against GetFEM.
+"""Two bodies of tetrahedra against an independent program (scikit-fem, cvxpy, Clarabel) and against GetFEM.
 
-On tetrahedra virtual elements are linear elements. Where two tilings are the same triangles, every node of the joint
-exists twice; its weight is a third of the areas of its triangles. scikit-fem, cvxpy and Clarabel: contact with a gap
-that moves and Tresca's friction between the bodies, the lower one clamped, the upper one moved to and fro. GetFEM
-(Debian: python3-getfem, which only the system's Python may have): contact and Coulomb's friction, whose laws are about
-forces of nodes; GetFEM assembles its own matrix and solves by Newton's method for an augmented Lagrangian.
+On tetrahedra virtual elements are linear elements. Both bodies have the same triangles at the joint, so every node of
+the joint exists twice; its weight is a third of the areas of its triangles. The lower body is clamped, and the upper
+body is moved. The independent program has a moving gap and Tresca's friction. GetFEM (Debian: python3-getfem, perhaps
+for the system's Python only) has Coulomb's friction between nodes; it assembles its own matrix and applies Newton's
+method to an augmented Lagrangian.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TIMES = [0.0, 0.2, 0.5, 0.7, 1.0]
 
 
 def top(x, t):
-    """Down, and around."""
+    """Return a motion down and around."""
     moved = np.array([0.05 * np.sin(5 * t), 0.04 * t, -0.02 - 0.03 * np.sin(3 * t)]) * min(1.0, 4 * t)
     return np.tile(moved, (len(x), 1)) + 0.02 * t * x[:, [1, 0, 2]] * [1, -1, 0]
 
@@ -37,8 +37,8 @@ def gap(x, t):
     return 0.004 + 0.03 * np.sin(4 * t) ** 2 * x[:, 0]
 
 
-def solved(points, cells, faces, body):
-    """Steps of the program with doubled nodes: nodes (n, 3) and tetrahedra of both bodies, triangles of the joint."""
+def solve_independently(points, cells, faces, body):
+    """Return displacements (S, n, 3) of the program with doubled nodes, from the triangles of the joint."""
     n = len(points)
     K = sp.csr_matrix((3 * n, 3 * n))
     for number in range(2):
@@ -77,13 +77,13 @@ def solved(points, cells, faces, body):
     return np.array(steps)
 
 
-def blocks(n, contact, steps=TIMES, moved=top):
-    """A run of ours, and the four nodes (k, 4) of all tetrahedra."""
+def simulate_blocks(n, contact, steps=TIMES, moved=top):
+    """Return our history of two blocks, and the nodes (k, 4) of all tetrahedra."""
     lower = vx.meshes.tetrahedra(n)
     upper = vx.meshes.tetrahedra(n, box=((0, 1), (0, 1), (1, 2)))
     mesh = vx.meshes.bodies({"lower": lower, "upper": upper})
     joint = mesh.interfaces["lower|upper"]
-    # The tilings are the same: nothing is cut, and no node is new.
+    # Both bodies have the same triangles at the joint: no face is cut, and no node is new.
     assert mesh.n_nodes == lower.n_nodes + upper.n_nodes
     assert joint.edges.shape == (2 * n**2, 3)
     scene = vx.Scene(
@@ -97,8 +97,7 @@ def blocks(n, contact, steps=TIMES, moved=top):
 
 @pytest.mark.parametrize("n", [3, pytest.param(8, marks=pytest.mark.slow)])
 def test_matching_tetrahedra_are_linear_elements_with_doubled_nodes(n):
-    """128 nodes, or 1,458."""
-    history, cells = blocks(
+    history, cells = simulate_blocks(
         n,
         [
             vx.UnilateralContact(on="lower|upper", gap=gap),
@@ -107,7 +106,7 @@ def test_matching_tetrahedra_are_linear_elements_with_doubled_nodes(n):
     )
     mesh, contact = history.mesh, history.contact
     joint = mesh.interfaces["lower|upper"]
-    other = solved(mesh.points, cells, (joint.edges, joint.partners), mesh.cell_data["body"])
+    other = solve_independently(mesh.points, cells, (joint.edges, joint.partners), mesh.cell_data["body"])
     assert np.abs(history.displacement - other).max() < 1e-6 * np.abs(other).max()
     assert ((contact.closed_count > 0) & (contact.closed_count < len(contact.nodes))).any()
     assert ((contact.slip_count > 0) & (contact.stick_count > 0)).any()
@@ -117,7 +116,7 @@ PEER, FRICTION = "/usr/bin/python3", 0.3
 GETFEM = """
 import sys, numpy as np, getfem as gf
 d = np.load(sys.argv[1])
-points, away = d["points"], 5.0 * np.ones(3)  # GetFEM merges what is in one place: the upper body is moved away
+points, away = d["points"], 5.0 * np.ones(3)  # GetFEM merges coinciding nodes: the upper body is moved away
 mesh, model, cells = gf.Mesh("empty", 3), gf.Model("real"), ([], [])
 for body, cell in zip(d["body"], d["cells"]):
     cells[body].append(mesh.add_convex(gf.GeoTrans("GT_PK(3,1)"), (points[cell] + body * away).T))
@@ -165,8 +164,8 @@ def has_getfem():
     return not subprocess.run([PEER, "-c", "import getfem"], capture_output=True, check=False).returncode
 
 
-def pressed_aside(x, t):
-    """Pressed in, tilted, and pushed aside."""
+def push_aside(x, t):
+    """Return a motion that presses the upper block in, tilts it and pushes it aside."""
     return t * np.column_stack([0.02 + 0 * x[:, 0], 0.01 * x[:, 0], -0.005 - 0.04 * x[:, 0] + 0.01 * x[:, 1]])
 
 
@@ -176,9 +175,9 @@ def test_coulomb_s_law_between_bodies_is_that_of_getfem(n, tmp_path):
     if not has_getfem():
         pytest.skip("GetFEM is not installed")
     laws = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(FRICTION, on="lower|upper")
-    history, cells = blocks(n, laws, [0.0, 1.0], pressed_aside)
+    history, cells = simulate_blocks(n, laws, [0.0, 1.0], push_aside)
     mesh, contact = history.mesh, history.contact
-    held = np.where(mesh.points[:, 2:] > 1.5, pressed_aside(mesh.points, 1.0), 0.0)
+    held = np.where(mesh.points[:, 2:] > 1.5, push_aside(mesh.points, 1.0), 0.0)
     body = mesh.cell_data["body"]
     of_node = np.isin(np.arange(mesh.n_nodes), cells[body == 1])
     given = {"points": mesh.points, "cells": cells, "body": body, "of_node": of_node, "held": held}

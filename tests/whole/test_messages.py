@@ -1,6 +1,6 @@
-"""Full sentences of refusals stand in `messages.txt` alone: a call in a line, and below it what it raises.
+"""`messages.txt` has the full sentences of errors: a call in a line, and its error in the lines below.
 
-`python tests/whole/test_messages.py` writes the sentences anew, below the calls that are there.
+`python tests/whole/test_messages.py` writes the errors anew below all calls of the file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ K = np.array([[4.0, -1.0], [-1.0, 3.0]])
 
 
 def run(*effects, mesh=None, times=(0.0, 1.0), **options):
-    """Simulate effects, on a square of four cells unless told otherwise."""
+    """Simulate effects, on a square of four cells unless a mesh is given."""
     return vx.simulate(vx.Scene(*effects), mesh or vx.meshes.squares(2), times, **options)
 
 
@@ -36,8 +36,8 @@ def march(times=(0.0, 1.0), **parts):
     return vx.march(vx.System(**{"K": K, "load": load, **parts}), times, **options)
 
 
-def names():
-    """What calls of the file may name."""
+def list_names():
+    """Return the names that calls of the file may use."""
     steel, held = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
     pull = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), "left")
     gripped = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
@@ -50,19 +50,19 @@ def names():
 
 @pytest.fixture(scope="module")
 def known():
-    return names()
+    return list_names()
 
 
-def refusal(call, known):
-    """The class and the sentence of the error that a call raises."""
+def quote_error(call, known):
+    """Return the class and the sentence of the error that a call raises, indented."""
     with pytest.raises(vx.VemcvxError) as found:
         eval(call, dict(known))
     words = f"{type(found.value).__name__}: {found.value}".replace(tempfile.gettempdir(), "TMP")
     return "    " + re.sub(r"x[0-9a-f]{8,}", "x...", words).replace("\n", "\n    ")
 
 
-def written():
-    """call -> what stands below it in the file."""
+def read_errors():
+    """Return call -> its lines in the file."""
     parts = {}
     for line in FILE.read_text().splitlines():
         if line in CALLS:
@@ -73,18 +73,18 @@ def written():
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_a_refusal_says_what_it_said(call, known):
-    assert refusal(call, known) == written()[call], "python tests/whole/test_messages.py writes the file anew"
+def test_an_error_has_the_sentence_of_the_file(call, known):
+    assert quote_error(call, known) == read_errors()[call], "python tests/whole/test_messages.py writes the file anew"
 
 
-def test_sentences_say_what_was_found_and_end():
-    said = list(written().values())
+def test_sentences_end_with_a_full_stop_and_calls_are_unique():
+    said = list(read_errors().values())
     assert len(said) == len(set(CALLS)) > 150
     assert [words for words in said if not words.endswith((".", ".vtu"))] == []
 
 
 if __name__ == "__main__":
     logging.disable()
-    told = names()
+    told = list_names()
     lines = [line for line in FILE.read_text().splitlines() if not line.startswith("    ")]
-    FILE.write_text("".join(f"{line}\n{refusal(line, told)}\n" if line in CALLS else f"{line}\n" for line in lines))
+    FILE.write_text("".join(f"{line}\n{quote_error(line, told)}\n" if line in CALLS else f"{line}\n" for line in lines))

@@ -1,4 +1,4 @@
-"""What a prompt or a notebook shows of a result fits a screen, whatever its size."""
+"""A prompt or a notebook shows a result on one screen, whatever its size."""
 
 import xml.etree.ElementTree as ET
 from functools import cache
@@ -11,10 +11,10 @@ import vemcvx as vx
 from vemcvx.base.table import Table
 
 SCREEN = 30, 140
-"""Lines, and characters in one."""
+"""Numbers of lines and of columns."""
 NAMES = "history", "contact", "trajectory", "program", "certificate", "scene", "mesh"
 LONG = "budget", "bound", "whole", "of", "adapted"
-"""Results that take seconds to find."""
+"""Results that take seconds to compute."""
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def shown():
 
 
 @pytest.mark.parametrize("name", [*NAMES, *(pytest.param(name, marks=pytest.mark.long) for name in LONG)])
-def test_a_result_is_shown_in_a_screenful(shown, name):
+def test_a_result_fits_a_screen(shown, name):
     lines = repr(shown(name)).splitlines()
     assert len(lines) <= SCREEN[0]
     assert max(map(len, lines)) <= SCREEN[1]
@@ -49,7 +49,7 @@ def test_a_result_is_shown_in_a_screenful(shown, name):
 
 
 @pytest.mark.long
-def test_it_says_what_counts(shown):
+def test_outlines_contain_the_main_numbers(shown):
     assert repr(shown("history")).splitlines()[0] == shown("history").summary().splitlines()[0]
     for words in ("certified", "dissipated", "32 steps", "Newton(accuracy=1e-08"):
         assert words in repr(shown("history"))
@@ -65,8 +65,8 @@ def test_it_says_what_counts(shown):
 @pytest.mark.parametrize("width", [20, 60, 80])
 def test_tables_keep_their_digits_on_any_terminal(monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
-    numbers, words = ["1.23456789e-05"] * 7, "words that are folded where there is no room for them"
-    told = Table(("a",) * 7, [numbers]).text().splitlines()[-1]
-    assert told.split() == numbers
+    numbers, words = ["1.23456789e-05"] * 7, "words that are folded if there is no room for them"
+    plain = Table(("a",) * 7, [numbers]).text().splitlines()[-1]
+    assert plain.split() == numbers
     folded = Table(("a",) * 8, [[*numbers, words]]).text()
     assert folded.split() == ["a"] * 8 + numbers + words.split()

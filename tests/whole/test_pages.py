@@ -1,4 +1,4 @@
-"""The pages of the site that are written: their Python runs, and what they name exists."""
+"""The written pages of the site: their Python runs, and their links, files and constants exist."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RUN = [path for path in PAGES if cells(path.read_text())]
 @pytest.mark.filterwarnings("ignore::vemcvx.base.errors.SceneWarning")
 @pytest.mark.parametrize("path", RUN, ids=name)
 def test_the_cells_of_a_page_run(path, tmp_path, monkeypatch):
-    """In an empty folder, as the site runs them; what they claim they assert."""
+    """The cells run in an empty folder, like on the site; they assert the claims of their page."""
     monkeypatch.chdir(tmp_path)
     known = {"__name__": "__main__"}
     for i, cell in enumerate(cells(path.read_text())):
@@ -59,8 +59,8 @@ def test_headings_follow_in_order(path):
     assert all(after <= before + 1 for before, after in pairwise(levels))
 
 
-def test_nothing_is_said_twice():
-    """No sentence of a dozen words stands in two places, nor twice in one: texts include each other."""
+def test_no_sentence_of_twelve_words_occurs_twice():
+    """Texts include each other instead."""
     said = Counter()
     for path in (README, CONTRIBUTING, *PAGES):
         text = re.sub(r"\s+", " ", prose(path.read_text()))
@@ -68,7 +68,7 @@ def test_nothing_is_said_twice():
     assert [sentence for sentence, times in said.items() if times > 1] == []
 
 
-def test_measurements_name_constants_with_the_values_that_they_have():
+def test_the_page_of_measurements_has_the_values_of_constants():
     rows = re.findall(r"^\| (`[A-Z].*?), \{file\}`(vemcvx/\S+)\.py` \|", page("measurements"), re.M)
     assert len(rows) > 20
     for constants, module in rows:
@@ -77,15 +77,9 @@ def test_measurements_name_constants_with_the_values_that_they_have():
             assert found == float(value) * (np.finfo(float).eps if eps else 1.0), f"{name} is {found}"
 
 
-def test_each_class_of_the_course_has_its_ninety_minutes():
-    classes = re.split(r"^## ", page("learn/course"), flags=re.MULTILINE)
-    minutes = [sum(map(int, re.findall(r"^\| (\d+) \|", one, re.MULTILINE))) for one in classes]
-    assert [total for total in minutes if total] == [90, 90, 90]
-
-
 @pytest.mark.long
 def test_the_problem_file_runs_as_described(tmp_path):
-    """Its pad slips as a whole in the end: friction is the coefficient times the pressure, against the drag."""
+    """The pad of the file slips as a whole in the end: friction is the coefficient times the pressure."""
     text = page("howto/problem_file")
     (tmp_path / "pad.py").write_text(file(text, "pad.py"))
     assert "$ vemcvx run pad.py --n 16" in text

@@ -1,7 +1,7 @@
-"""Properties of every problem, on random ones: a few examples by default, a thousand and more with -m slow.
+"""Properties of every problem, on random problems: a few examples by default, more than a thousand with -m slow.
 
-A property is a function in tests/properties with strategies for its arguments. Every run counts the examples that
-went through to the end, and fails if they are fewer than its share.
+A property is a function in tests/properties with strategies for its arguments. A test counts the examples that the
+property completed, and fails if there are too few.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ MANY = -(-SLOW // len(PROPERTIES))
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _elsewhere(tmp_path_factory):
-    """Hypothesis keeps what it reads off the sources in a folder of its own, which is not to lie in the repository."""
+def _move_home(tmp_path_factory):
+    """Put the folder in which hypothesis stores constants of the sources outside the repository."""
     set_hypothesis_home_dir(tmp_path_factory.mktemp("hypothesis"))
 
 
 def explore(claim, examples):
-    """Try a claim on random examples, the same in every run; the number of those it held on."""
+    """Test a claim on random examples, the same in every run; return the number of completed examples."""
     held = 0
 
     @functools.wraps(claim)
@@ -50,7 +50,7 @@ def explore(claim, examples):
         claim(**drawn)
         held += 1
 
-    # A march takes long for hypothesis, and draws a lot.
+    # Hypothesis would complain that a march is slow and draws much data.
     calm = [HealthCheck.too_slow, HealthCheck.data_too_large]
     profile = settings(
         max_examples=examples, derandomize=True, deadline=None, database=None, suppress_health_check=calm
@@ -63,7 +63,7 @@ def explore(claim, examples):
     "examples", [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("claim", PROPERTIES, ids=lambda claim: claim.__name__)
-def test_property(claim, examples):
+def test_a_property_holds(claim, examples):
     held = explore(claim, examples)
     print(f"{held} examples")  # shown by pytest -rP
     assert held >= examples

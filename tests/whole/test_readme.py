@@ -1,4 +1,4 @@
-"""The README's program prints what the README says, and its commands are the ones that are run."""
+"""The program of the README prints the text below it, and continuous integration runs the commands of the README."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ TEXT = README.read_text()
 
 
 @pytest.mark.long
-def test_the_program_prints_what_is_printed_below_it(capsys, tmp_path, monkeypatch):
+def test_the_program_prints_the_text_below_it(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ((program, printed),) = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", TEXT, re.DOTALL)
     exec(compile(program, "README.md", "exec"), {})
-    compare(capsys.readouterr().out, printed)
+    assert_same_numbers(capsys.readouterr().out, printed)
 
 
-def compare(said, printed):
+def assert_same_numbers(said, printed):
     numbers = r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?"
     assert re.sub(numbers, "#", said) == re.sub(numbers, "#", printed)
     for found, written in zip(re.findall(numbers, said), re.findall(numbers, printed), strict=True):
         if "e-" in written:
-            # Certificates sit at the rounding floor or the solver's own: their size is what is claimed.
+            # Certificates are at the rounding floor: only their order of magnitude is a claim.
             assert float(found) < 20 * float(written)
         else:
             assert float(found) == pytest.approx(float(written), abs=1e-6)
@@ -43,8 +43,8 @@ def test_commands_are_single_lines_of_which_ci_runs_one():
     assert picked.stdout.splitlines() == [commands[1]]
 
 
-def steps(name):
-    """Return the actions and the commands of a workflow of GitHub, in order."""
+def list_steps(name):
+    """Return the actions and the commands of a GitHub workflow, in order."""
     yaml = pytest.importorskip("yaml")
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / f"{name}.yml").read_text(encoding="utf-8"))["jobs"]
     return [step.get("uses") or step["run"] for job in jobs.values() for step in job.get("steps", [])]
@@ -54,13 +54,13 @@ def test_the_workflow_runs_the_commands_and_builds_the_site():
     commands = re.findall(r"^ {4}python3 (-m venv .*)$", TEXT, re.MULTILINE)
     (site,) = re.findall(r"`(pip install .*docs/build.py site)`", TEXT, re.MULTILINE)
     wanted = [f"python {command}".replace(".venv/bin/", ".venv/${{ matrix.bin }}/") for command in commands]
-    assert [step for step in steps("tests") if "venv" in step or "docs" in step] == [*wanted, site]
+    assert [step for step in list_steps("tests") if "venv" in step or "docs" in step] == [*wanted, site]
 
 
 def test_a_release_runs_the_main_job_from_the_wheel_before_it_is_published():
     (main,) = re.findall(r"vemcvx run problems/(feng_han_huang)\.py (.*)$", TEXT, re.MULTILINE)
     made, checked, job, published = (
-        [word in step for step in steps("release")].index(True)
+        [word in step for step in list_steps("release")].index(True)
         for word in (
             "python -m build",
             "twine check",
@@ -76,13 +76,13 @@ def test_links_lead_somewhere():
         assert (ROOT / target).exists(), target
 
 
-def test_it_has_a_table_of_ten_rows_and_five_limits():
+def test_the_readme_has_a_table_of_ten_rows_and_five_limits():
     assert len(re.findall(r"^\| \*\*", TEXT, re.MULTILINE)) == 10
     limits = TEXT[TEXT.index("## Limits") : TEXT.index("## Citing")]
     assert limits.count("\n- ") == 5
 
 
-def test_what_it_counts_is_as_many():
+def test_numbers_of_effects_families_lessons_and_commands_are_right():
     effects = re.findall(r"^\| `\w+` \|", page("effects"), re.MULTILINE)
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert all(f"{len(effects)} effects" in text for text in (TEXT, changes))

@@ -1,4 +1,4 @@
-"""The source distribution has all that its tests need, and runs them; the citation is that of this version."""
+"""The source distribution contains and runs its tests; the citation names this version."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def unpacked(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_everything_is_in_it(unpacked):
+def test_the_source_distribution_has_every_file(unpacked):
     here = {path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.is_file()}
     wanted = {path for path in here if "__pycache__" not in path.parts}
     assert wanted <= {path.relative_to(unpacked) for path in unpacked.rglob("*")}
@@ -41,7 +41,7 @@ def test_everything_is_in_it(unpacked):
 
 
 @pytest.mark.slow
-def test_it_runs_its_tests(unpacked):
+def test_the_source_distribution_runs_its_tests(unpacked):
     environment = {**os.environ, "PYTHONPATH": str(unpacked)}
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *PART]
     done = subprocess.run(command, cwd=unpacked, env=environment, capture_output=True, text=True, check=False)
@@ -51,12 +51,12 @@ def test_it_runs_its_tests(unpacked):
     assert found.startswith(str(unpacked))
 
 
-def test_the_citation_is_of_this_version():
-    told = dict(re.findall(r'^([a-z-]+): "?([^"\n]+)"?$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
-    assert told["version"] == vx.__version__
+def test_the_citation_names_this_version():
+    entries = dict(re.findall(r'^([a-z-]+): "?([^"\n]+)"?$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
+    assert entries["version"] == vx.__version__
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["version"] == vx.__version__
-    assert re.fullmatch(r"\d{4}-\d\d-\d\d", told["date-released"])
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", entries["date-released"])
 
 
 @pytest.mark.slow

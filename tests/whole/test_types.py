@@ -1,4 +1,4 @@
-"""A user's script with types: mypy and pyright find nothing in it, strictly, find what is wrong, and it runs."""
+"""A typed script of a user: strict mypy and pyright accept it and find mistakes in it, and it runs."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ WRONG = (
 )
 
 
-def by_mypy(folder):
-    """Lines of the script with errors, as mypy sees them."""
+def check_by_mypy(folder):
+    """Return line -> error of the script according to mypy."""
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "", "--no-error-summary", "script.py"]
     done = subprocess.run(command, cwd=folder, env={"MYPYPATH": str(ROOT)}, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stderr
     return {int(line): words for line, words in re.findall(r"^script\.py:(\d+): error: (.*)$", done.stdout, re.M)}
 
 
-def by_pyright(folder):
-    """The same, as pyright does."""
+def check_by_pyright(folder):
+    """Return line -> error of the script according to pyright."""
     if importlib.util.find_spec("basedpyright") is None:
         pytest.skip("basedpyright is not installed")
-    asked = {"typeCheckingMode": "strict", "extraPaths": [str(ROOT)], "include": ["script.py"]}
-    (folder / "pyrightconfig.json").write_text(json.dumps(asked))
+    options = {"typeCheckingMode": "strict", "extraPaths": [str(ROOT)], "include": ["script.py"]}
+    (folder / "pyrightconfig.json").write_text(json.dumps(options))
     words = ["-c", "from basedpyright.pyright import main; main()", "--pythonpath", sys.executable, "--outputjson"]
     done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True, check=False)
     found = json.loads(done.stdout)
@@ -46,14 +46,14 @@ def by_pyright(folder):
     return {each["range"]["start"]["line"] + 1: each["message"] for each in found["generalDiagnostics"]}
 
 
-@pytest.mark.parametrize("check", [by_mypy, by_pyright])
+@pytest.mark.parametrize("check", [check_by_mypy, check_by_pyright])
 def test_a_users_script_has_no_errors_of_types(check, tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     assert check(tmp_path) == {}
 
 
-@pytest.mark.parametrize("check", [by_mypy, by_pyright])
-def test_mistakes_are_found(check, tmp_path):
+@pytest.mark.parametrize("check", [check_by_mypy, check_by_pyright])
+def test_type_checkers_find_every_mistake(check, tmp_path):
     (tmp_path / "script.py").write_text("\n".join([SCRIPT, *WRONG]))
     first = SCRIPT.count("\n") + 2
     assert set(check(tmp_path)) == set(range(first, first + len(WRONG)))

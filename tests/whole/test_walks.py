@@ -1,4 +1,4 @@
-"""The walks of CONTRIBUTING.md, traced: a number that is seen nowhere else is followed through all functions called."""
+"""The walks of CONTRIBUTING.md against a trace: an unusual number is followed through all functions that are called."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import paper_load
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -20,11 +21,11 @@ ROOT = Path(vx.__file__).parent
 NUMBER = 4 * math.e / math.pi
 STEP = "step"
 CHECKS = {"base/arrays.py", "effects/data.py"}
-"""They hand back what they are given."""
+"""Files whose functions return their arguments."""
 
 
-def walks():
-    """title -> its hops, file -> function; a walk may go "as to the cone, down to" a file of the one before it."""
+def read_walks():
+    """Return title -> {file: function}; a walk may begin like the walk before it, "down to" a file."""
     text = (ROOT.parent / "CONTRIBUTING.md").read_text()
     block = re.search(r"### Walks\n.*?```text\n(.*?)```", text, flags=re.DOTALL)[1]
     found, hops = {}, []
@@ -36,23 +37,23 @@ def walks():
     return found
 
 
-def in_values(number, powers=(1,)):
-    """Whether a power of the number, times a power of two, is an entry of an array or a matrix."""
-    wanted = np.array([math.frexp(number**power)[0] for power in powers])
+def make_finder(number):
+    """Return a function that tells if the number, times a power of two, is an entry of an array or a matrix."""
+    wanted = math.frexp(number)[0]
 
     def has(x):
         if isinstance(x, dict):
             return any(map(has, x.values()))
         if isinstance(x, (float, np.ndarray)) and np.size(x) < 5000 and np.asarray(x).dtype == float:
-            return bool((np.abs(np.frexp(np.abs(np.ravel(x)))[0][:, None] - wanted) < 1e-14).any())
+            return bool((np.abs(np.frexp(np.abs(np.ravel(x)))[0] - wanted) < 1e-14).any())
         return hasattr(x, "data") and hasattr(x, "indptr") and has(x.data)
 
     return has
 
 
-def traced(run, has=None, since=None):
-    """The functions in which a number stands, among arguments, locals or answers: (file, name), in order of time."""
-    seen, here, has = {}, [since is None], has or in_values(NUMBER)
+def trace(run, has=None, since=None):
+    """Return the functions that have a number among arguments, locals or results: (file, name) in order of time."""
+    seen, here, has = {}, [since is None], has or make_finder(NUMBER)
 
     def profile(frame, event, answer):
         code = frame.f_code
@@ -77,7 +78,7 @@ def scene(young=200.0, bound=4.0):
     return vx.Scene(
         vx.Elasticity(young, 0.0),
         vx.Clamp(on="right"),
-        vx.Traction(lambda x, t: np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)]), on="left"),
+        vx.Traction(paper_load(lambda t: t), on="left"),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(bound, on="bottom"),
     )
@@ -87,73 +88,73 @@ def varying(x, t):
     return np.full(len(x), NUMBER)
 
 
-def simulated(given, **options):
+def simulate(given, **options):
     return vx.simulate(given, vx.meshes.squares(4), [0.0, 0.5], **options)
 
 
 def bound_to_cone(folder):
     conic.list_installed()  # cvxpy is imported, and not traced
-    return traced(lambda: simulated(scene(bound=varying), solver=vx.Clarabel(), condense=False), since=STEP)
+    return trace(lambda: simulate(scene(bound=varying), solver=vx.Clarabel(), condense=False), since=STEP)
 
 
 def bound_to_newton(folder):
-    return traced(lambda: simulated(scene(bound=varying)), since=STEP)
+    return trace(lambda: simulate(scene(bound=varying)), since=STEP)
 
 
 def young_to_stiffness(folder):
-    return traced(lambda: simulated(scene(young=NUMBER)), since="Elasticity.contribute")
+    return trace(lambda: simulate(scene(young=NUMBER)), since="Elasticity.contribute")
 
 
 def accuracy_to_step(folder):
     problem, accuracy = str(ROOT.parent / "problems" / "feng_han_huang.py"), repr(NUMBER * 2.0**-20)
     asked = ["run", problem, "--n", "2", "--steps", "1", "--solver", "clarabel", "--accuracy", accuracy]
-    return traced(lambda: CliRunner().invoke(app, asked), in_values(NUMBER))
+    return trace(lambda: CliRunner().invoke(app, asked), make_finder(NUMBER))
 
 
 def displacement_to_file(folder):
-    given = scene(bound=3.0)  # One node slips: with a power of two what friction loses would be that number, too.
-    history = simulated(given)
+    given = scene(bound=3.0)  # One node slips: if the bound were a power of two, the loss would be the same number.
+    history = simulate(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
-    return traced(lambda: simulated(given).write(folder), in_values(largest), since="StepProgram.rounding_floor")
+    return trace(lambda: simulate(given).write(folder), make_finder(largest), since="StepProgram.rounding_floor")
 
 
 RECORD = "effects/effect.py"
-"""It holds functions and matrices, and does nothing with them."""
+"""A file of records, which hold functions and matrices."""
 WALKS = {
-    "bound, from TrescaFriction to the cone": (bound_to_cone, "stepping/state.py"),
+    "bound, from TrescaFriction to the cone": (bound_to_cone, "program/step_program.py stepping/state.py"),
     "bound, from TrescaFriction to Newton's method": (
         bound_to_newton,
         "program/step_program.py program/forces.py program/operators.py stepping/state.py",
     ),
     "young, from Elasticity to K": (
         young_to_stiffness,
-        "vem/elasticity.py vem/stabilisation.py scene/pose.py",
+        "vem/elasticity.py vem/stabilisation.py vem/tensors.py scene/pose.py",
     ),
     "accuracy, from the command line to a step": (accuracy_to_step, "solvers/solver.py stepping/state.py"),
     "u, from the answer to a step to a VTU file": (
         displacement_to_file,
         "program/step_program.py program/certificate.py program/operators.py program/condensation.py "
         "solvers/law.py solvers/newton.py "
-        "linear/superlu.py stepping/state.py results/contact.py vem/elasticity.py history.py",
+        "linear/superlu.py stepping/state.py results/contact.py results/forces.py vem/elasticity.py history.py",
     ),
 }
-"""What is traced, and the files beside the way: they use the number, or give it back to who called them."""
+"""Title -> the traced run, and files beside the walk, which use the number or return it to their caller."""
 
 
-ENTERED = 46
-"""Files of which the README's example calls functions: where PARDISO factorises, and with SuperLU alone."""
+ENTERED = 51
+"""Number of files whose functions the example of the README calls, with PARDISO or with SuperLU."""
 
 
-def test_the_walks_are_those_that_are_traced():
-    assert list(walks()) == list(WALKS)
+def test_every_walk_is_traced():
+    assert list(read_walks()) == list(WALKS)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("title", WALKS)
-def test_a_walk_is_short_and_as_it_is_told(title, tmp_path):
-    hops, (trace, beside) = walks()[title], WALKS[title]
+def test_a_walk_is_short_and_agrees_with_its_trace(title, tmp_path):
+    hops, (walk, beside) = read_walks()[title], WALKS[title]
     assert len(hops) <= 8
-    seen = trace(tmp_path)
+    seen = walk(tmp_path)
     files = list(dict.fromkeys(file for file, _ in seen))
     before = files[: files.index(list(hops)[-1]) + 1]
     for file, name in hops.items():
@@ -167,8 +168,9 @@ def test_a_walk_is_short_and_as_it_is_told(title, tmp_path):
 
 @pytest.mark.long
 def test_the_example_of_the_readme_enters_few_files():
-    code = re.search(r"```python\n(.*?)```", (ROOT.parent / "README.md").read_text(), flags=re.DOTALL)[1]
-    entered = set()
+    text = re.search(r"```python\n(.*?)```", (ROOT.parent / "README.md").read_text(), flags=re.DOTALL)[1]
+    code, entered = compile(text, "README.md", "exec"), set()
+    exec(code, {})  # imports, which must not be counted
 
     def profile(frame, event, answer):
         if event == "call" and frame.f_code.co_name != "<module>" and frame.f_code.co_filename.startswith(str(ROOT)):
@@ -176,7 +178,7 @@ def test_the_example_of_the_readme_enters_few_files():
 
     sys.setprofile(profile)
     try:
-        exec(compile(code, "README.md", "exec"), {})
+        exec(code, {})
     finally:
         sys.setprofile(None)
     assert len(entered) <= ENTERED, sorted(entered)

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 WINGS = ("bound", "estimate", "cost", "exchange", "plots", "cli")
 CORE_TESTS = ("program", "solvers", "stepping", "linear", "scene", "effects")
 OPEN = ("base", "history", "simulation", "meshes.polygons", "results.files", "stepping.course")
-"""Modules of which all names without an underscore are public; those of a package are in its `__all__`."""
+"""Modules whose names without an underscore are all public; the public names of a package are in its `__all__`."""
 EXCEPTIONS = {
     "effects": "data",
     "effects.effect": "amount where",
@@ -41,24 +41,24 @@ EXCEPTIONS = {
     "vem.elasticity": "distinct",
     "vem.projection": "face_groups",
 }
-"""Names that wings import and that are not public yet: none is to be added."""
+"""Names that wings import although they are not public: remove some, add none."""
 
 
 def is_wing(name):
-    """Whether a dotted name leads into a wing."""
+    """Return True if a dotted name leads into a wing."""
     return name.split(".")[1:2] != [] and name.split(".")[1] in WINGS
 
 
-def public_names(module):
-    """The names in `__all__` of a package, read from its source."""
+def list_public_names(module):
+    """Return the names in `__all__` of a package, from its source."""
     for node in parsed(modules()[module]):
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return ast.literal_eval(node.value)
     return []
 
 
-def reached(path):
-    """Names of the core that a file imports, without `vemcvx.`, and that are not public."""
+def list_private_imports(path):
+    """Yield the private names of the core that a file imports, without `vemcvx.`."""
     for node in nodes(path, ast.ImportFrom):
         if not node.module.startswith("vemcvx.") or is_wing(node.module):
             continue
@@ -66,18 +66,18 @@ def reached(path):
         for name in (alias.name for alias in node.names):
             is_open = module.startswith("base.") or module in OPEN or f"{module}.{name}" in OPEN
             is_private = name.startswith("_") and not name.startswith("__")
-            if is_private or not (is_open or name in public_names(node.module)):
+            if is_private or not (is_open or name in list_public_names(node.module)):
                 yield f"{module}.{name}"
 
 
 def test_wings_import_public_names_of_the_core():
-    found = {name for wing in modules() if is_wing(wing) for name in reached(modules()[wing])}
+    found = {name for wing in modules() if is_wing(wing) for name in list_private_imports(modules()[wing])}
     excepted = {f"{module}.{name}" for module, names in EXCEPTIONS.items() for name in names.split()}
     assert found <= excepted, sorted(found - excepted)
 
 
-def test_the_core_imports_wings_at_two_doors_only():
-    """`simulate(bound=True)` and `History.animate`, where they are called; `python -m vemcvx` is the command line."""
+def test_the_core_imports_wings_in_two_functions_only():
+    """`simulate(bound=True)` and `History.animate` import wings when called; `python -m vemcvx` is the command line."""
     doors = {
         (name, node.module)
         for name, path in modules().items()
@@ -93,14 +93,14 @@ def test_the_core_imports_wings_at_two_doors_only():
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory):
-    """A copy of the package without the wings; its bytecode is copied, too, as it is compiled already."""
+    """Return the folder of a copy of the package without the wings; its bytecode saves compiling."""
     root, package = tmp_path_factory.mktemp("core"), ROOT / "vemcvx"
     shutil.copytree(package, root / "vemcvx", ignore=lambda folder, _: WINGS if folder == str(package) else ())
     return root
 
 
 def run(core, *command):
-    """What a command of Python prints in the copy."""
+    """Run Python in the copy, and return its output."""
     environment = {**os.environ, "PYTHONPATH": str(core)}
     done = subprocess.run([sys.executable, *command], cwd=core, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
@@ -146,7 +146,7 @@ SKIPPING = """
 
     sys.meta_path.insert(0, Wings())
 """
-"""A test that imports a wing, or a problem file that does, is skipped."""
+"""A plugin of pytest that skips tests if they, or problem files, import a wing."""
 
 
 @pytest.mark.slow

@@ -1,17 +1,18 @@
 """The contact boundary over time, from the results of a march.
 
-Slips are tangential parts of nodal displacements, (I - n n') u, minus the motion of the ground. A force is divided by
-int phi_i over its edges, those of contact or those with friction; at corners, forces and edges of both sides count.
+Slips are tangential parts of nodal displacements, (I - n n') u, minus the motion of the ground. Forces are given per
+length: a nodal force is divided by int phi_i, phi_i the hat function of the node, over the edges of contact or over the
+edges with friction. At corners, forces and edges of both sides count.
 
 - Tractions are minus the multipliers of friction.
-- Pressures are the forces p_j of one-sided contact. In bilateral contact they are the contact part of
-  R = A u - f + B'lam + D'p, the forces of supports and bilateral contact (:mod:`vemcvx.scene.rows`).
+- Pressures are the forces p_j of one-sided contact. In bilateral contact they are the contact part of the forces
+  R = A u - f + B'lam + D'p of supports and bilateral contact (:mod:`vemcvx.scene.rows`).
 - Wear is friction work, the sum over all steps of w_i |s_i|: the worn depth is proportional to it (Archard 1953).
 
-A one-sided contact is closed if p_j + c_j z_j >= 0, with z_j the excess over the gap and c_j = n'An at the node. This
-rule, by which active sets are chosen, separates small pressures from small distances in any units.
+A one-sided contact is closed if p_j + c_j z_j >= 0, with z_j the excess over the gap and c_j = n'An at the node. The
+solver chooses active sets by the same rule; it separates small pressures from small distances in any units.
 
-Recovered pressures and tractions are means of these: :mod:`vemcvx.results.contact_tiles`.
+Recovered pressures and tractions are means of nodal ones: :mod:`vemcvx.results.contact_tiles`.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ class Contact(ArrayRecord):
     nodes : (m,) int
         Node numbers.
     partners : (m,) int
-        The nodes of the other body at the same places; slip, traction and pressure are those of `nodes` against them.
-        -1 where contact is with an obstacle.
+        The nodes of the other body at the same places; slip, traction and pressure are those of `nodes` against
+        `partners`. -1 for contact with an obstacle.
     points : (m, dim)
         Coordinates.
     normals : (m, dim)
@@ -65,7 +66,7 @@ class Contact(ArrayRecord):
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound : (S, m)
         Friction bound per length, w_i over int phi_i, or the mean bound where several frictions meet; 0 without
-        friction. If the bound depends on direction, it is the bound in the direction of the friction force, or along
+        friction. A bound that depends on direction is given for the direction of the friction force, or along
         `direction` if this force is zero.
     pressure : (S, m)
         Normal contact force per length, compression positive; bilateral and cohesive contact may have either sign. A
@@ -73,8 +74,8 @@ class Contact(ArrayRecord):
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
         Friction and pressure without the ripple of order h on interfaces of meshes that do not match: means over a
         cell and a half with the same resultants, exact for constants. Elsewhere they are `traction` and `pressure`.
-        Quote and draw these; but laws and bounds of friction hold for `traction` and `pressure` at every node. The
-        means round the edges of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
+        Quote and draw the recovered fields; but laws and bounds of friction hold for `traction` and `pressure` at every
+        node. The means smooth the ends of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
     sticking : (S, m) bool
         True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
@@ -83,8 +84,8 @@ class Contact(ArrayRecord):
     wear_second_order : (S, m)
         `wear` of second order in the step: with the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
-        Length of the slip path since the initial instant, to and fro, in all steps, stored or not (the largest one
-        where several frictions meet). Laws of friction may depend on it. If the bound depends on direction, slip
+        Length of the slip path since the initial instant, to and fro, in all steps, stored or not; where several
+        frictions meet, the largest length. Laws of friction may depend on it. If the bound depends on direction, slip
         across `direction` is multiplied by the ratio across / bound.
     closed : (S, m) bool
         True where the node touches its obstacle, along at least one of its normals, and in bilateral contact.
@@ -121,7 +122,7 @@ class Contact(ArrayRecord):
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return the row (k,) of the contact node of each of `rows`, with either body first; -1 if there is none."""
+        """Return the contact node (k,) of each of `rows`, whichever body comes first; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         pairs = pair_numbers(self.nodes, self.partners, largest)
         at, reversed_at = (find_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
@@ -149,7 +150,7 @@ class Contact(ArrayRecord):
 
 
 def _both_ways(rows: ContactRows) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:
-    """Return nodes and partners, then the same with both swapped where a row has a partner."""
+    """Return nodes and partners, then the same two with nodes and partners swapped in rows with a partner."""
     joined = rows.partners >= 0
     swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
     return (rows.nodes, rows.partners), swapped
@@ -262,7 +263,7 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     """Return the bounds of friction per length (S, m)."""
     terms, weights = posed.terms, trajectory.weights
-    # Forces along given directions are not friction bounds at nodes that have friction.
+    # At nodes with friction, forces along given directions are no part of the friction bound.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():
@@ -276,9 +277,9 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True (S, m) for nodes that kept their place in the step that ends at a row.
 
-    With friction, the certificate decides. Without, the two ends of the step are compared if both are stored; else the
-    node counts as sliding, unless the step had nothing to solve. If friction acts along a line only, the certificate
-    decides along this line, and the comparison across it.
+    With friction, the certificate decides. Without friction, the two ends of the step are compared if both are stored;
+    else the node counts as sliding, unless the step had nothing to solve. If friction acts along a line only, the
+    certificate decides along this line, and the comparison decides across it.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)

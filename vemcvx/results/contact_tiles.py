@@ -1,20 +1,20 @@
-"""Recovered pressure and friction: if meshes do not match, means of nodal forces over one and a half cells.
+"""Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
-On such interfaces `Contact.pressure`, a nodal force over |phi_i| = int phi_i, has a ripple of order h or more. Where
-nodes of two bodies alternate, forces alternate, because a hanging node bends a cell of constant strain. Where two
-tilings are intersected, some nodes have a very small area, which does not affect the stiffness. Means over a few cells
-are more accurate, since R(v) = int p v for smooth v. On every interface on which a cell of either body has several
-sides, the recovered values are means over nearby nodes,
+`Contact.pressure` is the nodal force R_i over |phi_i| = int phi_i, with phi_i the hat function of node i. On interfaces
+of meshes that do not match it has a ripple of order h or more. Where nodes of two bodies alternate, forces alternate,
+because a hanging node bends a cell of constant strain. Where two tilings are intersected, some nodes have a very small
+area, which does not affect the stiffness. Means over a few cells are more accurate, since R(v) = int p v for smooth v.
+On every interface on which a cell of either body has several sides, the recovered values are means over nearby nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
-with the d that make K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
+where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
 (2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
 exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
-rounded over 1.5 h. The length h is the larger one, of both bodies, of the side of a cell on the surface (in space, the
-root of its area). k is 0 if normals differ by more than on a curve, so that sides at a corner do not mix. Nodes at
-corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means would
-only blur them: then the recovered values are the nodal values.
+rounded over 1.5 h. The length h is the length of a cell's sides on the surface (in space, the root of their area), the
+larger one of both bodies. k is 0 if normals differ by more than on a curve, so that sides at a corner do not mix.
+Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means
+would only blur them: then the recovered values are the nodal values.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The iteration averages log d, so that the largest change never grows except by rounding.
+            # The iteration averages log d: the largest change grows by rounding only.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break
@@ -94,7 +94,7 @@ class ContactTiles:
     def _nearness(self, among: Bools) -> sp.csr_matrix:
         """Return the symmetric matrix k (m, m), with 1 on its diagonal.
 
-        Nodes are searched from neighbour to neighbour, and so within one piece; SciPy's KD-tree takes .08 s to import.
+        The search proceeds from neighbour to neighbour, and so stays on one piece. (SciPy's KD-tree imports in .08 s.)
         """
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         beside = sp.csr_matrix(chosen @ self.beside @ chosen)
@@ -136,9 +136,9 @@ def _number_edges(node: Ints, other: Ints, largest: int) -> Ints:
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """Return for each node (m,) the largest length (in space, root of an area) of a cell's sides between the nodes.
+    """Return for each node (m,) the largest length (in space, root of the area) of one cell's sides between the nodes.
 
-    It is 0 for the node -1.
+    The length is 0 for the node -1.
     """
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)

@@ -1,9 +1,10 @@
-"""Warnings of singular stress at corners of plane bodies, from the angle and the sides' conditions, and at point loads.
+"""Warnings of singular stress at point loads and at corners of plane bodies.
 
-A side is held in no direction (free, or open contact), in one (a roller, or contact without friction), or in both (a
-clamp, or contact with friction). A body with a side held in one direction is half of a symmetric body, so that its
-angle counts twice. Stress may then grow without limit as the mesh is refined (Williams, *Stress singularities resulting
-from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952)
+A side is held in no direction (free, or open contact), in one direction (a roller, or contact without friction), or in
+both (a clamp, or contact with friction). A body with a side held in one direction is half of a symmetric body, so that
+the angle at this side counts twice. Stress may then grow without limit as the mesh is refined (Williams, *Stress
+singularities resulting from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19,
+1952)
 
 - between two sides of the same kind beyond 180 degrees, at a reentrant corner,
 - between a held side and a free side beyond 45 to 90 degrees, depending on Poisson's ratio.
@@ -84,7 +85,7 @@ def find_sides(posed: PosedScene) -> Sides:
 
 
 def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
-    """Return a mask of the edges (b, 2) on at least one of whose ends a row of `some` acts."""
+    """Return True for edges (b, 2) with an end on which some of the `rows` act."""
     names, most = rows.names[rows.ends[some].indices], int(edges.max(initial=0))
     known, wanted = (pair_numbers(pairs.min(axis=1), pairs.max(axis=1), most) for pairs in (names, edges))
     return np.isin(wanted, known)
@@ -92,7 +93,7 @@ def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None))
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """The corners of a body with the contact of a run; none if sides are unknown."""
+    """The corners of a body with the contact of a run; there are no corners if `sides` is None."""
 
     mesh: Mesh
     contact: Contact
@@ -118,7 +119,7 @@ class Corners:
         """Describe the corner at a node; "" if stress is bounded there."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # Between bodies there is no side; at the tip of a crack there are two.
+        if len(nodes) > 1:  # Edges between bodies are no sides; at the tip of a crack there are two sides.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""

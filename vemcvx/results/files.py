@@ -9,13 +9,13 @@
 - ``probes.csv``: displacements at points, if points were given
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. These are zero away from contact.
-Only `sticking` and `closed`, 1 or 0 at contact nodes, are NaN elsewhere, which tells slip from no contact. At an
+At nodes, a VTU file has the displacement and all contact arrays that change in time. These arrays are zero away from
+contact, except `sticking` and `closed`: 1 or 0 at contact nodes and NaN elsewhere, to tell slip from no contact. At an
 interface both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
 the fields of `History.on_cells`.
 
 All files are written to a folder inside the target and then moved, the archive first and the summary last. The archive
-marks the folder as a history. A process that dies before the move leaves an older history unchanged. Files with these
+marks the folder as a history. If the process dies before the move, an older history remains unchanged. Files with these
 names that do not belong to a history are not replaced.
 
 The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
@@ -63,7 +63,7 @@ FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth", "units"
 """Attributes of a history that are not arrays and go into JSON unchanged."""
-WEIGHTS = "stabilisation.tau"  # The array of S_K = tau h_K^(dim - 2) I.
+WEIGHTS = "stabilisation.tau"  # The factors tau of the stabilisation S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
 STEP = r"step_[0-9]+\.vtu"

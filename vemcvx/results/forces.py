@@ -1,17 +1,19 @@
 """The forces on the boundary, by the effect that causes them.
 
-With A the stiffness over all nodal values, B^ and D^ the rows of friction and of obstacles with the forces lam and p,
-the forces of a step on the nodes are
+Let A be the stiffness over all nodal values, f the loads, and B^ and D^ the rows of friction and of obstacles with the
+forces lam and p. The forces of a step on the nodes are
 
     R = A u - f  (with viscosity A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
 
-where A_s are the rows of supports, bilateral contact among them. Free unknowns are in balance, P'R + P'(B^' lam +
-D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as in :mod:`vemcvx.scene.supports`. Springs to the ground
-are part of A: their forces are -K_s u. If two supports hold the same direction of a node, the first takes the force.
+where A_s are the rows of supports and bilateral contact, and mu their forces. Free unknowns are in balance, P'R +
+P'(B^' lam + D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as in :mod:`vemcvx.scene.supports`. Springs
+to the ground are part of A: their forces are -K_s u. If two supports hold the same direction of a node, the first takes
+the force.
 
-A force on a node acts through the sides (in space, faces) of its effect that meet there. A contact row owns its sides.
-The force of a support is distributed, by int phi_i, over the sides to which its direction is normal, or else over all.
-So every boundary carries a part of the force of each effect, and these parts add up to the whole force.
+A force on a node acts through the sides (in space, faces) of its effect that meet there. A contact row has its own
+sides. The force of a support is distributed, in proportion to int phi_i (phi_i: the hat function of the node), over the
+sides to which its direction is normal, or over all sides if there are none. So every boundary carries a part of the
+force of each effect, and these parts add up to the whole force.
 """
 
 from __future__ import annotations
@@ -50,8 +52,8 @@ class BoundaryForces(ArrayRecord):
         The effect of each row, a number in `History.effects`, and a second effect that acts on the same sides, so that
         the forces of both are not separate; -1 if there is none.
     ends : (q, 2) int
-        The node, and the other node of the edge, or in space the number of the face; -1 if there is none, -2 for forces
-        on the other body of an interface.
+        The node, and the other node of the side, or in space the number of the face. The second number is -1 without
+        a side, and -2 for forces on the other body of an interface.
     held : (q,) bool
         True for forces of supports, False for those of contact, friction and springs.
     force : (S, q, dim)
@@ -88,12 +90,15 @@ class _Rows(NamedTuple):
 def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> BoundaryForces:
     """Return the forces by their causes, from nodal displacements and forces R (S, n_nodes, dim)."""
     S, dim = len(u), u.shape[2]
+    instants: list[float] = trajectory.times[trajectory.stored].tolist()
+    rubbing = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
+    pressing = -trajectory.pressures[:, :, None] * posed.obstacles.normals
     found = [
-        *_list_contact(posed, posed.terms, posed.terms.frictions, "frictions", _friction_forces(posed, trajectory)),
-        *_list_contact(posed, posed.obstacles, posed.stops, "obstacles", _pressure_forces(posed, trajectory)),
+        *_list_contact(posed, posed.terms, posed.terms.frictions, "frictions", rubbing),
+        *_list_contact(posed, posed.obstacles, posed.stops, "obstacles", pressing),
         *_list_supports(posed, trajectory, forces),
         *_list_springs(posed, u),
-        *_list_joints(posed, _instants(trajectory)),
+        *_list_joints(posed, instants),
     ]
     none = np.zeros((0, 2), dtype=np.int64)
     causes, ends = (np.concatenate([none, *(getattr(rows, name) for rows in found)]) for name in ("causes", "ends"))
@@ -101,7 +106,7 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     force = np.concatenate([np.zeros((S, 0, dim)), *(rows.force for rows in found)], axis=1)
     keys, row = np.unique(np.column_stack([held, causes, ends]), axis=0, return_inverse=True)
     given = [(cause, load) for cause, load in posed.caused_loads if not load.between]
-    loads = [[load.forces(t).sum(axis=0) for _, load in given] for t in _instants(trajectory)]
+    loads = [[load.forces(t).sum(axis=0) for _, load in given] for t in instants]
     return BoundaryForces(
         causes=keys[:, 1:3],
         ends=keys[:, 3:],
@@ -110,22 +115,6 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         loads=np.array(loads).reshape(S, -1, dim),
         load_causes=np.array([cause for cause, _ in given], dtype=np.int64),
     )
-
-
-def _instants(trajectory: Trajectory) -> list[float]:
-    instants: list[float] = trajectory.times[trajectory.stored].tolist()
-    return instants
-
-
-def _friction_forces(posed: PosedScene, trajectory: Trajectory) -> Floats:
-    """Return the forces (S, m, dim) of friction terms on their nodes."""
-    force: Floats = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
-    return force
-
-
-def _pressure_forces(posed: PosedScene, trajectory: Trajectory) -> Floats:
-    """Return the forces (S, r, dim) of obstacles on their nodes."""
-    return -trajectory.pressures[:, :, None] * posed.obstacles.normals
 
 
 def _list_contact(
@@ -144,7 +133,7 @@ def _list_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return the first two effects (k, 2) that own each edge end; -1 if there is none."""
+    """Return the first two effects (k, 2) that own each end of an edge; -1 if there is no such effect."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -206,7 +195,7 @@ def _single_cause(cause: int, count: int) -> Ints:
 def _distribute(
     posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
-    """Spread forces (S, k, dim) on nodes over the sides of their effect, or those normal to `directions`."""
+    """Spread forces (S, k, dim) on nodes over the sides of their effect, or over its sides normal to `directions`."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -279,7 +268,7 @@ def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats
         causes = _numbers(history, of, "moment")
         rows = _rows_of_effects(history, causes, "moment")
         if np.isin(acting.load_causes, causes).any():
-            raise SceneError("moment: found a load; only its total is known, history.force, not its distribution.")
+            raise SceneError("moment: found a load, whose distribution is unknown; history.force returns its total.")
     return moments(points[acting.ends[rows, 0]] - centre, acting.force[:, rows])
 
 

@@ -27,8 +27,8 @@ class Loop:
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
     """Return the loop of a boundary along the axis with the longest path, to and fro.
 
-    By default it is the boundary whose prescribed displacement has the longest path. If there is none, it is the
-    boundary of the load whose total changes most. Return None if nothing is driven; a file has no loads.
+    By default this is the boundary whose prescribed displacement has the longest path, or else the boundary of the load
+    whose total changes most. Return None if nothing is driven; histories from files have no loads.
     """
     ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
@@ -86,7 +86,7 @@ def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
 def _find_driven(history: Results) -> dict[str, Floats]:
     """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name.
 
-    Histories from files and joined stages have no scene. Their boundaries count as driven along the axes of reactions.
+    Histories from files and joined stages have no scene: their boundaries count as driven along the axes of reactions.
     """
     names, along = [name for effect in _movers(history) for name in _names(effect)], {}
     if history.scene is None:

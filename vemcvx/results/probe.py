@@ -1,8 +1,8 @@
 """Results at any points of the body, and along lines.
 
-On an edge, u_h is known: linear between its nodes. On faces of polyhedra it is piecewise linear. Inside a cell u_h is
-not known; its projection Pi u_h, (3.11), replaces it. Fields that are constant on cells are averaged over all cells
-that contain the point, so that mirrored bodies have mirrored values.
+On an edge, u_h is linear between the nodes of the edge. On faces of polyhedra u_h is piecewise linear. Inside a cell
+u_h is unknown, and its projection Pi u_h, (3.11), replaces it. Fields that are constant on cells are averaged over all
+cells that contain the point, so that mirrored bodies have mirrored values.
 
 In the plane, Shapely finds the cells that contain a point. A point within rounding of a side lies on it, and is in all
 cells there.
@@ -83,7 +83,7 @@ class Places:
 
 
 def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
-    """Return the places of points (p, dim); raise SceneError, in the name of `subject`, if one is outside the body."""
+    """Return the places of points (p, dim); raise SceneError, about `subject`, if a point is outside the body."""
     x = _points(points, mesh.points.shape[1], subject)
     if isinstance(mesh, PolyhedralMesh):
         nodes, cells = solid_places(Space(mesh), mesh, x)
@@ -124,14 +124,13 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
     return finite(x, subject)
 
 
-ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
+FIELDS = "displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"
 
 
 def check_field(field: object, subject: str) -> None:
     """Raise SceneError unless `field` names a field in the body."""
-    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
-        known = ", ".join(map(repr, ON_CELLS))
-        raise SceneError(f"{subject}: there is no field {field!r}; there are 'displacement', {known}.")
+    if not isinstance(field, str) or field not in FIELDS:
+        raise SceneError(f"{subject}: there is no field {field!r}; there are {', '.join(map(repr, FIELDS))}.")
 
 
 class Profile(NamedTuple):

@@ -51,10 +51,11 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """Return a sentence if the value on the last mesh has grown since cells were larger; else an empty string.
+    """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
 
-    `sizes` are those of the cells at the values, from the coarsest mesh on. The last value is compared with the value
-    on the finest mesh with cells at least 1.5 times as large. It has grown if it increased faster than h^-.05.
+    `values` and the `sizes` of cells at their places are given from the coarsest to the finest mesh. The last value is
+    compared with the value on the finest mesh whose cells are at least 1.5 times as large. It has grown if it increased
+    faster than h^-.05.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:
@@ -95,7 +96,7 @@ class Quantity:
 
     @property
     def error(self) -> float:
-        """The sum of the errors of steps and mesh; the error of the steps alone if that of the mesh is unknown."""
+        """The sum of the errors of steps and mesh, without the error of the mesh if it is unknown."""
         return self.steps if np.isnan(self.mesh) else self.steps + self.mesh
 
     @property

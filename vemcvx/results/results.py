@@ -43,7 +43,7 @@ from vemcvx.vem import (
 log = logging.getLogger("vemcvx")
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
-"""By dimension: the measure per which contact forces are given, and their unit."""
+"""Dimension -> the measure to which contact forces refer, and the unit of these forces."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -108,7 +108,8 @@ class Results:
         """The work (S,) since the initial instant: the sum of end-of-step forces and reactions times increments.
 
         It includes the work of obstacles with changing gaps and of moving ground. `work` minus the change of `energy`
-        minus `dissipated` is never negative: it is 1/2 a^h(du, du) of every step, plus pressures times closed gaps.
+        minus `dissipated` is never negative: it is the sum over steps of 1/2 a^h(du, du) and of pressures times closed
+        gaps, where du is the increment of the step.
         """
         return self.trajectory.work[self.stored]
 
@@ -116,15 +117,15 @@ class Results:
     def dissipated_second_order(self) -> Floats:
         """The energy (S,) lost since the initial instant, of second order: with friction bounds at both ends of a step.
 
-        Quote it and `work_second_order`, rather than `dissipated` and `work`. These form the energy balance of backward
-        Euler and are of first order in the step, even if the states at the instants are exact. Losses in dashpots are
-        of first order in both, and so is friction whose slip turns in space.
+        Quote `dissipated_second_order` and `work_second_order`. `dissipated` and `work` form the energy balance of
+        backward Euler, and are of first order in the step even if the states at the instants are exact. Losses in
+        dashpots, and friction whose slip turns in space, are of first order here, too.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
     @property
     def work_second_order(self) -> Floats:
-        """The work (S,) of forces, reactions and obstacles from the energy balance, also of second order."""
+        """The work (S,) of forces, reactions and obstacles, of second order, from the energy balance."""
         return self.trajectory.work_second_order[self.stored]
 
     @property
@@ -136,14 +137,14 @@ class Results:
     def certificate_kind(self) -> str:
         """The kind of `certificate`: "bound", or "for the given friction" if friction depends on the answer.
 
-        Under Coulomb's law and laws of slip it bounds the distance to the solution of another program. The friction
-        bounds of this program are fixed by the pressure and slip of the answer.
+        Under Coulomb's law and laws of slip, it bounds the distance to the solution of a program with given friction
+        bounds: the bounds that follow from the pressure and slip of the answer.
         """
         return self.trajectory.certificate_kind
 
     @property
     def certificate_floor(self) -> Floats:
-        """The part (S,) of `certificate` that round-off alone may cause."""
+        """The part (S,) of the relative energy error that rounding alone may cause."""
         return self.trajectory.certificate_floor[self.stored]
 
     @property
@@ -185,7 +186,7 @@ class Results:
 
         Forces belong to the effect that causes them. If a block is pulled by its side over a floor, the reaction of
         that side balances the friction, which is the `force` of the floor. If one support holds a node on two
-        boundaries, the force is shared between them: see :mod:`vemcvx.results.forces`.
+        boundaries, each boundary has a part of the force: see :mod:`vemcvx.results.forces`.
 
         Raises
         ------
@@ -200,9 +201,9 @@ class Results:
         Parameters
         ----------
         of : str, effect or class of effects
-            The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, loads
-            included; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface it is
-            the force on the body named first.
+            The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, also
+            a load; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface the result
+            is the force on the body named first.
 
         Raises
         ------
@@ -311,11 +312,11 @@ class Results:
     def extremes(self) -> tuple[quoted.Extreme, ...]:
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
-        Displacements are at nodes; stresses (of Pi u) at centroids of cells; slip, friction and pressure (raw and
+        Displacements are taken at nodes; stresses (of Pi u) at centroids of cells; slip, friction and pressure (raw and
         recovered) at contact nodes. The smallest principal stress is the largest compression. `Extreme.unbounded` warns
         of values at corners and point loads that may grow without limit as the mesh is refined
-        (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value: then no
-        corner is loaded. Computed at the first access.
+        (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value, because then
+        no corner is loaded. The extremes are computed at the first access.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -386,9 +387,9 @@ def last_of_largest(sizes: ArrayLike) -> int:
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """Yield the extremes, each with its node or cell, and True if half of the field then is within a percent of it."""
+    """Yield each extreme, its node or cell, and True if half of the field at its instant is within a percent of it."""
     found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
-    # Squares may overflow; the extremes are infinite then.
+    # If squares overflow, the extremes are infinite.
     with np.errstate(over="ignore", invalid="ignore"):
         for row, step in enumerate(history.stored.tolist()):
             for key, (name, unit, values, points) in _fields(history, row, step):
@@ -402,7 +403,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """Return the nodes of an extreme's cell and of the cells around it, or its contact node and the adjacent ones."""
+    """Return the nodes of an extreme's cell and of adjacent cells, or its contact node and adjacent contact nodes."""
     mesh = history.mesh
     if key == "displacement":
         return [k]
@@ -419,7 +420,7 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
-    """Yield the key of every field that has extremes, with its name, unit, values and places at a stored step."""
+    """Yield the key of each field with extremes, and its name, unit, values and places at a stored step."""
     mesh, contact = history.mesh, history.contact
     size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
     yield "displacement", ("largest displacement", "length", size, mesh.points)
@@ -461,7 +462,7 @@ def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayFiel
 
 
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
-    """Return the results of a posed scene, from its march and the `assembled` seconds."""
+    """Return the results of a posed scene from its march; `assembled` is the time of assembly in seconds."""
     _warn_of_friction_where_open(posed, trajectory)
     times, material, prestress = trajectory.times[trajectory.stored].tolist(), posed.material, posed.prestress
 
@@ -509,9 +510,9 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
 
 
 def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that subtracts from nodal values (n_nodes, dim) the mean displacement and rotation of Pi u.
+    """Return a function that subtracts the mean displacement and rotation of Pi u from nodal values u (n_nodes, dim).
 
-    The rotation is the antisymmetric part of the gradient.
+    The rotation is the antisymmetric part of the mean gradient.
     """
     points, dim = space.mesh.points, space.dim
     values, gradient = mean_weights(space, np.ones(space.mesh.n_cells, dtype=bool))
@@ -544,7 +545,7 @@ def warn_of_lost_work(run: Trajectory) -> None:
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     """Log a warning with the largest principal strain and its place if strains are not small.
 
-    It examines about CHUNK_SIZE cells at the stored instant of the largest energy.
+    About CHUNK_SIZE cells are examined, at the stored instant of the largest energy.
     """
     space, row = posed.space, int(np.argmax(results.energy))
     groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // CHUNK_SIZE)) for group in space.groups]
@@ -574,7 +575,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     pressed = sum_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Contact must be open before and after the step: a step in which it closes or opens may rub while closed.
-    # 1e-6 of the largest pressure counts as contact, and 1e-6 of the friction work as work: solvers are inexact.
+    # Solvers are inexact: fractions below 1e-6 of the largest pressure and of the friction work do not count.
     closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
     gone &= ContactRows.from_parts(unsettled, terms.normals.shape[1]).find(terms) >= 0
@@ -590,7 +591,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
 
 
 def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """Return the forces (n_u,) of dashpots on the nodes, at the velocities of the step that ends at a row."""
+    """Return the forces (n_u,) of dashpots on the nodes, with the velocities of the step that ends at a row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -604,7 +605,7 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
 ) -> Iterator[SolvedProgram]:
-    """Yield the programs with their origin (scene, mesh, solver) and, if not condensed, the rows of K's energy."""
+    """Yield the programs with their origin (scene, mesh, solver); full programs also with the rows of K's energy."""
     for program in programs:
         rows = None if condense else posed.energy_rows
         origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
@@ -623,8 +624,8 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
     """
     if history.scene is None:
         raise HistoryError(
-            "program: the scene of the history is unknown, because it was read from files or joined. Use a stage of "
-            "it, simulate again, or call vemcvx.programs(scene, mesh, times)."
+            "program: the scene of the history is unknown, because the history was read from files or joined. Use one "
+            "of its stages, simulate again, or call vemcvx.programs(scene, mesh, times)."
         )
     with suppress_scene_warnings():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())

@@ -26,7 +26,7 @@ TABLES = "steps", "contact", "probes"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
-ERRORS = "dissipated_error", "work_error"  # Columns of every step if a history has estimates.
+ERRORS = "dissipated_error", "work_error"  # Further columns of every step, if a history has estimated errors.
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Names of sizes in datasets; other sizes keep their name, and a number such as 2 becomes "of_2"."""
 

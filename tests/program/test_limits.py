@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from scenes import few_families, mostly_long, small
+from scenes import mostly_long, small
 
 import vemcvx as vx
 
@@ -12,12 +12,13 @@ pytestmark = pytest.mark.arithmetic
 
 YOUNG, POISSON = 10.0, 0.25
 MU = YOUNG / (2 * (1 + POISSON))
-LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
-OEDOMETER = LAM + 2 * MU
+OEDOMETER = 2 * MU * POISSON / (1 - 2 * POISSON) + 2 * MU
+TIMES = np.linspace(0.0, 3.0, 13)
+HEIGHT = 0.5
 
 
-def test_a_spring_that_meets_a_wall_and_a_buffer():
-    """K y = f: a wall at .3 stops the first unknown, a buffer of compliance .5 behind .2 yields to the second."""
+def test_a_wall_and_a_buffer_stop_two_springs():
+    """A wall at 0.3 stops the first unknown. A buffer of compliance 0.5 at 0.2 yields to the second."""
     system = vx.System(
         np.diag([2.0, 4.0]), lambda t: [t, 4 * t], limits=vx.Limits(np.eye(2), [0.3, 0.2], compliance=[0.0, 0.5])
     )
@@ -30,110 +31,84 @@ def test_a_spring_that_meets_a_wall_and_a_buffer():
     assert run.energy == pytest.approx(run.state[:, 0] ** 2 + 2 * run.state[:, 1] ** 2 + over**2, abs=1e-14)
 
 
-def lowered(depth, obstacle):
-    """A block (0, 2) x (0, 1/2) between rollers, lowered on an obstacle .01 below it; nothing varies along x."""
-
-    return vx.Scene(
+def lower_block(depth, gap, stiffness=None, n=4, **options):
+    """Lower a block (0, 2) x (0, 1/2) between rollers onto an obstacle; nothing varies along x."""
+    touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
+    scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
         vx.PrescribedDisplacement(lambda x, t: [0.0, -depth(t)], on="top"),
         vx.PrescribedDisplacement(0.0, on=["left", "right"], direction="normal"),
-        obstacle,
+        touch,
     )
+    return vx.simulate(scene, small("voronoi", n, box=((0, 2), (0, HEIGHT))), TIMES, **options)
 
 
-TIMES = np.linspace(0.0, 3.0, 13)
-
-
-def depth(t):
-    """Down, up again beyond the gap, down."""
-    return 0.05 * np.interp(t, [0, 1, 2, 3], [0, 1, 0, 0.6])
-
-
-@pytest.mark.long
-@few_families
 @pytest.mark.parametrize("stiffness", [None, 400.0])
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-def test_contact_closes_and_opens_in_closed_form(family, stiffness, solver):
-    """Uniaxial strain (depth - gap - yield) / H once the gap is closed; pressure = M strain = stiffness yield."""
-    gap, H = 0.01, 0.5
-    touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
-    mesh = small(family, 4, box=((0, 2), (0, H)))
-    history = vx.simulate(lowered(depth, touch), mesh, TIMES, solver=solver)
-    give = 0.0 if stiffness is None else OEDOMETER / stiffness / H
-    strain = np.maximum(depth(TIMES) - gap, 0.0) / H / (1 + give)
+@mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
+def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
+    """The strain is (depth - gap) / H once the gap is closed, less what a compliant obstacle yields."""
+    gap = 0.01
+
+    def depth(t):
+        """Move down, up again beyond the gap, and down."""
+        return 0.05 * np.interp(t, [0, 1, 2, 3], [0, 1, 0, 0.6])
+
+    history = lower_block(depth, gap, stiffness, solver=solver)
+    give = 0.0 if stiffness is None else OEDOMETER / stiffness / HEIGHT
+    strain = np.maximum(depth(TIMES) - gap, 0.0) / HEIGHT / (1 + give)
     # The certificate bounds the energy of the error; pressure and displacement follow with the stiffness of an edge.
-    loose = 1e-9 if solver.name == "Newton" else 1e-4
+    tolerance = 1e-9 if solver.name == "Newton" else 1e-4
     pressure = OEDOMETER * strain
-    assert np.abs(history.contact.pressure - pressure[:, None]).max() < loose * pressure.max()
-    y = mesh.points[:, 1]
-    exact = -depth(TIMES)[:, None] + strain[:, None] * (H - y)
-    assert np.abs(history.displacement[:, :, 1] - exact).max() < loose * 0.05
-    assert np.abs(history.displacement[:, :, 0]).max() < loose * 0.05
-    yielded = 0.0 if stiffness is None else 0.5 * pressure**2 / stiffness * 2.0
-    assert history.energy == pytest.approx(0.5 * OEDOMETER * strain**2 * 2.0 * H + yielded, abs=loose * 1e-2)
-    # The ledger's rest is 1/2 a(du, du) + p . D du, never negative.
+    assert np.abs(history.contact.pressure - pressure[:, None]).max() < tolerance * pressure.max()
+    exact = -depth(TIMES)[:, None] + strain[:, None] * (HEIGHT - history.mesh.points[:, 1])
+    assert np.abs(history.displacement[:, :, 1] - exact).max() < tolerance * 0.05
+    assert np.abs(history.displacement[:, :, 0]).max() < tolerance * 0.05
+    stored = 0.0 if stiffness is None else 0.5 * pressure**2 / stiffness * 2.0
+    assert history.energy == pytest.approx(0.5 * OEDOMETER * strain**2 * 2.0 * HEIGHT + stored, abs=tolerance * 1e-2)
+    # The numerical loss 1/2 a(du, du) + p . D du is never negative.
     assert (np.diff(history.work - history.energy) >= -1e-12 * history.work.max()).all()
 
 
-@few_families
 @pytest.mark.parametrize("stiffness", [None, 400.0])
-@mostly_long("start", ["settled", None])
-def test_an_obstacle_that_overlaps_presses_the_body_back(family, stiffness, start):
-    """Uniaxial strain (interference - yield) / H, from the start or with a gap that falls."""
-    H, share = 0.5, 1.0 if start == "settled" else TIMES / TIMES[-1]
+@pytest.mark.parametrize("start", ["settled", None])
+def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
+    """The strain is (interference - yield) / H, from the start or with a gap that falls."""
+    share = 1.0 if start == "settled" else TIMES / TIMES[-1]
     gap = -0.01 if start == "settled" else lambda x, t: np.full(len(x), -0.01 * t / TIMES[-1])
-    touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
-    mesh = small(family, 2, box=((0, 2), (0, H)))
-    history = vx.simulate(lowered(lambda t: 0.0, touch), mesh, TIMES, initial=start)
-    give = 0.0 if stiffness is None else OEDOMETER / stiffness / H
-    pressure = OEDOMETER * share * np.full(len(TIMES), 0.01 / H / (1 + give))
+    history = lower_block(lambda t: 0.0, gap, stiffness, n=2, initial=start)
+    give = 0.0 if stiffness is None else OEDOMETER / stiffness / HEIGHT
+    pressure = OEDOMETER * share * np.full(len(TIMES), 0.01 / HEIGHT / (1 + give))
     assert np.abs(history.contact.pressure - pressure[:, None]).max() < 1e-12 * pressure.max()
-    stored = pressure**2 / OEDOMETER * H * (1 + give)
+    stored = pressure**2 / OEDOMETER * HEIGHT * (1 + give)
     assert history.energy == pytest.approx(stored, rel=1e-11)
-    # The rest is 1/2 a(du, du) + p . dz, summed, and vanishes with the step: here all of E / 12.
     if start is None:
+        # The numerical loss, 1/2 a(du, du) + p . dz in each of 12 steps, sums to a twelfth of the energy.
         assert history.work[-1] - history.energy[-1] == pytest.approx(stored[-1] / (len(TIMES) - 1), rel=1e-9)
 
 
-def test_a_body_inside_its_obstacle_does_not_start_at_rest():
-    scene = lowered(lambda t: 0.0, vx.UnilateralContact("bottom", lambda x, t: -0.01 - 0.02 * x[:, 0]))
-    for initial in (None, "equilibrium"):
-        with pytest.raises(vx.SceneError, match=r"^initial: at t = 0 the body is 0\.05 inside .* node 2 .*'settled'"):
-            vx.simulate(scene, vx.meshes.squares((2, 1), box=((0, 2), (0, 0.5))), TIMES, initial=initial)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()])
-def test_limits_that_contradict_each_other_are_named(solver):
-    """y_0 <= t - 1 and -y_0 <= -t / 2 contradict each other before t = 2, at t = 1 by 1/2; limit 1 has no part."""
-    D = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
-    limits = vx.Limits(D, lambda t: [t - 1.0, 0.1, -0.5 * t])
-    system = vx.System(np.diag([2.0, 3.0]), lambda t: [0.0, t], limits=limits)
-    match = r"^step 0 at t = 1: .*at limit 0 and limit 2, which contradict each other by 0\.5\. Enlarge a gap"
-    with pytest.raises(vx.SceneError, match=match):
-        vx.march(system, [1.0, 3.0], solver=solver, initial="settled")
-    assert vx.march(system, [2.0, 3.0], solver=solver, initial="settled").certified.max() <= solver.accuracy
+@pytest.mark.parametrize("initial", [None, "equilibrium"])
+def test_a_body_inside_its_obstacle_is_refused_unless_it_is_settled(initial):
+    with pytest.raises(vx.SceneError, match=r"^initial: at t = 0 the body is 0\.05 inside .*'settled'"):
+        lower_block(lambda t: 0.0, lambda x, t: -0.01 - 0.02 * x[:, 0], initial=initial)
 
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()])
-@mostly_long("amount", [1e-6, 1e-8, 3e-9, 1e-9, 3e-10, 1e-11, 1e-13, 1e-15], 0, 3, 6)
+@mostly_long("amount", [1e-6, 3e-9, 1e-9, 3e-10, 1e-13], 0, 2, 4)
 @mostly_long("D, lam", [(np.eye(2)[0], 0.0), (np.array([1.0, 0.5]), 0.2)], "two", ids=["one unknown", "two"])
-def test_limits_that_all_but_meet_are_met_or_named(D, lam, amount, solver):
-    """D y <= 1 and D y >= 1 + amount, beside limits that meet: named, or answered within the amount."""
+def test_contradicting_limits_are_named_or_met_within_the_contradiction(D, lam, amount, solver):
+    """The limits D y <= 1 and D y >= 1 + amount contradict each other; two further limits fix y_1 = lam."""
     K, load = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([5.0, 0.0])
     limits = vx.Limits(np.array([D, -D, [0.0, 1.0], [0.0, -1.0]]), [1.0, -1.0 - amount, lam, -lam])
     system = vx.System(K, lambda t: t * load, limits=limits)
-    named = rf"at limit 0 and limit 1, which contradict each other by {amount:.1g}\."
-    with pytest.raises(vx.SceneError, match=named) if amount > 1e-9 else suppress(vx.SceneError):
+    message = rf"at limit 0 and limit 1, which contradict each other by {amount:.1g}\. Enlarge a gap"
+    with pytest.raises(vx.SceneError, match=message) if amount > 1e-9 else suppress(vx.SceneError):
         found = vx.march(system, [0.0, 1.0], solver=solver, initial="settled")
         assert np.abs(found.state @ limits.D.T - limits.e).max() <= 2e-9
 
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-@mostly_long("far", [1e8, 1e20, np.inf], 1, 2)
-@mostly_long("compliance", [0.0, 0.1])
-def test_a_limit_that_is_far_is_none(solver, far, compliance):
-    """The same as with one limit; its force is none."""
+@mostly_long("far, compliance", [(1e20, 0.0), (np.inf, 0.1), (1e8, 0.0)], 0, 1)
+def test_a_limit_far_away_changes_nothing(solver, far, compliance):
     rng = np.random.default_rng(0)
     A, f, eye = rng.normal(size=(4, 4)), 5 * rng.normal(size=4), np.eye(4)
 

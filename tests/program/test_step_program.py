@@ -1,4 +1,4 @@
-"""A step's program in public: its certificate, multipliers read off an answer, cvxpy's answers, and what is refused."""
+"""A step's program: its certificate, multipliers computed from an answer, answers of cvxpy, refused arguments."""
 
 from fractions import Fraction
 
@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scenes import mostly_long
 
 import vemcvx as vx
-from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Answer, Certificate, Operators, SolvedProgram, StepProgram
+from vemcvx.program import Answer, Certificate, Operators, SolvedProgram, StepProgram
 
 pytestmark = pytest.mark.arithmetic
 EPS = float(np.finfo(float).eps)
@@ -17,7 +17,7 @@ SHARP = {"solver": "CLARABEL", "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_
 
 
 def random_program(seed, block=1, separate=False):
-    """Norm terms and limits, some of them soft, in general position or each on its own unknown."""
+    """Return a program with norm terms and limits, one of them soft; if `separate`, each row reads its own unknown."""
     rng = np.random.default_rng(seed)
     n, m, r = 14, 3, 4
     A = rng.normal(size=(n, n))
@@ -34,8 +34,8 @@ def random_program(seed, block=1, separate=False):
     return StepProgram(operators, *data)
 
 
-def answered(program):
-    """Newton's answer and its certificate, at the rounding floor."""
+def solve_with_newton(program):
+    """Return Newton's answer and its certificate, whose gap is at most the rounding floor."""
     none = np.zeros((program.operators.count, program.operators.block))
     prepared = vx.Newton(max_iterations=2000).prepare(program.operators)
     answer = prepared.solve(program, 1e-30, none, np.zeros(len(program.e)))
@@ -47,78 +47,58 @@ def answered(program):
 @separate
 @mostly_long("block", [1, 2, 3], 1)
 def test_the_gap_bounds_the_error(block, separate):
-    """1/2 |d - d*|_K^2 <= gap for every d within its bounds, all multipliers and none; the gap is P - G."""
+    """1/2 |d - d*|_K^2 <= gap for every feasible d, with and without multipliers; the gap is primal minus dual."""
     rng = np.random.default_rng(5)
     for seed in range(3):
         program = random_program(seed, block, separate)
-        best, own = answered(program)
-        K, read = program.operators.K, []
+        best, own = solve_with_newton(program)
+        K, computed = program.operators.K, []
         for size in (1e-6, 1e-3, 1.0):
             d = program.feasible(best.d + size * rng.normal(size=best.d.shape))
             lam = program.project(best.lam + size * rng.normal(size=best.lam.shape))
             p = np.maximum(best.p + size * rng.normal(size=best.p.shape), 0.0)
-            certificate, away = program.certify(d, lam, p), d - best.d
-            read.append(program.certify(d))
+            certificate, apart = program.certify(d, lam, p), d - best.d
+            computed.append(program.certify(d))
             assert min(certificate.friction.min(), certificate.limits.min(), certificate.equilibrium) >= 0
-            error = 0.5 * away @ (K @ away)
+            error = 0.5 * apart @ (K @ apart)
             assert error <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
-            assert error <= read[-1].gap + read[-1].floor
+            assert error <= computed[-1].gap + computed[-1].floor
             v = np.linalg.solve(K, program.g - program.multiplier_force(lam, p))
             dual = -0.5 * v @ K @ v - lam.ravel() @ program.b - p @ program.e
             dual -= 0.5 * p @ (program.operators.compliance * p)
-            # By theorem 2 it may be less than primal minus dual.
+            # By theorem 2 the gap may be less than primal minus dual.
             plain = pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)
             assert certificate.gap == plain or (certificate.moved > 0 and certificate.gap < plain.expected)
-        assert not separate or max(one.gap for one in read[:2]) < 1e-3 * read[2].gap
-        assert program.certify(best.d, 1e6 * best.lam + 1.0, best.p).gap >= own.gap
+        assert not separate or max(one.gap for one in computed[:2]) < 1e-3 * computed[2].gap
 
 
-def test_beyond_a_bound_nothing_is_certified():
+def test_infeasible_increments_are_not_certified():
     program = random_program(1)
-    inside = program.feasible(np.ones(14))
-    assert np.isfinite(program.certify(inside, np.zeros((3, 1)), np.zeros(4)).gap)
-    beyond = inside + 10 * np.linalg.pinv(program.operators.D.toarray())[:, 0]
+    feasible = program.feasible(np.ones(14))
+    assert np.isfinite(program.certify(feasible, np.zeros((3, 1)), np.zeros(4)).gap)
+    beyond = feasible + 10 * np.linalg.pinv(program.operators.D.toarray())[:, 0]
     assert program.certify(beyond, np.zeros((3, 1)), np.zeros(4)).gap == np.inf
     assert program.objective(beyond) == np.inf
 
 
 @separate
-@mostly_long("solver, block", [(vx.Clarabel(), 1), (vx.Clarabel(), 2), (vx.OSQP(accuracy=1e-5), 1)], 1, 2, ids=str)
-def test_solvers_agree_with_newton(solver, block, separate):
-    for seed in range(3):
-        program = random_program(seed, block, separate)
-        ours, own = answered(program)
-        theirs = solver.prepare(program.operators).solve(program, 1e-13, np.zeros((3, block)))
-        other, apart = program.certify(theirs.d, theirs.lam, theirs.p), ours.d - theirs.d
-        assert np.sqrt(apart @ (program.operators.K @ apart)) <= own.error + other.error + 1e-12
-        assert other.error <= 1e-4 * np.sqrt(ours.d @ (program.operators.K @ ours.d))
-
-
-def test_features_and_who_accepts_them():
-    operators = random_program(0).operators
-    assert {BOUNDS, SQUARED_POSITIVE_PARTS} <= operators.features
-    assert all(operators.features <= solver.accepts for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()))
-    assert not operators.features <= vx.Direct.accepts
-
-
-@separate
 @mostly_long("seed", range(4), 0, 1)
-def test_multipliers_are_read_off_the_answer(seed, separate):
-    """The rows are independent, so there is one pair with K d = g - B'lam - D'p, known here from the solver."""
+def test_multipliers_are_computed_from_an_increment(seed, separate):
+    """The rows are independent, so exactly one pair satisfies K d = g - B'lam - D'p: the solver's."""
     program = random_program(seed, separate=separate)
-    operators, (answer, _) = program.operators, answered(program)
+    operators, (answer, _) = program.operators, solve_with_newton(program)
     rows = np.vstack([operators.B.toarray(), operators.D.toarray()])
     spread = np.linalg.norm(np.linalg.pinv(rows.T), 2) * np.linalg.cond(operators.K)
     for given in ({}, {"lam": answer.lam}, {"p": answer.p}):
         lam, p = program.multipliers(answer.d, **given)
         assert np.abs(lam - answer.lam).max() < 1e3 * EPS * spread
         assert np.abs(p - answer.p).max() < 1e3 * EPS * spread
-        # Second order where r is concerned; first order in the multipliers of what slips or is open.
+        # The gap is of second order in the residual, and of first order in multipliers of slipping and open rows.
         assert program.certify(answer.d, **given).gap < 1e3 * EPS * spread
 
 
-def test_slips_along_their_multipliers_cost_nothing():
-    """lam = w s / |s|: few floats have the length w, and w|s| - lam.s is of the size of an angle squared."""
+def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
+    """lam = w s / |s|: few floats have the length w. Rotating lam by an angle a costs w|s| a^2 / 2."""
     rng = np.random.default_rng(0)
     n = 200
     w, s = rng.uniform(0.5, 2.0, n), rng.normal(size=(n, 2))
@@ -127,7 +107,7 @@ def test_slips_along_their_multipliers_cost_nothing():
     program = StepProgram(operators, (s + lam).ravel(), w, np.zeros(2 * n))
     assert (np.linalg.norm(program.project(lam), axis=1) < w).any()
     certificate = program.certify(s.ravel(), lam)
-    # Both are squares of rounding errors, 2 n of them.
+    # Both are sums of 2 n squared rounding errors.
     assert certificate.gap <= certificate.floor <= 2 * n * (8 * EPS) ** 2 * 16
     angle = 1e-9
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -136,28 +116,28 @@ def test_slips_along_their_multipliers_cost_nothing():
 
 
 @pytest.mark.parametrize("g", [-5.0, -0.3, 0.0, 0.4, 7.0])
-def test_slider_in_closed_form(g):
+def test_a_slider_has_its_closed_form(g):
     """min 1/2 K d^2 - g d + w|d|: d = soft(g, w) / K, lam = clip(g, -w, w)."""
-    answer, certificate = answered(StepProgram(Operators([[2.0]], [[1.0]]), [g], [1.0], [0.0]))
+    answer, certificate = solve_with_newton(StepProgram(Operators([[2.0]], [[1.0]]), [g], [1.0], [0.0]))
     assert answer.d[0] == pytest.approx(np.sign(g) * max(abs(g) - 1, 0) / 2, abs=1e-15)
     assert answer.lam[0, 0] == pytest.approx(np.clip(g, -1, 1), abs=1e-15)
     assert certificate.gap < 1e-30
 
 
 def test_a_bound_and_friction_on_one_unknown_are_certified_without_multipliers():
-    """d'd/2 - 2 d + |d|/2 with d <= .4: at d = .4 friction takes 1/2 and the bound 1.1."""
+    """Minimise d^2/2 - 2 d + |d|/2 with d <= 0.4: at d = 0.4 friction has the force 1/2, and the bound 1.1."""
     program = StepProgram(Operators([[1.0]], [[1.0]], D=[[1.0]]), [2.0], [0.5], [0.0], [0.4])
     lam, p = program.multipliers(np.array([0.4]))
     assert lam[0, 0] == 0.5
     assert p == pytest.approx([1.1], rel=1e-15)
     assert program.certify([0.4]).error < 1e-15
-    # At d = .3 the error is .1, and the bound takes no force.
+    # At d = 0.3 the error is 0.1, and the bound has no force.
     assert 0.1 <= program.certify([0.3]).error < 0.6
 
 
 @pytest.mark.parametrize("soft", [0.0, 0.2])
-def test_soft_thresholding_in_a_box(soft):
-    """Six unknowns, each |g| - w beyond the threshold, cut at the box, or (c (|g| - w) + e)/(1 + c) if that gives."""
+def test_soft_thresholding_in_a_box_is_certified(soft):
+    """|d| = |g| - w within the box |d| <= e; beyond, |d| is e, or (c (|g| - w) + e)/(1 + c) with compliance c."""
     rng = np.random.default_rng(3)
     eye = np.eye(6)
     operators = Operators(eye, eye, D=np.vstack([eye, -eye]), compliance=np.full(12, soft))
@@ -170,7 +150,7 @@ def test_soft_thresholding_in_a_box(soft):
 
 
 def exact_program(seed, block):
-    """A program whose answer is known by construction, in numbers of few bits, with gaps and weights of all sizes."""
+    """Return a program and its answer, known by construction in numbers of few bits."""
     rng = np.random.default_rng(seed)
     n, m, r = 8, 3, 2
     root = rng.integers(-3, 4, (n, n)).astype(float)
@@ -193,17 +173,17 @@ def exact_program(seed, block):
 
 
 def distance(K, one, two):
-    """|one - two|_K in whole numbers of 2^-100, but for the last root; entries of K are multiples of 2^-6."""
-    away = [int((Fraction(a) - Fraction(b)) * 2**100) for a, b in zip(one.tolist(), two.tolist(), strict=True)]
+    """Return |one - two|_K, computed in multiples of 2^-100; entries of K are multiples of 2^-6."""
+    apart = [int((Fraction(a) - Fraction(b)) * 2**100) for a, b in zip(one.tolist(), two.tolist(), strict=True)]
     rows = (64 * K).astype(int).tolist()
-    square = sum(x * k * y for x, row in zip(away, rows, strict=True) for k, y in zip(row, away, strict=True))
+    square = sum(x * k * y for x, row in zip(apart, rows, strict=True) for k, y in zip(row, apart, strict=True))
     return float(Fraction(square, 2**206)) ** 0.5
 
 
 @mostly_long("seeds", [range(2), range(2, 40)], ids=["2", "38 more"])
 @pytest.mark.parametrize("block", [1, 2])
-def test_error_and_floor_are_never_exceeded(block, seeds):
-    """By Newton's answers and by perturbed ones; but for slips below 1e-9 of the motions, which count as none."""
+def test_certificate_and_floor_bound_the_error(block, seeds):
+    """Answers are Newton's and perturbed ones. Slips below 1e-9 of the motions count as none."""
     for seed in seeds:
         program, exact, lam, p = exact_program(seed, block)
         K, size = program.operators.K, program.operators.energy_norm(exact)
@@ -216,16 +196,16 @@ def test_error_and_floor_are_never_exceeded(block, seeds):
             d = program.feasible(exact + off * rng.normal(size=len(exact)))
             found += [(d, lam, p), (d, lam * (1 + off), p + off), (d, None, None)]
         for d, *multipliers in found:
-            certificate, away = program.certify(d, *multipliers), distance(K, d, exact)
-            unseen = 1e-9 * size if away <= 1e-8 * size else 0.0
-            assert away <= (certificate.error + certificate.error_floor) * (1 + 1e-9) + unseen
+            certificate, error = program.certify(d, *multipliers), distance(K, d, exact)
+            ignored = 1e-9 * size if error <= 1e-8 * size else 0.0
+            assert error <= (certificate.error + certificate.error_floor) * (1 + 1e-9) + ignored
 
 
-@mostly_long("seed", range(30), 0, 1, 2, 3, 4, 5)
-def test_a_point_just_beyond_a_vertex_is_moved_back_onto_it(seed):
-    """K = I, two oblique bounds that meet in a vertex, forces p > 0 there: d off by 1e-9 is certified to about that.
+@pytest.mark.parametrize("seed", range(6))
+def test_feasible_moves_a_point_beyond_a_vertex_back_to_it(seed):
+    """K = I. Two oblique bounds, with forces p > 0, meet at the answer; d is 1e-9 away from it.
 
-    With c = |off|, p.(e - D d) is at most (p_1 + p_2) |D| |d - d*|, and the nearest point is no farther than 2 c / sin.
+    With c = |d - d*|, the nearest feasible point is at most 2 c / sin away; p.(e - D d) <= (p_1 + p_2) |D| |d - d*|.
     """
     rng = np.random.default_rng(seed)
     angle = rng.uniform(0.05, 0.95) * np.pi
@@ -239,32 +219,18 @@ def test_a_point_just_beyond_a_vertex_is_moved_back_onto_it(seed):
     assert program.certify(d, p=p).gap < p.sum() * 4 * 5e-9 / np.sin(angle)
 
 
-def test_bounds_are_met_exactly_beside_limits_that_give_way():
-    """Where bounds and what gives way read one unknown, feasible increments are within the bounds to the last bit."""
-    rng = np.random.default_rng(2)
-    D = sp.csr_matrix(np.repeat(np.eye(6), 3, axis=0)[rng.permutation(18)] * rng.choice([-1.0, 0.5, 2.0], (18, 1)))
-    compliance = np.where(np.arange(18) % 3 == 0, 0.1, 0.0)
-    A = rng.normal(size=(6, 6))
-    operators = Operators(A @ A.T + np.eye(6), sp.csr_matrix((0, 6)), D=D, compliance=compliance)
-    for _ in range(20):
-        program = StepProgram(operators, rng.normal(size=6), np.zeros(0), np.zeros(0), rng.random(18))
-        d = program.feasible(rng.normal(size=6))
-        assert (program.excess(d)[compliance == 0] <= 0).all()
-        assert np.isfinite(program.certify(d, np.zeros((0, 1)), np.zeros(18)).gap)
-
-
-def test_of_equal_multipliers_those_cost_nothing_that_belong_to_what_touches():
-    """min 1/2 d^2 - 2 d under d <= 1 and d <= 3: p = 1, all of it of the bound that is met."""
+def test_the_active_one_of_two_equal_bounds_has_the_force():
+    """Minimise d^2/2 - 2 d with d <= 1 and d <= 3: the first bound has the force 1."""
     operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=np.ones((2, 1)))
     program = StepProgram(operators, np.array([2.0]), np.zeros(0), np.zeros(0), np.array([1.0, 3.0]))
     _, p = program.multipliers(np.ones(1))
-    # The other bound takes the part level / (level + z) of it, with level = 1e-6 z.
+    # The second bound has the part level / (level + z) of the force, with level = 1e-6 z.
     assert p == pytest.approx([1.0, 0.0], abs=2e-6)
     assert program.certify([1.0]).gap <= 2 * 2e-6
 
 
-def test_on_a_kernel_the_multipliers_read_off_are_in_balance():
-    """Two free points, held by friction: lam sums to the load, and the seminorm's certificate is finite."""
+def test_computed_multipliers_balance_the_load_on_a_kernel():
+    """Friction holds two free points: lam sums to the load, and the certificate in the seminorm is finite."""
     K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.full((2, 1), 0.5**0.5)
     operators = Operators(K, sp.eye_array(2, format="csr"), kernel=kernel, anchor=np.array([0.25, 0.0]))
     program = StepProgram(operators, np.array([1.5, 0.1]), np.ones(2), np.zeros(2))
@@ -276,48 +242,44 @@ def test_on_a_kernel_the_multipliers_read_off_are_in_balance():
 
 
 @pytest.mark.parametrize(("block", "cones"), [(1, None), (1, True), (2, None)])
-def test_cvxpy_answers_with_our_signs(block, cones):
+def test_cvxpy_gives_the_same_increments_and_multipliers(block, cones):
     program = random_program(7, block=block)
-    posed, (exact, _) = program.to_cvxpy(cones), answered(program)
+    posed, (exact, _) = program.to_cvxpy(cones), solve_with_newton(program)
     assert posed.lam is None
     posed.problem.solve(**SHARP)
     assert posed.problem.value == pytest.approx(program.objective(exact.d), rel=1e-8)
-    # Interior points end at gaps near 1e-10: errors of its root in d, and in K d = g - B'lam - D'p.
+    # Interior points stop at gaps near 1e-10, so errors of d and of multipliers are near 1e-5.
     for found, wanted in ((posed.d.value, exact.d), (posed.lam, exact.lam), (posed.p, exact.p)):
         assert np.abs(found - wanted).max() < 1e-4 < np.abs(wanted).max()
     gap = program.certify(program.feasible(posed.d.value), posed.lam, posed.p).gap
     assert gap < 1e-9 * (1 + abs(program.objective(exact.d)))
 
 
-def test_a_system_has_programs():
-    """A slider under t: the programs of its steps, each with its answer, which another solver may find as well."""
+def test_programs_of_a_march_have_their_answers():
+    """A load t pulls two blocks with friction bounds 1/2, joined by a spring."""
     kernel = vx.Kernel([[1.0], [1.0]], ["sliding"])
     system = vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.5), kernel=kernel)
     programs = list(vx.programs_of_march(system, [0.0, 0.6, 0.9]))
     assert [program.step for program in programs] == [1, 2]
-    for program, held in zip(programs, [0.1, 0.4], strict=True):
-        assert program.answer.lam.ravel() == pytest.approx([0.5, held], abs=1e-12)
+    for program, second in zip(programs, [0.1, 0.4], strict=True):
+        assert program.answer.lam.ravel() == pytest.approx([0.5, second], abs=1e-12)
         posed = program.to_cvxpy()
         posed.problem.solve(solver="CLARABEL")
         assert program.certify(posed.d.value, posed.lam, posed.p).error < 1e-3
 
 
-def beside(w, b=1.0):
-    """Minimise |d|^2 / 2 + w |d_1 + d_2 - b|: 1/4 at d = (1/2, 1/2) for b = 1 and any w >= 1/2."""
-    return StepProgram(Operators(np.eye(2), [[1.0, 1.0]]), np.zeros(2), np.array([w]), np.array([b]))
-
-
 @pytest.mark.parametrize("w", [1.0, 1e6, 1e10])
-def test_bounds_hold_where_what_sticks_was_put_in_place(w):
-    """A slip of 2e-14 costs w times that; the certificate is of the place after it, and no difference of objectives."""
+def test_bounds_of_the_minimum_hold_if_a_sticking_term_slips_by_rounding(w):
+    """|d|^2 / 2 + w |d_1 + d_2 - 1| is 1/4 at d = (1/2, 1/2). A slip of 2e-14 would cost w times 2e-14."""
+    program = StepProgram(Operators(np.eye(2), [[1.0, 1.0]]), np.zeros(2), np.array([w]), np.array([1.0]))
     answer = Answer(np.array([0.5 + 2e-14, 0.5]), np.array([[-0.5]]), 0)
-    low, high = SolvedProgram.from_answer(beside(w), answer, 1, 1.0).bounds
+    low, high = SolvedProgram.from_answer(program, answer, 1, 1.0).bounds
     assert low <= 0.25 <= high
 
 
-def test_operators_take_matrices_as_they_come():
-    """Lists, dense and sparse ones are one program: min 1/2 (2 x^2 + 3 y^2) - 3 x - 5 y + |x| with y <= 1/2."""
-    for K in ([[2, 0], [0, 3]], np.diag([2.0, 3.0]), np.diag([2, 3]), sp.csc_array(np.diag([2.0, 3.0]))):
+def test_operators_accept_lists_dense_and_sparse_matrices():
+    """Minimise 1/2 (2 x^2 + 3 y^2) - 3 x - 5 y + |x| with y <= 1/2."""
+    for K in ([[2, 0], [0, 3]], np.diag([2, 3]), sp.csc_array(np.diag([2.0, 3.0]))):
         for kind in (list, np.array, sp.csr_matrix, sp.csc_array):
             operators = Operators(K, kind([[1.0, 0.0]]), D=kind([[0.0, 1.0]]))
             program = StepProgram(operators, [3.0, 5.0], [1.0], [0.0], [0.5])
@@ -325,14 +287,10 @@ def test_operators_take_matrices_as_they_come():
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("given", "message"),
     [
         ({"K": [[2.0, 1.0], [0.0, 3.0]]}, r"K: row \d differs from column"),
-        ({"K": np.ones((2, 3))}, r"K: found a matrix of shape \(2, 3\)"),
-        ({"K": np.ones(2)}, r"K: found an array of shape \(2,\)"),
-        ({"K": "stiff"}, "K: found 'stiff'"),
         ({"K": [[np.nan, 0.0], [0.0, 1.0]]}, "K: found NaN"),
-        ({"B": [1.0, 0.0]}, r"B: found an array of shape \(2,\)"),
         ({"B": np.ones((1, 3))}, "B: found 3 columns; K has 2"),
         ({"D": [["far", 0.0]]}, "D: found"),
         ({"block": 2}, "found B with 1 rows and block = 2"),
@@ -340,37 +298,37 @@ def test_operators_take_matrices_as_they_come():
         ({"D": np.eye(2), "compliance": -np.ones(2)}, "found the compliance -1"),
     ],
 )
-def test_operators_that_are_none(given, says):
-    with pytest.raises(vx.SceneError, match=rf"^Operators: {says}"):
+def test_wrong_operators_are_refused(given, message):
+    with pytest.raises(vx.SceneError, match=rf"^Operators: {message}"):
         Operators(**{"K": np.eye(2), "B": [[1.0, 0.0]], **given})
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("given", "message"),
     [
-        *(({name: [wrong]}, f"{name}: found NaN or inf") for name in ("d", "lam", "p") for wrong in (np.nan, np.inf)),
+        ({"d": [np.nan]}, "d: found NaN or inf"),
         ({"d": np.zeros(3)}, r"d: found an array of shape \(3,\)"),
         ({"lam": np.zeros(4)}, r"lam: found an array of shape \(4,\)"),
-        ({"p": "high"}, "p: found 'high'"),
+        ({"p": [np.inf]}, "p: found NaN or inf"),
     ],
 )
-def test_what_is_no_answer_is_not_certified(given, says):
+def test_wrong_answers_are_refused(given, message):
     program = StepProgram(Operators(np.eye(1), [[1.0]], D=[[1.0]]), [2.0], [0.5], [0.0], [0.4])
-    with pytest.raises(vx.SceneError, match=f"^certify: {says}"):
+    with pytest.raises(vx.SceneError, match=f"^certify: {message}"):
         program.certify(**{"d": [0.4], "lam": [0.5], "p": [1.1], **given})
 
 
-def test_programs_that_are_none():
+def test_wrong_weights_and_slips_are_refused():
     operators = Operators(np.eye(2), [[1.0, 1.0]])
     for w, b in (([1.0, 1.0], [1.0]), ([1.0], [1.0, 0.0]), ([[1.0]], [1.0])):
         with pytest.raises(vx.SceneError, match=r"StepProgram: [wb]: found .*; wanted \(1,\)"):
             StepProgram(operators, np.zeros(2), np.array(w), np.array(b))
     for w in (-1.0, np.nan):
         with pytest.raises(vx.SceneError, match=f"certify: found the weight {w:g} of term 0"):
-            beside(w).certify(np.array([0.5, 0.5]))
+            StepProgram(operators, np.zeros(2), np.array([w]), np.array([1.0])).certify(np.array([0.5, 0.5]))
 
 
-def test_what_is_no_number_certifies_nothing():
+def test_a_gap_that_is_no_number_certifies_nothing():
     none = np.zeros(0)
     assert Certificate(np.nan, none, 0.0, none).gap == np.inf
     assert Certificate(-1.0, none, 0.0, none).error == np.inf

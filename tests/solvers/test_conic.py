@@ -1,4 +1,4 @@
-"""Conic solvers: the active-set step after an answer, and one table of the settings that cvxpy is given."""
+"""Conic solvers: the active-set step after an answer, and the settings passed to cvxpy."""
 
 import numpy as np
 import pytest
@@ -11,15 +11,16 @@ from vemcvx.solvers.conic import Condition, polish_answer
 pytestmark = pytest.mark.arithmetic
 
 SLIPS, STICKS, DEGENERATE = 0, 1, 2
+REGULARISATION = "static_regularization_constant"
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_degenerate_terms_stick_to_rounding(seed):
-    """By hand: d and lam are chosen, the load follows; interior points leave terms of both kinds at 1e-6."""
+@pytest.mark.parametrize("seed", range(4))
+def test_polishing_corrects_degenerate_terms_to_rounding(seed):
+    """d and lam are chosen, and the load follows. Interior points leave degenerate terms off by 1e-6."""
     rng = np.random.default_rng(seed)
     n, kind = 12, np.arange(12) % 3
     A = rng.normal(size=(n, n))
-    # Shifts are .1 / (B K^-1 B')_ii = .1 to .2 here, and (w - |lam|) / |s| is .1 at least where a term is degenerate.
+    # Shifts are 0.1 / (B K^-1 B')_ii = 0.1 to 0.2, and (w - |lam|) / |s| is at least 0.1 in degenerate terms.
     K = np.eye(n) + A @ A.T / np.linalg.norm(A @ A.T)
     w, sign = rng.uniform(1.0, 2.0, n), rng.choice([-1.0, 1.0], n)
     d = np.where(kind == SLIPS, sign * rng.uniform(0.1, 1.0, n), 0.0)
@@ -34,30 +35,22 @@ def test_degenerate_terms_stick_to_rounding(seed):
     assert certificate.gap <= certificate.floor < 64e-28
 
 
-REGULARISATION = "static_regularization_constant"
-
-
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.ThroughCvxpy("clarabel")], ids=["class", "name"])
-def test_settings_follow_the_program(solver: vx.ThroughCvxpy) -> None:
-    def asked(semidefinite: bool, again: bool) -> dict[str, object]:
-        return solver.choose_options(1e-12, semidefinite=semidefinite, retry=again)
-
-    assert asked(False, False)[REGULARISATION] == 1e-15
-    assert asked(True, False) == {**asked(False, False), REGULARISATION: 1e-13}
-    assert asked(False, True)["max_step_fraction"] == 0.99
+def test_settings_depend_on_the_program_and_on_retries(solver):
+    first = solver.choose_options(1e-12, semidefinite=False, retry=False)
+    assert first[REGULARISATION] == 1e-15
+    assert solver.choose_options(1e-12, semidefinite=True, retry=False) == {**first, REGULARISATION: 1e-13}
+    assert solver.choose_options(1e-12, semidefinite=False, retry=True)["max_step_fraction"] == 0.99
 
 
-def test_options_of_the_user_go_before_all() -> None:
-    solver = vx.Clarabel(options={REGULARISATION: 1e-8})
-    assert solver.choose_options(1e-12, semidefinite=True, retry=True)[REGULARISATION] == 1e-8
-
-
-def test_settings_as_the_library_comes_are_none() -> None:
+def test_options_of_the_user_replace_settings_and_tuned_false_omits_them():
+    options = vx.Clarabel(options={REGULARISATION: 1e-8}).choose_options(1e-12, semidefinite=True, retry=True)
+    assert options[REGULARISATION] == 1e-8
     assert vx.ThroughCvxpy("CLARABEL", tuned=False).choose_options(1e-12, semidefinite=True, retry=True) == {}
 
 
 @pytest.mark.parametrize("solver", sorted(TUNED))
-def test_a_setting_for_fewer_programs_follows_the_one_for_all(solver: str) -> None:
+def test_conditional_settings_follow_the_settings_for_all_programs(solver):
     always = {setting.name for setting in TUNED[solver] if setting.when is Condition.ALWAYS}
     order = [setting.when is Condition.ALWAYS for setting in TUNED[solver]]
     assert order == sorted(order, reverse=True)

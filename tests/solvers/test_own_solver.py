@@ -1,4 +1,4 @@
-"""A solver of one's own: any object with solve(program, target), in Python and on the command line."""
+"""User-defined solvers: any object with solve(program, target), in Python and on the command line."""
 
 import json
 from dataclasses import replace
@@ -6,18 +6,17 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
+from called import call
 from scenes import mostly_long, paper_scene, small
-from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.cli import app
 from vemcvx.cli.solver_names import make_solver
 from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, Operators, StepProgram
 from vemcvx.solvers import as_solver
 
 TIMES = np.linspace(0.0, 1.0, 5)
-MINE = '''
-"""Newton's answers, handed over in one's own way."""
+FILE = '''
+"""Solvers of a user."""
 import numpy as np, vemcvx as vx
 
 class Mine:
@@ -35,42 +34,36 @@ class Broken(Mine):
     def __init__(self):
         raise RuntimeError("no licence")
 
-class Failing(Mine):
-    def solve(self, program, target):
-        raise ZeroDivisionError("no steps left")
-
-class Lost(Mine):
-    accepts = {"everything"}
+class Quick(vx.Newton):
+    pass
 
 ready, three = Greedy(3), 3
 '''
 
 
-def by(solver, program, target):
+def solve(solver, program, target):
     still = np.zeros((program.operators.count, program.operators.block))
     return solver.prepare(program.operators).solve(program, target, still)
 
 
 class Mine:
-    """A solver's answers, handed over as `given` makes of them."""
+    """A solver that returns `convert(answer)` for answers of another solver, and has further `attributes`."""
 
-    def __init__(self, given=lambda answer: answer, solver=None, **told):
-        self._given, self._solver = given, solver or vx.Newton()
-        for name, value in told.items():
+    def __init__(self, convert=lambda answer: answer, solver=None, **attributes):
+        self._convert, self._solver = convert, solver or vx.Newton()
+        for name, value in attributes.items():
             setattr(self, name, value)
 
     def solve(self, program, target):
-        return self._given(by(self._solver, program, target))
+        return self._convert(solve(self._solver, program, target))
 
 
 def run(solver, scene=None, n=3, times=(0.0, 1.0)):
     return vx.simulate(scene or paper_scene(), small("squares", n), times, solver=solver)
 
 
-WAYS = {
-    "an Answer": lambda a: a,
+FORMS = {
     "an Answer without p": lambda a: vx.Answer(a.d, a.lam, a.iterations, a.status),
-    "(d, lam, p)": lambda a: (a.d, a.lam, a.p),
     "(d, lam, p, iterations)": lambda a: (a.d, a.lam, a.p, 7),
     "(d, lam)": lambda a: (a.d, a.lam),
     "(d, None, p)": lambda a: (a.d, None, a.p),
@@ -79,22 +72,19 @@ WAYS = {
 }
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("limits", [False, True], ids=["friction", "limits, too"])
-def test_however_it_answers_it_is_certified(way, limits):
-    """The certificate is Newton's but for the rounding of multipliers that are read off the forces."""
+@mostly_long("form", FORMS, "d", "(d, lam, p, iterations)")
+@pytest.mark.parametrize("limits", [False, True], ids=["friction", "friction and limits"])
+def test_answers_of_every_form_are_certified(form, limits):
     scene = paper_scene().with_(vx.UnilateralContact(on="top", gap=1e-4)) if limits else paper_scene()
-    ours, own = (run(solver, scene, 4, TIMES) for solver in (vx.Newton(), Mine(WAYS[way])))
+    ours, own = (run(solver, scene, 4, TIMES) for solver in (vx.Newton(), Mine(FORMS[form])))
     assert own.certificate.max() <= 1e-6
-    apart = np.abs(own.displacement - ours.displacement).max()
-    assert apart <= 1e-6 * np.abs(ours.displacement).max()
+    assert np.abs(own.displacement - ours.displacement).max() <= 1e-6 * np.abs(ours.displacement).max()
     assert own.solver == "Mine(accuracy=1e-06)"
-    if way == "(d, lam, p, iterations)":
+    if form == "(d, lam, p, iterations)":
         assert set(own.iterations[1:].tolist()) == {7}
 
 
-def test_what_it_says_of_itself_is_read():
+def test_accuracy_and_accepted_features_are_attributes():
     careful = Mine(accuracy=1e-4, accepts=(QUADRATIC, ABSOLUTE_VALUES))
     solver = as_solver(careful)
     assert (solver.accuracy, solver.accepts) == (1e-4, {QUADRATIC, ABSOLUTE_VALUES})
@@ -102,26 +92,21 @@ def test_what_it_says_of_itself_is_read():
         run(careful, paper_scene().with_(vx.UnilateralContact(on="top")))
 
 
-def test_it_gets_multipliers_to_begin_with_if_it_asks_for_them_and_parameters_may_have_any_name():
-    seen = []
+def test_a_third_parameter_receives_the_last_multipliers_and_parameters_may_have_any_name():
+    received = []
 
     class Warm:
-        def solve(self, p, target, lam):
-            seen.append(lam)
-            return vx.Newton().prepare(p.operators).solve(p, target, lam)
+        def solve(self, p, accuracy, lam):
+            received.append(lam)
+            return vx.Newton().prepare(p.operators).solve(p, accuracy, lam)
 
-    class Named:
-        def solve(self, p, lam):
-            return by(vx.Newton(), p, lam)
-
-    for solver in (Warm(), Named()):
-        assert run(solver, n=4, times=TIMES).certificate.max() < 1e-6
-    assert not seen[0].any()
-    assert seen[-1].any()
+    assert run(Warm(), n=4, times=TIMES).certificate.max() < 1e-6
+    assert not received[0].any()
+    assert received[-1].any()
 
 
 class Plain(vx.Solver):
-    """A solver as a class of one's own: Newton's answers."""
+    """A solver class of a user, derived from vx.Solver but no dataclass, with Newton's answers."""
 
     accepts = frozenset({QUADRATIC, ABSOLUTE_VALUES})
 
@@ -135,48 +120,41 @@ class Plain(vx.Solver):
         return replace(vx.Newton().prepare(program.operators).solve(program, target, lam, p), **self._changes)
 
 
-NONSENSE = {
+WRONG_ANSWERS = {
     "nothing": (Mine(lambda _: None), "Mine: found the answer None"),
     "words": (Mine(lambda _: "solved"), "Mine: d: found 'solved'"),
     "five things": (Mine(lambda _: (1, 2, 3, 4, 5)), r"Mine: found the answer \(1, 2"),
     "too few increments": (Mine(lambda _: np.zeros(2)), r"Mine: d: found .* \(2,\); wanted .* \(3,\)"),
     "too many multipliers": (Mine(lambda a: (a.d, np.zeros(5))), r"Mine: lam: found .* \(5,\); wanted .* \(3, 1\)"),
     "an error": (Mine(lambda a: 1 / 0), "Mine: it failed: ZeroDivisionError"),
-    "four multipliers": (Plain(1e-6, lam=np.zeros(4)), r"Plain: lam: found .* \(4,\); wanted .* \(3, 1\)"),
     "no increments": (Plain(1e-6, d=None), "Plain: found the answer Answer"),
-    "no iterations": (Plain(1e-6, iterations=None), "Plain: found the answer Answer"),
 }
 
 
-@pytest.mark.parametrize("case", NONSENSE)
-def test_nonsense_is_refused_by_name(case):
-    solver, says = NONSENSE[case]
-    with pytest.raises(vx.SolverFailed, match=f"^solver {says}"):
+@pytest.mark.parametrize("case", WRONG_ANSWERS)
+def test_wrong_answers_are_refused_with_the_name_of_the_solver(case):
+    solver, message = WRONG_ANSWERS[case]
+    with pytest.raises(vx.SolverFailed, match=f"^solver {message}"):
         run(solver)
 
 
 @pytest.mark.parametrize(
-    ("solver", "says"),
+    ("solver", "message"),
     [
         (Mine, "solver: found <class .*Mine'>"),
         (3, "solver: found 3; wanted a solver"),
         (Mine(accuracy="fine"), "Mine: found accuracy = 'fine'"),
-        (Plain("fine"), "Plain: found accuracy = 'fine'"),
         (Mine(semidefinite="no"), "solver Mine: semidefinite: found 'no'"),
     ],
 )
-def test_mistakes_in_python(solver, says):
-    with pytest.raises(vx.SceneError, match=f"^{says}"):
+def test_wrong_solvers_are_refused(solver, message):
+    with pytest.raises(vx.SceneError, match=f"^{message}"):
         run(solver)
 
 
-@mostly_long(
-    "mesh",
-    [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)],
-    ids=["corner", "cells", "discs"],
-)
-def test_increments_alone_are_enough_where_rows_share_unknowns(mesh):
-    """On two rough sides that meet, forces read off d stay within their bounds; |d - d*| is rounding."""
+@mostly_long("mesh", [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"])
+def test_increments_suffice_where_rows_share_unknowns(mesh):
+    """Two rough sides meet. Forces computed from d obey their bounds, and |d - d*| is rounding."""
     push = (-3.0, -5.0, -5.0)[: mesh.points.shape[1]]
     rough = vx.UnilateralContact(["bottom", "left"]), vx.TrescaFriction(0.5, "bottom"), vx.TrescaFriction(0.3, "left")
     top = vx.Traction(lambda x, t: np.multiply(t, push), on="top")
@@ -186,10 +164,10 @@ def test_increments_alone_are_enough_where_rows_share_unknowns(mesh):
 
 
 def test_multipliers_are_recovered_in_closed_form():
-    """Two unknowns, one slipping and one pressed: what of g is not K d is held by lam and p."""
+    """One unknown slips, the other is pressed: lam and p balance g - K d."""
     operators = Operators(np.diag([2.0, 3.0]), B=np.eye(2)[:1], D=np.eye(2)[1:])
     program = StepProgram(operators, g=np.array([3.0, 5.0]), w=np.ones(1), b=np.zeros(1), e=np.array([0.5]))
-    answer = as_solver(Mine(lambda a: a.d)).prepare(operators).solve(program, 1e-12, np.zeros((1, 1)))
+    answer = as_solver(Mine(attrgetter("d"))).prepare(operators).solve(program, 1e-12, np.zeros((1, 1)))
     assert np.allclose(answer.d, [1.0, 0.5], rtol=1e-14, atol=0)
     assert np.allclose(answer.lam, [[1.0]], rtol=1e-14, atol=0)
     assert np.allclose(answer.p, [3.5], rtol=1e-14, atol=0)
@@ -197,58 +175,51 @@ def test_multipliers_are_recovered_in_closed_form():
 
 @pytest.fixture
 def mine(tmp_path):
-    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "mine.py").write_text(FILE)
     return tmp_path / "mine.py"
 
 
 @pytest.mark.long
-def test_the_command_line_takes_it_from_a_file(mine):
-    given = ["run", str(vx.__path__[0] + "/../problems/feng_han_huang.py"), "--n", "4", "--steps", "2", "--solver"]
-    done, failing = (CliRunner().invoke(app, [*given, f"{mine}:{name}"]) for name in ("Mine", "Failing"))
-    assert done.exit_code == 0, done.output
-    assert "solver      Mine(accuracy=1e-06)" in done.output
-    assert failing.exit_code == 2
-    assert "solver Failing: it failed: ZeroDivisionError: no steps left" in failing.output
-    assert "Traceback" not in failing.output
+def test_the_command_line_runs_a_solver_from_a_file(mine):
+    code, output = call("run", "feng_han_huang", "--n", "4", "--steps", "2", "--solver", f"{mine}:Mine")
+    assert code == 0, output
+    assert "solver      Mine(accuracy=1e-06)" in output
+    code, output = call("run", "feng_han_huang", "--n", "4", "--steps", "2", "--solver", f"{mine}:ready")
+    assert code == 2
+    assert "solver Greedy: it failed: ZeroDivisionError: no steps left" in output
+    assert "Traceback" not in output
 
 
-def test_of_a_file_it_may_be_an_object_and_a_solver_as_ours(mine):
+def test_a_file_may_have_solver_objects_and_classes_and_names_are_those_of_cvxpy(mine):
     assert repr(make_solver(f"{mine}:ready", None)) == "Greedy(accuracy=1e-06, appetite=3)"
     assert make_solver(f"{mine}:Mine", 1e-3).accuracy == 1e-3
-    mine.write_text("import vemcvx as vx\nclass Quick(vx.Newton): pass\nbest = vx.OSQP(accuracy=1e-4)\n")
     assert isinstance(make_solver(f"{mine}:Quick", 1e-3), vx.Newton)
-    assert make_solver(f"{mine}:best", None) == vx.OSQP(accuracy=1e-4)
-    for name in ("scs", "SCS", "Scs"):
+    for name in ("scs", "SCS"):
         assert make_solver(name, 1e-3) == vx.ThroughCvxpy("SCS", 1e-3) == vx.ThroughCvxpy(name, 1e-3)
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
-        ("mine.py:Mime", r"--solver: .*mine\.py has no 'Mime'; its solvers are Broken, Failing, Greedy, Lost, Mine"),
+        ("mine.py:Mime", r"--solver: .*mine\.py has no 'Mime'; its solvers are Broken, Greedy, Mine"),
         ("mine.py:three", r"--solver: .*mine\.py: three is 3"),
-        ("mine.py:np", r"--solver: .*mine\.py: np is <module"),
-        ("mine.py:Greedy", r"mine\.py: Greedy\(\) failed: TypeError"),
-        ("mine.py:Broken", r"mine\.py, line 18: Broken\(\) failed: RuntimeError: no licence"),
-        ("mine.py:Lost", r"solver Lost: found accepts = \{'everything'\}"),
+        ("mine.py:Broken", r"mine\.py, line \d+: Broken\(\) failed: RuntimeError: no licence"),
         ("other.py:Mine", r"other\.py: there is no such file"),
         ("wrong.py:Mine", r"wrong\.py, line 2: executing it failed: ZeroDivisionError"),
     ],
 )
-def test_mistakes_in_a_file(mine, name, says):
+def test_mistakes_in_a_file_are_named(mine, name, message):
     (mine.parent / "wrong.py").write_text("class Mine:\n    solve = 1 / 0\n")
-    with pytest.raises(vx.VemcvxError, match=says):
+    with pytest.raises(vx.VemcvxError, match=message):
         make_solver(str(mine.parent / name), None)
 
 
 @pytest.mark.parametrize("array", ["g", "w", "b", "e", "operators.K", "operators.B.data", "operators.D.data"])
-def test_a_program_cannot_be_written_to(array):
-    """An answer to other weights was certified to 1e-15, with the weights that it had been given."""
-
+def test_arrays_of_a_program_are_read_only(array):
     class Meddles:
         def solve(self, program, target):
             attrgetter(array)(program)[:] *= 0.1
-            return by(vx.Newton(), program, target)
+            return solve(vx.Newton(), program, target)
 
     contact = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.5, on="bottom", while_closed=False)
     scene = paper_scene().without(vx.BilateralContact, vx.TrescaFriction).with_(*contact)
@@ -258,25 +229,21 @@ def test_a_program_cannot_be_written_to(array):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
-def test_a_body_that_contact_alone_holds_is_for_solvers_that_take_a_singular_matrix():
+def test_only_solvers_that_declare_semidefinite_receive_a_singular_matrix():
     push = vx.Traction(lambda x, t: [0.1 * t, -1.0], on="top")
     floor = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom")
-    asked = vx.Scene(vx.Elasticity(10.0, 0.3), push, *floor), vx.meshes.squares(2), TIMES[:3]
-    rough = Mine(solver=vx.Clarabel(), semidefinite=True)
-    own, newton = (vx.simulate(*asked, solver=s, initial="settled") for s in (rough, vx.Newton()))
-    assert own.certificate.max() <= 1e-6
-    apart = np.abs(np.sqrt(own.energy) - np.sqrt(newton.energy)) / np.sqrt(newton.energy.max())
-    assert apart.max() < (1 + 1e-9) * (own.certificate_total[-1] + newton.certificate_total[-1])
+    problem = vx.Scene(vx.Elasticity(10.0, 0.3), push, *floor), vx.meshes.squares(2), TIMES[:3]
+    solver = Mine(solver=vx.Clarabel(), semidefinite=True)
+    assert vx.simulate(*problem, solver=solver, initial="settled").certificate.max() <= 1e-6
     with pytest.raises(vx.NotAccepted, match="^solver Mine: only friction and contact hold a body"):
-        vx.simulate(*asked, solver=Mine(solver=vx.Clarabel()), initial="settled")
+        vx.simulate(*problem, solver=Mine(solver=vx.Clarabel()), initial="settled")
 
 
-@pytest.mark.long
-def test_a_class_of_ones_own_need_not_be_a_dataclass(tmp_path):
+def test_a_solver_class_need_not_be_a_dataclass(tmp_path):
     history = run(Plain(3e-7), times=(0.0, 0.5, 1.0))
     history.write(tmp_path / "out")
     assert history.solver == "Plain(accuracy=3e-07)"
     assert history.certificate.max() <= 3e-7
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["accuracy"] == 3e-7
     assert vx.read_history(tmp_path / "out").trajectory.accuracy == 3e-7
-    assert (Plain(1e-9).with_accuracy(1e-4).accuracy, type(Plain(1e-9).with_accuracy(1e-4))) == (1e-4, Plain)
+    assert Plain(1e-9).with_accuracy(1e-4).accuracy == 1e-4

@@ -1,4 +1,4 @@
-"""Linear solvers that are chosen where packages are missing and limits are small."""
+"""The choice of linear solvers, with packages missing and with small limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vemcvx.linear import Iterative, Pardiso, SuperLU, choose_linear
 
 
 @pytest.mark.parametrize("installed", [True, False])
-def test_in_space_factors_are_fuller(monkeypatch, installed):
+def test_large_systems_in_space_are_solved_iteratively_earlier_than_in_the_plane(monkeypatch, installed):
     monkeypatch.setattr(Pardiso, "is_installed", staticmethod(lambda: installed))
     direct = Pardiso() if installed else SuperLU()
     able = Iterative() if find_spec("pyamg") else direct
@@ -32,7 +32,7 @@ def test_in_space_factors_are_fuller(monkeypatch, installed):
 
 
 @needs("pyamg")
-def test_a_run_says_once_what_it_chose(monkeypatch, caplog):
+def test_a_run_logs_the_chosen_linear_solver_once(monkeypatch, caplog):
     monkeypatch.setattr("vemcvx.linear.default.LARGEST_FACTOR", 10)
     scene = vx.Scene(*paper_scene(), vx.Viscosity(0.1, 0.1))
     with caplog.at_level("INFO", logger="vemcvx"):
@@ -40,14 +40,14 @@ def test_a_run_says_once_what_it_chose(monkeypatch, caplog):
     assert caplog.text.count("linear solver: Iterative") == 1
 
 
-def test_what_is_not_installed_is_not_chosen(monkeypatch):
+def test_a_solver_that_is_not_installed_is_not_chosen(monkeypatch):
     monkeypatch.setattr(vx.linear.pardiso, "PACKAGE", "not_there_at_all")
     assert choose_linear(1_000_000) == SuperLU()
     with pytest.raises(vx.NotAccepted, match=r"^Pardiso: the package py-mkl-pardiso .* not installed; pip .*SuperLU"):
         vx.Pardiso().factorise(sp.eye_array(3, format="csr"))
 
 
-def test_what_is_missing_is_named(monkeypatch):
+def test_missing_packages_of_petsc_are_named(monkeypatch):
     monkeypatch.setattr("vemcvx.linear.petsc.find_spec", lambda name: None)
     vx.linear.petsc.all_ranks.cache_clear()
     with pytest.raises(vx.NotAccepted, match=r"^PETSc: petsc4py and mpi4py cannot be imported; install Debian's"):

@@ -1,0 +1,93 @@
+"""Scenes that were once refused or answered wrongly, compared with closed forms and exact answers."""
+
+import frozen_scenes
+import numpy as np
+import pytest
+from scenes import mostly_long
+
+import vemcvx as vx
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ratio", [1.0, 1e6])
+def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio):
+    """nu = 0, between rollers: the interferences add up to 2e-3."""
+
+    def layer(low):
+        return vx.meshes.squares(3, box=((0, 3), (low, low + 1)))
+
+    stiffness = {"lo": 1000.0, "mid": 1000.0 * ratio, "up": 1000.0}
+    between = ["lo|mid", "mid|up"]
+    scene = vx.Scene(
+        *(vx.Elasticity(young, 0.0, on=name) for name, young in stiffness.items()),
+        vx.Clamp(on=["lo.bottom", "up.top"]),
+        vx.UnilateralContact(on=between, gap=-1e-3),
+        vx.CoulombFriction(0.3, on=between),
+    )
+    mesh = vx.meshes.bodies({name: layer(k) for k, name in enumerate(stiffness)})
+    history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    exact = 2e-3 / sum(1 / young for young in stiffness.values())
+    assert np.abs(history.contact.pressure - exact).max() < 1e-7 * exact
+    assert np.abs(history.contact.traction).max() < 1e-7 * exact
+    # Rounding hides 2e-8 between bodies whose stiffness differs by 1e6.
+    assert history.certificate.max() <= 1e-8
+
+
+def solve_by_enumeration(seed, c):
+    """Return K, g and the answer y of a step from rest with the weights 0.4 + c |s|, found by trying all sets."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(6, 6))
+    K, g = A @ A.T + np.eye(6), 10 * rng.normal(size=6)
+    for trits in range(3**6):
+        sign = np.array([trits // 3**i % 3 - 1.0 for i in range(6)])
+        slips, y = sign != 0, np.zeros(6)
+        y[slips] = np.linalg.solve((K + c * np.eye(6))[np.ix_(slips, slips)], (g - 0.4 * sign)[slips])
+        if (y * sign >= 0).all() and (np.abs((g - K @ y)[~slips]) <= 0.4).all():
+            return K, g, y
+    raise AssertionError("no sets satisfy the law")
+
+
+@pytest.mark.parametrize("c", [1.0, 1e4])
+@mostly_long("seed", range(4))
+def test_friction_that_grows_with_slip_has_one_answer(seed, c):
+    K, g, exact = solve_by_enumeration(seed, c)
+    law = vx.Law(lambda t, p, past, slip: 0.4 + c * slip)
+    run = vx.march(vx.System(K, lambda t: t * g, norms=vx.Norms(np.eye(6), 0.4, law=law)), [0.0, 1.0])
+    error = run.state[-1] - exact
+    assert np.sqrt(error @ K @ error) <= 1e-8 * np.sqrt(exact @ K @ exact)
+    assert run.certified.max() <= 1e-8
+
+
+def block_on_rough_floor(angle, part):
+    """Return a block under unit pressure, its mesh, and its shear: `part` of the shear that friction can balance."""
+    along, across, e = 0.5, 0.2, np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    shear = part * (along * np.cos(angle) * e + across * np.sin(angle) * np.array([-e[1], e[0], 0.0]))
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Pressure(1.0, on="top"),
+        vx.Traction(lambda x, t: np.tile(t * shear, (len(x), 1)), on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(along, on="bottom", direction=e, across=across),
+    )
+    return scene, vx.meshes.cubes((2, 2, 1), box=((0, 1), (0, 1), (0, 0.2))), shear
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
+@pytest.mark.parametrize("angle", [1.2, 3.3])
+def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
+    """Beyond the ellipse the step is refused."""
+    scene, mesh, shear = block_on_rough_floor(angle, 0.9)
+    history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
+    assert history.force("bottom")[-1] == pytest.approx([0, 0, 1] - shear, abs=1e-12)
+    scene, mesh, _ = block_on_rough_floor(angle, 1.1)
+    with pytest.raises((vx.SceneError, vx.NotCertified), match="^step 2 at t = 1: "):
+        vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:.*weights may fall faster with slip than the body gives way")
+@pytest.mark.parametrize("seed", [25, 146, 325])
+def test_friction_that_weakens_fast_is_answered_accurately(seed):
+    """Newton's first sets have the slips of Clarabel's answer; with zero slips the error stayed above 1e-8."""
+    assert frozen_scenes.draw(seed).run().certified.max() <= 1e-8

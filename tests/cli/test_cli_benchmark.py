@@ -40,7 +40,7 @@ SMALL = [one for one in INSTANCES if one.grade == "easy" and one.problem == "fri
 
 def trial(tolerance, seconds, true, certified=None, outcome=ANSWERED, says="optimal", instance="a"):
     certified = true if certified is None else certified
-    return Trial(instance, "d", 10.0, tolerance, outcome, seconds, true, certified, says=says)
+    return Trial(instance, "d", 10.0, tolerance, outcome, seconds, true, certified, message=says)
 
 
 def instance(name="a", certified=1e-8, **words):

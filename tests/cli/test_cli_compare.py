@@ -303,7 +303,7 @@ def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):
     told = json.loads((tmp_path / "told.json").read_text())["rows"]
     assert {row["solver"].lower() for row in told} == {"newton", "direct"} | {name.lower() for name in list_installed()}
     assert all(row["honest"] is not False for row in told)
-    assert all(row["certified"] is not None or row["says"] for row in told)
+    assert all(row["certified"] is not None or row["message"] for row in told)
     assert all(row["good"] for row in told if row["solver"] == "Newton")
 
 

@@ -69,7 +69,7 @@ class Row:
     honest: bool | None = None
     iterations: int | None = None
     seconds: float | None = None
-    says: str = ""
+    message: str = ""
     options: str = ""
 
     @property
@@ -98,8 +98,8 @@ class Comparison:
     def remarks(self) -> Iterator[str]:
         """Lines on the outcomes of solvers, on the meaning of columns, and on contradicted certificates."""
         for row in self.rows:
-            if row.says:
-                yield f"{row.label}: {row.outcome}: {row.says}"
+            if row.message:
+                yield f"{row.label}: {row.outcome}: {row.message}"
         for row in self.rows:
             if row.certified is not None and row.options:
                 yield f"{row.label}: settings {row.options}"
@@ -133,24 +133,24 @@ def _judge_row(system: System, row: Row, run: Trajectory | None, best: Trajector
     apart = limit = kept = None
     if best is not None and run is not best and _is_answer(run):
         apart, limit, kept = distance(system, best, run)
-    missed, says = np.flatnonzero(run.certificate > row.asked), ""
+    missed, message = np.flatnonzero(run.certificate > row.asked), ""
     if len(missed):
         n, later = int(missed[0]), np.count_nonzero(missed)
         # A settled initial state is solved and certified, too, but it is no step.
         where = ["at the start"] if n == 0 else []
         where += [f"in {later} of {count_steps(len(run.times) - 1)}"] if later else []
-        says = f"misses its accuracy {' and '.join(where)}, first in step {n} at t = {run.times[n]:.6g}, "
-        says += f"where it reached {run.certified[n]:.1e}"
+        message = f"misses its accuracy {' and '.join(where)}, first in step {n} at t = {run.times[n]:.6g}, "
+        message += f"where it reached {run.certified[n]:.1e}"
     return replace(
         row,
-        outcome=MISSED if says else CERTIFIED,
+        outcome=MISSED if message else CERTIFIED,
         certified=float(run.certified.max()),
-        good=not says,
+        good=not message,
         distance=apart,
         allowed=limit,
         honest=kept if rigorous else None,
         iterations=int(np.median(run.iterations[1:])) if run.iterations[1:].any() else None,
-        says=says,
+        message=message,
     )
 
 
@@ -234,7 +234,7 @@ class Compare:
                 say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
                 attempts.append((row, run))
             # If all solvers that accept the program fail with the same error, it is an error of the problem.
-            tried = [(row.outcome, row.says) for row, _ in attempts if row.outcome != REFUSED]
+            tried = [(row.outcome, row.message) for row, _ in attempts if row.outcome != REFUSED]
             if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
                 raise SceneError(tried[0][1])
             found = judge(system, attempts)
@@ -289,11 +289,11 @@ def _attempt_within(seconds: float, problem: Problem, command: Compare, i: int, 
     try:
         return call_in_process(attempt_in_process, problem.path, command, i, row, seconds=seconds)
     except TookTooLong:
-        return replace(row, outcome=STOPPED, says=f"stopped after {seconds:g} s"), None
+        return replace(row, outcome=STOPPED, message=f"stopped after {seconds:g} s"), None
     except Crashed as end:
-        return replace(row, outcome=FAILED, says=f"its process ended: {end}"), None
+        return replace(row, outcome=FAILED, message=f"its process ended: {end}"), None
     except VemcvxError as error:
-        return replace(row, outcome=FAILED, says=_own_words(str(error))), None
+        return replace(row, outcome=FAILED, message=_own_words(str(error))), None
 
 
 def attempt_in_process(path: Path, command: Compare, i: int, row: Row) -> Attempt:
@@ -312,7 +312,7 @@ def attempt(
     except (VemcvxError, MemoryError) as error:
         outcome = next((end for kind, end in ENDS.items() if isinstance(error, kind)), FAILED)
         words = "it ran out of memory" if isinstance(error, MemoryError) else str(error)
-        return replace(row, outcome=outcome, says=_own_words(words) if outcome == FAILED else clause(words)), None
+        return replace(row, outcome=outcome, message=_own_words(words) if outcome == FAILED else clause(words)), None
     return replace(row, seconds=sum(history.seconds.values())), history.trajectory
 
 

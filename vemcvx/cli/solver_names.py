@@ -1,4 +1,4 @@
-"""Solvers and linear solvers by name on the command line: those of vemcvx and cvxpy, and users' own, FILE.py:NAME."""
+"""Solvers and linear solvers by name on the command line: of vemcvx, of cvxpy, and of users' files, FILE.py:NAME."""
 
 from __future__ import annotations
 

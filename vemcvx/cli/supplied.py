@@ -112,13 +112,13 @@ def cells(text: str) -> list[tuple[str, str, bool]]:
     first, *rest = CELL_MARK.split(text)
     found = []
     for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:
-        said = source.strip("\n")
+        body = source.strip("\n")
         if "[markdown]" not in mark:
-            found.append(("code", said, "source_hidden" in mark))
-        elif said.startswith('"""'):
-            found.append(("markdown", ast.literal_eval(said), False))
+            found.append(("code", body, "source_hidden" in mark))
+        elif body.startswith('"""'):
+            found.append(("markdown", ast.literal_eval(body), False))
         else:
-            found.append(("markdown", re.sub(r"^# ?", "", said, flags=re.MULTILINE), False))
+            found.append(("markdown", re.sub(r"^# ?", "", body, flags=re.MULTILINE), False))
     return [cell for cell in found if cell[1].strip()]
 
 

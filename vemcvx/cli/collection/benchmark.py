@@ -209,7 +209,7 @@ class Trial:
     true: float | None = None
     certified: float | None = None
     iterations: int | None = None
-    says: str = ""
+    message: str = ""
 
     @property
     def is_enough(self) -> bool:
@@ -282,7 +282,7 @@ def try_in_process(entrant: Entrant, folder: Path, work: Sequence[Work], path: P
     if trial is None:
         raise ProblemError(f"benchmark: {entrant.label}: {words} before anything was tried.")
     if trial.outcome == BEGUN:
-        _note(path, replace(trial, outcome=outcome, says=words if outcome == FAILED else ""))
+        _note(path, replace(trial, outcome=outcome, message=words if outcome == FAILED else ""))
 
 
 def _note(path: Path, trial: Trial) -> None:
@@ -293,7 +293,7 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    Each message also has the largest number of seconds until the next message; None means any time.
+    Beside each trial goes the largest number of seconds until the next trial arrives; None means any time.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
     os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -314,7 +314,7 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
                         break
             except VemcvxError as error:
                 outcome = REFUSED if isinstance(error, NotAccepted) else FAILED
-                pipe.send((replace(trial, outcome=outcome, says=str(error)), None))
+                pipe.send((replace(trial, outcome=outcome, message=str(error)), None))
 
 
 # Calls of a solver, and the errors of its answers.
@@ -431,26 +431,27 @@ def measure(
     `status` is the right status; any other status is an infinite error. Raise SolverFailed without a finite answer.
     """
     memory: Memory = {}
-    unit, taken, iterations, errors, says = _unit(programs), 0.0, 0, [], ""
+    unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""
     with name_failures("of this trial"), quietly():  # The status of a library replaces its warnings.
         for call, program in zip(calls, programs, strict=True):
             begun = time.perf_counter()
-            seconds, answer, says = call(tolerance, memory)
+            seconds, answer, reported = call(tolerance, memory)
             for _ in range(REPEATS - 1 if len(programs) == 1 else 0):
                 if time.perf_counter() - begun > LONG_ENOUGH:
                     break
                 seconds = min(seconds, call(tolerance, {})[0])
             taken += seconds
             iterations += 0 if answer is None else answer.iterations
-            stated = says.lower().removesuffix("_inaccurate")
+            stated = reported.lower().removesuffix("_inaccurate")
             if status or stated in (INFEASIBLE, UNBOUNDED):
                 errors.append((0.0, 0.0) if stated == status else (np.inf, np.inf))
             elif answer is None or not np.isfinite(answer.d).all():
-                raise SolverFailed(f"its status is {says!r}, without an answer of finite numbers.")
+                raise SolverFailed(f"its status is {reported!r}, without an answer of finite numbers.")
             else:
                 errors.append(_errors(program, answer, unit))
     true, certified = map(max, zip(*errors, strict=True))
-    return {"seconds": taken, "true": true, "certified": certified, "iterations": iterations or None, "says": says}
+    found = {"seconds": taken, "true": true, "certified": certified}
+    return {**found, "iterations": iterations or None, "message": reported}
 
 
 def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from scenes import mostly_long
 from test_cli import invoke
 
 import vemcvx as vx
-from vemcvx.cli.collection import INSTANCES, Instance, write_collection
+from vemcvx.cli.collection import INSTANCES, CollectionInstance, write_collection
 from vemcvx.cli.collection.benchmark import (
     ANSWERED,
     FAILED,
@@ -316,7 +316,7 @@ class Seen:
 @pytest.mark.slow
 def test_steps_of_a_sequence_begin_with_what_is_left(tmp_path):
     """Ours begins with its own multipliers, all steps but the first; OSQP with its answer; SCS is asked as well."""
-    short = Instance(grade="sequences", problem="feng_han_huang", n=8, of=8, step=8, steps=8)
+    short = CollectionInstance(grade="sequences", problem="feng_han_huang", n=8, of=8, step=8, steps=8)
     write_collection(tmp_path / "all", instances=[short])
     (tmp_path / "seen.py").write_text(SEEN)
     solvers = f"{tmp_path / 'seen.py'}:Seen,osqp,scs"

@@ -16,7 +16,7 @@ from test_cli import invoke
 
 import vemcvx as vx
 from vemcvx.cli import supplied
-from vemcvx.cli.collection import INSTANCES, Instance, confirm, write_collection, writing
+from vemcvx.cli.collection import INSTANCES, CollectionInstance, confirm, write_collection, writing
 from vemcvx.cli.collection.benchmark import kind_of
 from vemcvx.cli.collection.writing import CORE, LARGE, OPTIMA, SEQUENCES, departures
 from vemcvx.exchange import sequence_from_npz
@@ -94,7 +94,7 @@ def test_optima_are_those_published(tmp_path):
 def test_a_sequence_has_its_matrices_once(tmp_path):
     """Read back it is the programs of its steps; the script that knows nothing of us confirms all of them."""
     short = [
-        Instance(grade="sequences", problem=problem, n=n, of=8, step=8, steps=7)
+        CollectionInstance(grade="sequences", problem=problem, n=n, of=8, step=8, steps=7)
         for problem, n in (("feng_han_huang", 8), ("block_with_grain", 6), ("block_in_space", 4))
     ]
     write_collection(tmp_path / "all", instances=short)

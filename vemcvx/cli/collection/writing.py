@@ -50,50 +50,21 @@ INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Instance:
-    """One step, or a sequence of steps, of a run of a problem file.
-
-    Parameters
-    ----------
-    grade : str
-        The grade of difficulty.
-    problem : str
-        The name of the problem file.
-    n : int
-        Cells per unit length.
-    of : int
-        The number of steps of the run.
-    step : int
-        The number of the step.
-    settings : tuple of str
-        Parameters of the scene, "name=value".
-    condense : bool
-        True for the program in the contact unknowns only.
-    degenerate : bool
-        True if weights of sticking terms are lowered to the norm of their multipliers. The optimum does not change, but
-        these terms have zero slip and a multiplier at its bound.
-    without : {"", "infeasible", "unbounded"}
-        Why the program has no optimum; "" if it has one.
-    steps : int
-        The number of steps of a sequence that ends with `step`.
-
-    Examples
-    --------
-    >>> from vemcvx.cli.collection import Instance
-    >>> Instance(grade="easy", problem="feng_han_huang", n=8, of=8, step=4).name
-    'feng_han_huang-n8-4of8'
-    """
+class CollectionInstance:
+    """One step, or a sequence of steps, of a run of a problem file."""
 
     grade: str
-    problem: str
-    n: int
-    of: int
+    problem: str  # name of the problem file
+    n: int  # cells per unit length
+    of: int  # number of steps of the run
     step: int
-    settings: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()  # parameters of the scene, "name=value"
     condense: bool = True
+    # True: weights of sticking terms are lowered to the norm of their multipliers. The optimum does not change, but
+    # these terms have zero slip and a multiplier at its bound.
     degenerate: bool = False
-    without: str = ""
-    steps: int = 1
+    without: str = ""  # reason why there is no optimum: INFEASIBLE or UNBOUNDED
+    steps: int = 1  # number of steps of a sequence that ends with `step`
 
     @property
     def name(self) -> str:
@@ -113,9 +84,9 @@ Row = tuple[str, str, tuple[int, ...], tuple[int, ...]] | tuple[Any, ...]
 """Grade, problem, numbers of cells per unit length, steps, and optional settings."""
 
 
-def _list_instances(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[Instance, ...]:
+def _list_instances(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[CollectionInstance, ...]:
     return tuple(
-        Instance(grade=grade, problem=problem, n=n, of=of, step=k, settings=settings, **more)
+        CollectionInstance(grade=grade, problem=problem, n=n, of=of, step=k, settings=settings, **more)
         for grade, problem, cells, steps, *settings_ in rows
         for settings in [tuple(settings_)]
         for n in cells
@@ -251,7 +222,7 @@ class Collection:
 def write_collection(
     folder: Path,
     beside: str | None = None,
-    instances: Sequence[Instance] = (*INSTANCES, *SEQUENCES),
+    instances: Sequence[CollectionInstance] = (*INSTANCES, *SEQUENCES),
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
     """Make every instance, write its files, a manifest and the script, and return a summary in words.
@@ -330,7 +301,7 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return found
 
 
-def _encode(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
+def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
     """Return suffix -> contents for the files of one program or of a sequence; JSON comes last.
 
     In the JSON of a sequence, the value and its bounds are sums over all steps; errors are the largest of all steps.
@@ -346,7 +317,7 @@ def _encode(instance: Instance, solved: Sequence[SolvedProgram], forms: Sequence
     return sequence_to_npz(solved) | {".json": in_json({**each[-1], "steps": len(solved), "optimum": {**sums, **most}})}
 
 
-def _make_programs(instances: Sequence[Instance]) -> Iterator[tuple[Instance, list[SolvedProgram]]]:
+def _make_programs(instances: Sequence[CollectionInstance]) -> Iterator[tuple[CollectionInstance, list[SolvedProgram]]]:
     """Yield each instance with the programs of its steps; a run is simulated once for all of its instances."""
     here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
@@ -361,7 +332,7 @@ def _make_programs(instances: Sequence[Instance]) -> Iterator[tuple[Instance, li
             yield one, list(programs_of_steps(history, numbers, one.condense))
 
 
-def _variant(instance: Instance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
+def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
     """Return the program of an instance, and status and certificate if it has no optimum."""
     if instance.degenerate:
         # Lower the weights of sticking terms (slip below SAME of the largest slip) to the norms of their multipliers.

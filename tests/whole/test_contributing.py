@@ -17,7 +17,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scenes import paper_scene
-from test_structure import PAGE
+from test_structure import PACKAGES
 from texts import CONTRIBUTING, blocks, file, page
 from typer.testing import CliRunner
 
@@ -38,7 +38,7 @@ two entries in tests, which CONTRIBUTING.md shows."""
 
 
 def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere():
-    assert re.findall(r"^\| `vemcvx/(\w+)(?:\.py)?` \|", TEXT, re.MULTILINE) == list(PAGE)[:-1]
+    assert re.findall(r"^\| `vemcvx/(\w+)(?:\.py)?` \|", TEXT, re.MULTILINE) == list(PACKAGES)[:-1]
     for target in re.findall(r"\]\(([^)#]+)\)", re.sub(r"```.*?```", "", TEXT, flags=re.DOTALL)):
         assert (ROOT / target).exists(), target
 

@@ -1,4 +1,4 @@
-"""The shape of the package: what may know what, no circles of imports, heavy packages behind a door or two."""
+"""The structure of the package: order of packages, no circular imports, heavy packages in few files, line budgets."""
 
 from __future__ import annotations
 
@@ -17,31 +17,13 @@ import pytest
 import vemcvx
 
 ROOT = Path(vemcvx.__file__).parent
-GROUND = ["base"]
-PAGE = {
-    "meshes": "polygons or polyhedra that tile a domain, families of them, local refinement, mesh files",
-    "vem": "the virtual element space, its matrices, loads and strains",
-    "effects": "the physics that a scene can name, each turned into arrays",
-    "linear": "factorisations behind one seam",
-    "program": "a step as a convex program: condensed, scaled, certified; it knows no mesh",
-    "exchange": "programs as files",
-    "scene": "effects on a mesh, put together into a system",
-    "solvers": "answers to a step's program",
-    "stepping": "backward Euler: pose, answer, certify, record",
-    "results": "what a run leaves, in the words of contact",
-    "plots": "pictures and films of results",
-    "history": "results and all that can be asked of them",
-    "bound": "guaranteed bounds on the error",
-    "simulation": "from a scene to results",
-    "testing": "what every solver and every effect must satisfy, for those of one's own",
-    "estimate": "distances to other runs, estimated errors, adaptivity",
-    "cost": "what accuracy costs",
-    "cli": "the command line",
-    "__main__": "python -m vemcvx",
-}
-"""From the ground up: each may import what stands above it here, and the ground below all (`GROUND`)."""
+PACKAGES = (
+    *("meshes", "vem", "effects", "linear", "program", "exchange", "scene", "solvers", "stepping", "results", "plots"),
+    *("history", "bound", "simulation", "testing", "estimate", "cost", "cli", "__main__"),
+)
+"""Packages and modules in the order of CONTRIBUTING.md: each may import earlier ones only; all may import `base`."""
 APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
-"""Mechanics of programs on the one hand, of meshes on the other: neither knows the other; `scene` joins them."""
+"""Packages of programs, and packages of meshes: neither group imports the other; `scene` imports both."""
 HEAVY = {
     "cvxpy": {"program/cvxpy_step.py", "program/kernel.py", "program/step_program.py", "solvers/conic.py"},
     "matplotlib": {"base/canvas.py"},
@@ -58,29 +40,28 @@ HEAVY = {
     "pandas": {"results/tables.py"},
     "xarray": {"results/tables.py"},
 }
-
+"""Heavy packages, and the only files that may import them."""
 
 LINES = {"program": 2_321, "solvers": 1_433, "stepping": 1_800, "linear": 940, "scene": 2_015, "effects": 2_403}
 LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_172}
 LINES |= {"bound": 3_273, "results": 2_849, "estimate": 2_286, "plots": 2_122}
 LINES |= {"cost": 682, "cli": 3_753}
 LINES |= {"meshes": 7_563, "meshes/io": 1_548, "vem": 2_585}
-"""Most lines of folders: they grow by decision only, which raises a number here."""
+"""Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_807
-"""Most lines of the modules at the top and of what all may use, without the canvas, which counts with the plots."""
+"""Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 27_753
-"""Most lines of the tests of `LINES`, in the folders of their names."""
-
+"""Largest number of lines of the tests of the folders in `LINES`."""
 ALL_TESTS = 40_300
-"""Most lines of all tests, of which 28,000 are wanted."""
+"""Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}
-"""Modules whose classes have methods that lead to modules above: these are imported when the methods are called."""
+"""Modules with methods that import later modules when they are called."""
 
 
 @cache
 def modules():
-    """name -> path of every module; a package is called by its own name."""
+    """Return name -> path of every module; the name of a package is that of its __init__.py."""
     found = {}
     for path in sorted(ROOT.rglob("*.py")):
         parts = ("vemcvx", *path.relative_to(ROOT).with_suffix("").parts)
@@ -90,21 +71,21 @@ def modules():
 
 @cache
 def nodes(path, kind):
-    """The nodes of a kind in the syntax of a file; a file is parsed once."""
-    return [node for node in parsed(path) if isinstance(node, kind)]
+    """Return the syntax nodes of a kind in a file."""
+    return [node for node in parse(path) if isinstance(node, kind)]
 
 
 @cache
-def parsed(path):
-    """All nodes in the syntax of a file; among a million of them the collector finds no garbage."""
+def parse(path):
+    """Return all syntax nodes of a file; the garbage collector would only traverse them."""
     gc.disable()
     found = list(ast.walk(ast.parse(path.read_text())))
     gc.enable()
     return found
 
 
-def imported(path, checking=True, late=True):
-    """Names of modules that a file imports, anywhere in it; for type checking and in functions, unless told not to."""
+def list_imports(path, checking=True, late=True):
+    """Yield the modules that a file imports, with those for type checking, and those in functions."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}
@@ -121,35 +102,39 @@ def imported(path, checking=True, late=True):
 
 @cache
 def imports():
-    """name -> names of our own modules that it imports; of `LATE` those that it imports when it is imported."""
-    found = {name: imported(path, name not in LATE, name not in LATE) for name, path in modules().items()}
+    """Return module -> modules of ours that it imports; of `LATE` only imports at the top of the file."""
+    found = {name: list_imports(path, name not in LATE, name not in LATE) for name, path in modules().items()}
     return {name: set(others) & set(modules()) - {name} for name, others in found.items()}
 
 
-def part(name):
-    """The package, or single module, that a module belongs to."""
+def package_of(name):
+    """Return the package, or top module, of a module."""
     return name.split(".")[1] if "." in name else name
 
 
-def test_a_part_knows_only_what_stands_above_it_on_the_page():
-    order = [*GROUND, *PAGE]
+def test_packages_import_earlier_packages_only():
+    order = ["base", *PACKAGES]
     for name, others in imports().items():
-        own = part(name)
-        for other in set(map(part, others)) - {own} if own != "vemcvx" else ():
-            assert other in order, f"{name} imports {other}, which is on no line of the page"
+        own = package_of(name)
+        for other in set(map(package_of, others)) - {own} if own != "vemcvx" else ():
+            assert other in order, f"{name} imports {other}, which is not in PACKAGES"
             assert order.index(other) < order.index(own), f"{name} imports {other}"
             assert not any({own} <= one and {other} <= two for one in APART for two in APART if one != two), name
 
 
-def test_no_module_leads_back_to_itself():
+def assert_no_circle(graph):
     try:
-        TopologicalSorter(imports()).prepare()
+        TopologicalSorter(graph).prepare()
     except CycleError as circle:
         raise AssertionError(" <- ".join(circle.args[1])) from None
 
 
-def test_no_folder_leads_back_to_itself():
-    """Folders inside packages, too: `meshes/io`, `meshes/families` ...; a module on its own stands for itself."""
+def test_imports_of_modules_are_not_circular():
+    assert_no_circle(imports())
+
+
+def test_imports_of_folders_are_not_circular():
+    """Folders include those inside packages, such as `meshes/io`; a module at the top is a folder of its own."""
 
     def folder(name):
         return name if modules()[name].name == "__init__.py" else name.rpartition(".")[0] or name
@@ -160,27 +145,24 @@ def test_no_folder_leads_back_to_itself():
             one, two = folder(name), folder(other)
             if one != two and not one.startswith(f"{two}.") and not two.startswith(f"{one}."):
                 below.setdefault(one, set()).add(two)
-    try:
-        TopologicalSorter(below).prepare()
-    except CycleError as circle:
-        raise AssertionError(" <- ".join(circle.args[1])) from None
+    assert_no_circle(below)
 
 
-def test_heavy_packages_have_their_doors():
+def test_heavy_packages_are_imported_in_few_files():
     for path in modules().values():
-        for package in {other.split(".")[0] for other in imported(path, checking=False)} & set(HEAVY):
+        for package in {other.split(".")[0] for other in list_imports(path, checking=False)} & set(HEAVY):
             assert path.relative_to(ROOT).as_posix() in HEAVY[package], f"{path} imports {package}"
 
 
-def test_only_meshes_and_virtual_elements_ask_for_the_dimension():
+def test_only_meshes_and_vem_depend_on_the_dimension():
     for name, path in modules().items():
-        if part(name) not in ("meshes", "vem"):
-            asked = re.findall(r"\b(?:dim|shape\[-?1\])\s*[=!<>]=?\s*[236]\b", path.read_text())
-            assert not asked, f"{name}: {asked}"
+        if package_of(name) not in ("meshes", "vem"):
+            found = re.findall(r"\b(?:dim|shape\[-?1\])\s*[=!<>]=?\s*[236]\b", path.read_text())
+            assert not found, f"{name}: {found}"
 
 
 @pytest.mark.parametrize(("name", "most"), {"README": 150, "CONTRIBUTING": 200, "CHANGELOG": 100}.items())
-def test_texts_are_read_in_one_sitting(name, most):
+def test_texts_are_short(name, most):
     assert len((ROOT.parent / f"{name}.md").read_text(encoding="utf-8").splitlines()) <= most
 
 
@@ -204,7 +186,7 @@ def test_folders_keep_their_lines(folder):
     assert lines <= most, f"{folder} has {lines} lines, {most} are decided: cut some, or raise it by what is new"
 
 
-def test_tests_of_these_folders_keep_their_lines():
+def test_tests_keep_their_lines():
     paths = [path for folder in LINES for path in (Path(__file__).parents[1] / folder).rglob("*.py")]
     assert sum(len(path.read_text().splitlines()) for path in paths) <= TESTS
     every = Path(__file__).parents[1].rglob("*.py")
@@ -215,7 +197,7 @@ SUSPECT = re.compile(r"monkeypatch\.setattr|^ *from vemcvx\b.*\b_|^    _\w+,$", 
 
 
 def uses_internals(path):
-    """Whether a file of tests imports names with an underscore, or replaces something in a module of ours."""
+    """Return True if a file of tests imports names with an underscore or patches a module of the package."""
     if not SUSPECT.search(path.read_text()):
         return False
     found = [node for node in nodes(path, ast.ImportFrom) if (node.module or "").split(".")[0] == "vemcvx"]
@@ -242,10 +224,10 @@ INTERNALS = {
     "plots/test_animation.py",
     "results/test_foreign_files.py",
 }
-"""Files outside `tests/unit` that use internals yet: none is to be added."""
+"""Files outside `tests/unit` that still use internals: remove some, add none."""
 
 
-def test_tests_of_internals_stand_in_their_folder():
+def test_tests_of_internals_are_in_tests_unit():
     tests = Path(__file__).parents[1]
     found = {path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py") if path.parent.name != "unit"}
     assert {name for name in found if uses_internals(tests / name)} <= INTERNALS
@@ -253,13 +235,13 @@ def test_tests_of_internals_stand_in_their_folder():
 
 def test_names_of_functions_hide_no_modules():
     for name, path in modules().items():
-        # A picture is a file with one function of its name.
+        # In `plots` every file has one function with the name of the file.
         if path.name == "__init__.py" and name != "vemcvx.plots":
             package = __import__(name, fromlist=["_"])
             hidden = [
                 m for m in modules() if m.rpartition(".")[0] == name and callable(vars(package).get(m.split(".")[-1]))
             ]
-            assert not hidden, f"{hidden[0]} cannot be reached: a function of {name} has its name"
+            assert not hidden, f"{hidden[0]} cannot be imported: a function of {name} has the same name"
 
 
 @pytest.mark.long
@@ -276,19 +258,19 @@ def test_everything_exported_exists():
 
 
 def exists(name):
-    """Whether a dotted name leads to a module, or to something in one, fields of records included."""
+    """Return True if a dotted name is a module, or a name in a module, including fields of records."""
     parts = name.split(".")
     for k in range(len(parts), 0, -1):
         if (module := ".".join(parts[:k])) in modules():
             found = importlib.import_module(module)
-            for part in parts[k:-1]:
-                found = getattr(found, part)
+            for key in parts[k:-1]:
+                found = getattr(found, key)
             fields = [key for kind in getattr(found, "__mro__", ()) for key in getattr(kind, "__annotations__", ())]
             return k == len(parts) or hasattr(found, parts[-1]) or parts[-1] in fields
     return False
 
 
-def test_what_docstrings_refer_to_exists():
+def test_references_in_docstrings_exist():
     for name, path in modules().items():
         text = path.read_text()
         beside = [f"{name.rpartition('.')[0]}.{to}" for to in re.findall(r":mod:`\.(\w+)`", text)]
@@ -299,8 +281,8 @@ def test_what_docstrings_refer_to_exists():
 
 
 @cache
-def kinds():
-    """Names of all classes and aliases of types in the package."""
+def types():
+    """Return the names of all classes and type aliases of the package."""
     words = {"None", "ArrayLike", "Axes", "Figure", "Path"}
     for path in modules().values():
         words |= {node.name for node in nodes(path, ast.ClassDef)}
@@ -311,4 +293,4 @@ def kinds():
 def test_types_of_documented_parameters_exist():
     for path in modules().values():
         documented = re.findall(r"^    +\w+(?:, \w+)* : ([A-Z][a-z]\w+)", path.read_text(), flags=re.MULTILINE)
-        assert set(documented) <= kinds(), path
+        assert set(documented) <= types(), path

@@ -15,7 +15,7 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
-from test_structure import modules, nodes, parsed
+from test_structure import modules, nodes, parse
 
 ROOT = Path(__file__).parents[2]
 WINGS = ("bound", "estimate", "cost", "exchange", "plots", "cli")
@@ -51,7 +51,7 @@ def is_wing(name):
 
 def list_public_names(module):
     """Return the names in `__all__` of a package, from its source."""
-    for node in parsed(modules()[module]):
+    for node in parse(modules()[module]):
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return ast.literal_eval(node.value)
     return []

@@ -1,8 +1,7 @@
-"""Every command in README, CONTRIBUTING, the pages of the site and the lessons is run, from fresh environments.
+"""Every command in README, CONTRIBUTING, the pages of the site and the lessons is run, in new environments.
 
-Commands are indented lines, and what stands between backquotes, that begin with a program; the tests of the site run
-blocks of the console. `HOW` has each command, word for word, so that a new one fails the first test until somebody says
-here how it is run, or why not.
+Commands are indented lines and texts in backquotes that begin with a program; tests/whole/test_site.py runs console
+blocks. A command is run word for word, unless `HOW` says how to run it and `NOT_RUN` why it is not run.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ SECONDS = 900
 
 
 def commands():
-    """Each command once, in the order of the texts."""
+    """Return each command once, in the order of the texts."""
     found = []
     for path in TEXTS:
         text = re.sub(r"^# ?", "", path.read_text(), flags=re.MULTILINE) if path.suffix == ".py" else path.read_text()
@@ -38,20 +37,13 @@ def commands():
 
 
 @dataclass(frozen=True)
-class Not:
-    """A command that is not run here, and why."""
-
-    why: str
-
-
-@dataclass(frozen=True)
 class As:
-    """A command with its placeholders filled in and the options that make it small, in an environment by its name."""
+    """The command line to run, the name of its environment, and the value of PYTEST_ADDOPTS."""
 
     words: str = ""
+    """The command with its placeholders filled in, and with options that make it small."""
     env: str = "main"
     addopts: str = ""
-    """Options of pytest that come from its own environment variable, PYTEST_ADDOPTS."""
 
 
 PAPER = "problems/feng_han_huang.py"
@@ -61,9 +53,6 @@ FEW, LONG, ONE_SLOW = (
     "tests/cost/test_cost.py -k two_materials",
 )
 HOW = {
-    # README and the pages
-    'python3 -m venv .venv && .venv/bin/pip install -q ".[plot]" && .venv/bin/vemcvx run problems/feng_han_huang.py '
-    "--mesh voronoi --n 24 --steps 64 --solver clarabel --out results/feng_han_huang --plot": As(),
     'python3 -m venv .venv && .venv/bin/pip install -q -e ".[plot,test]" && .venv/bin/python -m pytest -n 2': As(
         addopts=FEW
     ),
@@ -73,7 +62,6 @@ HOW = {
     "vemcvx compare FILE": As(f"vemcvx compare {PAPER}"),
     "vemcvx export FILE --steps 3,17": As(f"vemcvx export {PAPER} --steps 3,17"),
     "vemcvx collection --out DIR": As("vemcvx collection --out results/collection"),
-    "vemcvx collection --out collection --core": As(),
     "vemcvx benchmark DIR --solvers A,B": As(
         "vemcvx collection --out results/collection; "
         "vemcvx benchmark results/collection --solvers newton,clarabel --only easy --tolerances 1e-2,1e-6"
@@ -83,29 +71,14 @@ HOW = {
         "--only easy --time-limit 10 --tolerances 1e-2,1e-6"
     ),
     "vemcvx cost FILE": As(f"vemcvx cost {PAPER} --n 8,16 --steps 8 --mesh squares"),
-    "vemcvx problems": As(),
-    "vemcvx run feng_han_huang": As(),
     "vemcvx lesson [N]": As("vemcvx lesson"),
-    "vemcvx app [FILE]": Not("it is `vemcvx app`"),
-    "vemcvx app": Not("it serves a page until somebody ends it; tests/unit/test_cli_app.py opens it in a browser"),
-    "vemcvx doctor": As(),
-    "vemcvx show": Not("it names the command, which is run with a file"),
-    "vemcvx cost": Not("it names the command, which is run with a file"),
     "vemcvx run --bound": As(f"vemcvx run {PAPER} --n 16 --steps 4 --bound"),
-    "vemcvx compare": Not("it names the command, which is run with a file"),
-    "vemcvx run ... --resume DIR": Not(
-        "it needs a run that was interrupted; tests/cli/test_cli_ends.py interrupts some"
-    ),
     'pip install ".[app]"': As(env="app"),
     "vemcvx app --check": As(env="app"),
-    "vemcvx app FILE": Not("it is `vemcvx app`"),
     "vemcvx app FILE --html PAGE": As(f"vemcvx app {PAPER} --html results/page.html", env="app"),
     "meshio convert a.xyz a.vtu": As(
         "meshio convert a.mesh a.vtu && python -c 'import vemcvx as vx; vx.meshes.read(\"a.vtu\")'"
     ),
-    "meshio convert a.vtk a.vtu": Not("it is `meshio convert a.xyz a.vtu`"),
-    "vemcvx run FILE --mesh two.msh": Not("it is tested with files of two bodies in tests/cli"),
-    "vemcvx compare problems/feng_han_huang.py --solvers all": As(),
     "vemcvx export FILE --steps 3,17 --format npz|mtx|cbf|mps|qps|hdf5": As(
         f"for form in npz mtx cbf mps qps; do vemcvx export {PAPER} --steps 3,17 --format $form; done; "
         "vemcvx export pad.py --n 8 --steps 3,17 --format hdf5"
@@ -114,68 +87,55 @@ HOW = {
         f"vemcvx compare {PAPER} --n 8 --steps 4 --solvers newton,clarabel,mine.py:Mine"
     ),
     "python problems/gallery.py": As(env="all"),
-    "python problems/hard_cases.py": As(),
-    "python problems/paper_figures.py --deviations": As(),
     "python -m pytest -m slow": As(addopts=ONE_SLOW),
     'pip install ".[all]"': As(env="all"),
     'pip install ".[view]"': As(env="all"),
     "python tests/benchmarks/run.py --page": As("python tests/benchmarks/run.py --page --quick", env="all"),
-    'pip install ".[mkl]"': As(),
-    'pip install ".[multigrid]"': As(),
-    'pip install ".[pandas,xarray]"': As(),
     "vemcvx run FILE --target 0.02": As(f"vemcvx run {PAPER} --target 0.1 --steps 2"),
-    "vemcvx lesson": As(),
-    "pip install pytest": As(),
     "vemcvx lesson 1 --no-solutions": As("cd results && vemcvx lesson 1 --no-solutions"),
     "vemcvx lesson 6 --notebook": As("cd results && vemcvx lesson 6 --notebook"),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
-    # CONTRIBUTING
     'pip install ".[docs]" && python docs/build.py site': As(env="docs"),
-    'pip install -e ".[plot,test]"': As(),
-    "python tests/whole/test_messages.py": As(),
     "python -m pytest -n 2 -m quick": As(addopts=FEW),
     "python -m pytest -n 2": As(addopts=FEW),
     "python -m pytest -n 2 -m long": As(addopts=LONG),
-    "python -m pytest tests/vem/test_patch.py": As(),
     "python -m pytest -m slow -n 2": As(addopts=ONE_SLOW),
-    # Without the files that the reader writes, and what commands before this one wrote.
     "ruff check .": As("ruff check . --extend-exclude pad.py,mine.py,results"),
-    "python .ci/words.py": As(),
-    "mypy": As(),
     "python -m pytest -m slow tests/whole/test_types.py": As(env="all"),
-    "pip install basedpyright": As(),
-    ".ci/run": Not("it runs all default tests, and is what continuous integration runs"),
-    ".ci/kernels": Not("it takes two hours"),
-    "python3 -m venv --system-site-packages": Not(
-        "it needs the system's PETSc; tests/linear/test_petsc.py runs with it"
-    ),
-    'pip install ".[petsc]"': Not(
-        "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's"
-    ),
     "pip install pre-commit && pre-commit install": As(
         "git init -q . && pip install pre-commit && pre-commit install && rm -rf .git"
     ),
-    "python problems/gallery.py NAME": Not(
-        "NAME is that of a new problem; test_problem_pictures.py draws all there are"
-    ),
-    "python -m pytest -k bricks": Not("test_contributing.py adds the family of meshes, and runs the tests of it"),
 }
+NOT_RUN = {
+    "vemcvx app [FILE]": "same as `vemcvx app`",
+    "vemcvx app": "it serves a page until it is ended; tests/unit/test_cli_app.py opens it in a browser",
+    "vemcvx show": "the name of a command, which is run with a file",
+    "vemcvx cost": "the name of a command, which is run with a file",
+    "vemcvx compare": "the name of a command, which is run with a file",
+    "vemcvx run ... --resume DIR": "it needs a run that was interrupted; tests/cli/test_cli_ends.py interrupts some",
+    "vemcvx app FILE": "same as `vemcvx app`",
+    "meshio convert a.vtk a.vtu": "same as `meshio convert a.xyz a.vtu`",
+    "vemcvx run FILE --mesh two.msh": "it is tested with files of two bodies in tests/cli",
+    ".ci/run": "it runs all default tests, and is what continuous integration runs",
+    ".ci/kernels": "it takes two hours",
+    "python3 -m venv --system-site-packages": "it needs the system's PETSc; tests/linear/test_petsc.py runs with it",
+    'pip install ".[petsc]"': "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's",
+    "python problems/gallery.py NAME": "NAME is that of a new problem; test_problem_pictures.py draws all there are",
+    "python -m pytest -k bricks": "test_contributing.py adds the family of meshes, and runs the tests of it",
+}
+"""Commands that are not run, and the reasons."""
 
 
-def test_every_command_of_the_texts_is_listed():
-    assert commands() == [word for word in commands() if word in HOW], "say in HOW how these are run, or why not"
-    assert set(HOW) == set(commands()), "HOW has commands that no text has any more"
-
-
-def test_few_are_not_run():
-    assert sum(isinstance(how, Not) for how in HOW.values()) == 15
+def test_tables_of_commands_name_commands_of_the_texts():
+    assert {*HOW, *NOT_RUN} <= set(commands())
+    assert not set(HOW) & set(NOT_RUN)
 
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """A copy of what is checked in, with the files that the texts tell the reader to write."""
+    """Return a copy of the repository, with the files that the texts tell the reader to write."""
     if sys.platform == "win32":
-        pytest.skip("the texts' shell is that of Unix")
+        pytest.skip("commands of the texts need a Unix shell")
     folder = tmp_path_factory.mktemp("commands") / "vemcvx"
     listed = subprocess.run(
         ["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, check=True
@@ -192,8 +152,8 @@ def checkout(tmp_path_factory):
     return folder
 
 
-def done(command, folder, env, addopts=""):
-    """Run a command by the shell as the texts say, in an activated environment."""
+def run(command, folder, env, addopts=""):
+    """Run a command by the shell, in an activated environment."""
     inherited = {
         name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "PYTHON", "VIRTUAL"))
     }
@@ -212,18 +172,19 @@ def done(command, folder, env, addopts=""):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env", ["main", "docs", "app", "all"])
-def test_they_run(checkout, env):
-    # Beside the checkout, where no tool looks for files of ours.
+def test_commands_of_the_texts_run(checkout, env):
+    # Other environments are beside the checkout, so that tools do not find their files in it.
     folder = ".venv" if env == "main" else f"../venv-{env}"
     if env != "main":
-        made = done(f"python3 -m venv {folder}", checkout, "none")
+        made = run(f"python3 -m venv {folder}", checkout, "none")
         assert made.returncode == 0, made.stderr
-    # An extra is installed before what needs it, wherever the text says so.
-    asked = [(command, how) for command in commands() if isinstance(how := HOW[command], As) and how.env == env]
-    asked.sort(key=lambda one: not one[0].startswith(("pip", "python3 -m venv")) if env != "main" else 0)
+    chosen = [(command, HOW.get(command, As())) for command in commands() if command not in NOT_RUN]
+    chosen = [(command, how) for command, how in chosen if how.env == env]
+    # Extras are installed before the commands that need them.
+    chosen.sort(key=lambda one: not one[0].startswith(("pip", "python3 -m venv")) if env != "main" else 0)
     failed = []
-    for command, how in asked:
-        ran = done(how.words or command, checkout, folder, how.addopts)
+    for command, how in chosen:
+        ran = run(how.words or command, checkout, folder, how.addopts)
         if ran.returncode or "Traceback" in ran.stdout + ran.stderr:
             failed.append(f"{command}\nended with {ran.returncode}:\n{ran.stdout[-3000:]}\n{ran.stderr[-3000:]}")
     assert not failed, "\n\n".join(failed)

@@ -1,1 +1,1 @@
-"""What holds for every mesh, material, load and bound: one function a property, examples by hypothesis."""
+"""Properties of every mesh, material, load and bound: one function per property, with examples by hypothesis."""

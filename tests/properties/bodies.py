@@ -1,4 +1,4 @@
-"""The body: its stiffness and the motions it does not feel, and the same answers wherever it lies."""
+"""Properties of the body: the kernel of its stiffness matrix, and answers that do not depend on its place."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from vemcvx.scene import pose_scene
 from vemcvx.vem import Space, rigid_modes
 
 CELL = 64
-"""Roundings on the way from vertices to an entry of a local matrix: sums over a dozen vertices, and products."""
+"""Number of rounding errors in an entry of a local matrix: sums over a dozen vertices, and products."""
 
 
 @for_all(mesh=meshes(), data=st.data(), kind=st.sampled_from(("shear", "unit")))
-def stiffness_feels_all_but_rigid_motions(mesh, data, kind):
-    """A is symmetric to the bit, A R = 0 for the rigid motions R, and positive on everything else.
+def stiffness_has_the_rigid_motions_as_kernel(mesh, data, kind):
+    """A is symmetric to the bit, A R = 0 for rigid motions R, and A is positive on all other motions.
 
-    Entries are wrong by at most CELL eps M_ij, a product with R adds a rounding a summand. For D^{-1/2} A D^{-1/2},
-    of unit diagonal, M is all ones, of norm 2N: eigenvalues are wrong by at most (CELL + 2N) eps 2N.
+    Entries have errors of at most CELL eps M_ij; a product with R adds one rounding error per summand. For
+    D^{-1/2} A D^{-1/2}, with unit diagonal, M is all ones and has norm 2N: eigenvalues have errors of at most
+    (CELL + 2N) eps 2N.
     """
     material = data.draw(materials(mesh))
     material = vx.Elasticity(material.young, material.poisson, material.plane, kind)
     A = material.contribute(Space(mesh)).material.stiffness(Space(mesh)).whole().toarray()
     assert np.array_equal(A, A.T)
     size = len(A)
-    reached = np.where(A != 0, majorant(A), 0.0)
+    largest = np.where(A != 0, majorant(A), 0.0)
     R = rigid_modes(mesh.points)
-    assert (np.abs(A @ R) <= (CELL + size) * EPS * reached @ np.abs(R)).all()
+    assert (np.abs(A @ R) <= (CELL + size) * EPS * largest @ np.abs(R)).all()
     root = 1 / np.sqrt(np.diagonal(A))
     eigenvalues = np.linalg.eigvalsh(root[:, None] * A * root)
     rounding = (CELL + size) * EPS * size
@@ -40,8 +41,8 @@ def stiffness_feels_all_but_rigid_motions(mesh, data, kind):
 
 
 @dataclass(frozen=True)
-class Moved:
-    """A body elsewhere: x -> Q x, and other numbers for its nodes and cells."""
+class Motion:
+    """A rotation or reflection x -> Q x of a body, with new numbers for its nodes and cells."""
 
     Q: np.ndarray
     nodes: np.ndarray
@@ -50,7 +51,7 @@ class Moved:
     """old number of each new cell"""
 
     def mesh(self, mesh):
-        """The mesh there; a mirror image turns the cells round, each begins at another of its vertices."""
+        """Return the moved mesh; a reflection reverses the cells, and each cell begins at another vertex."""
         points = np.empty_like(mesh.points)
         points[self.nodes] = mesh.points @ self.Q.T
         turn = 1 if np.linalg.det(self.Q) > 0 else -1
@@ -59,18 +60,18 @@ class Moved:
         return vx.PolygonMesh(points, [np.roll(cell, c) for c, cell in enumerate(old)], boundaries=names)
 
     def scene(self, setting):
-        """The scene there: forces turn with the body, and know where it was."""
+        """Return the moved scene: forces are rotated with the body."""
         Q = self.Q
 
-        def elsewhere(force):
+        def rotate(force):
             return lambda x, t: force(x @ Q, t) @ Q.T
 
         effects = []
         for effect in setting.scene:
             if isinstance(effect, vx.Traction):
-                effect = vx.Traction(elsewhere(effect.force), on=effect.on)
+                effect = vx.Traction(rotate(effect.force), on=effect.on)
             elif isinstance(effect, vx.BodyForce):
-                effect = vx.BodyForce(elsewhere(effect.force))
+                effect = vx.BodyForce(rotate(effect.force))
             elif isinstance(effect, vx.TrescaFriction):
                 bound = effect.bound
                 effect = vx.TrescaFriction(lambda x, t, g=bound: g(x @ Q, t), effect.on, effect.quadrature)
@@ -85,25 +86,25 @@ ANGLES = st.one_of(st.just(0.0), st.floats(0, 2 * np.pi))
 
 @for_all(setting=settings_of_scenes(), angle=ANGLES, mirror=st.booleans(), renumber=st.booleans(), seed=SEEDS)
 def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
-    """u(Q x) = Q u(x) for every rotation and mirror image Q, however nodes and cells are numbered.
+    """u(Q x) = Q u(x) for every rotation and reflection Q, however nodes and cells are numbered.
 
-    Both histories are answers to one problem but for the rounding of coordinates, Q x = x' (1 + eps). Relative to a
-    cell of diameter h this is kappa eps, kappa = CELL / h (the body is of size one). It changes
-    - forces A u and f by kappa eps (M|u| + |f|), which moves an answer by that much in the norm of forces;
-    - the weights w by kappa eps w: the other answer, its multipliers shrunk by 1 - kappa eps, is then off by a gap of
-      2 kappa eps sum w|s|, hence by sqrt(4 kappa eps loss) in the energy norm.
-    Steps do not expand what the steps before left, so all this adds up with the certified errors.
+    Both histories solve one problem up to the rounding of coordinates, Q x = x' (1 + eps). Relative to a cell of
+    diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). It changes
+
+    - forces A u and f by kappa eps (M|u| + |f|), and an answer by as much in the norm of forces;
+    - weights w by kappa eps w. With multipliers reduced by the factor 1 - kappa eps, the other answer has the
+      additional gap 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
+
+    Steps do not enlarge earlier errors, so these errors and the certified errors add up.
     """
     rng, mesh = np.random.default_rng(seed), setting.mesh
     c, s = np.cos(angle), np.sin(angle)
     Q = np.array([[c, -s], [s, c]]) @ np.diag([-1.0 if mirror else 1.0, 1.0])
     nodes = rng.permutation(mesh.n_nodes) if renumber else np.arange(mesh.n_nodes)
     cells = rng.permutation(mesh.n_cells) if renumber else np.arange(mesh.n_cells)
-    move = Moved(Q, nodes, cells)
-    here = vx.simulate(setting.scene, mesh, setting.times, solver=vx.Newton(accuracy=1e-9), check=False)
-    there = vx.simulate(
-        move.scene(setting), move.mesh(mesh), setting.times, solver=vx.Newton(accuracy=1e-9), check=False
-    )
+    move, options = Motion(Q, nodes, cells), {"solver": vx.Newton(accuracy=1e-9), "check": False}
+    here = vx.simulate(setting.scene, mesh, setting.times, **options)
+    there = vx.simulate(move.scene(setting), move.mesh(mesh), setting.times, **options)
     posed = pose_scene(setting.scene, mesh)
     P, A = posed.supports.P.toarray(), posed.A.toarray()
     energy = Energy(posed.system.K.toarray())

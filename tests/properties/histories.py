@@ -1,4 +1,4 @@
-"""Whole histories: stable, homogeneous, the same by every solver, with a ledger that closes."""
+"""Properties of histories: stability, homogeneity, agreement of solvers, and the balance of energy."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ NEWTON = vx.Newton(accuracy=1e-9)
 
 @for_all(case=cases(), data=st.data(), size=exponents(-6, 1), seed=SEEDS)
 def steps_are_stable(case, data, size, seed):
-    """Theorem 2.5, discrete and step by step, for two loads f1, f2 and the same bounds.
+    """The discrete theorem 2.5 holds in every step, for two loads f1, f2 and the same bounds.
 
-    Let p = K^{-1} f, d_n = y_n - y_{n-1} and a = p_n - y_{n-1}. The step minimises 1/2 |d - a|_K^2 + j(d), so that
+    Let p = K^{-1} f, d_n = y_n - y_{n-1} and a = p_n - y_{n-1}. The step minimises 1/2 |d - a|_K^2 + j(d), so
     d_n = prox_j(a), and r_n = p_n - y_n = a - d_n is the projection of a on a closed convex set, the subdifferential
-    of j at zero. In the inner product of K, monotony of that subdifferential says (r1 - r2, d1 - d2) >= 0, hence
+    of j at zero. In the inner product of K this subdifferential is monotone, (r1 - r2, d1 - d2) >= 0, hence
 
         |r1_n - r2_n|^2 + |d1_n - d2_n|^2 <= |a1 - a2|^2,   a1 - a2 = (r1 - r2)_{n-1} + ((p1 - p2)_n - (p1 - p2)_{n-1}),
 
-    which is |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)| and more. Summed from
-    equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*.   QED
+    which implies |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)|. Summed from
+    equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*.
 
-    Answers within e of the exact steps move (r, d) by sqrt(2) e, and r by e. Distances are taken between forces
-    rho = f - K y = K r, so that nothing is divided by K before it is rounded.
+    Errors e of the steps change (r, d) by sqrt(2) e, and r by e. Distances are computed from forces
+    rho = f - K y = K r, so that rounding precedes the solve with K.
     """
     rng, K = np.random.default_rng(seed), case.K
     change = np.outer(data.draw(courses(len(case.times) - 1)), rng.normal(size=len(K)))
@@ -43,12 +43,12 @@ def steps_are_stable(case, data, size, seed):
         after = between(f - K @ (y1[n] - y2[n]))
         before = between(f - K @ (y1[n - 1] - y2[n - 1]))
         moved = energy.norm(one.increment(n) - two.increment(n))
-        loose = one.errors[n] + two.errors[n]
+        errors = one.errors[n] + two.errors[n]
         blur = 2 * energy.rounding_of_forces(
             np.abs(case.loads[n]) + np.abs(other.loads[n]), y1[n], y2[n], y1[n - 1], y2[n - 1]
         )
-        assert np.hypot(after, moved) <= before + np.sqrt(2) * loose + blur
-        bound += between(f - (case.loads[n - 1] - other.loads[n - 1])) + loose + blur
+        assert np.hypot(after, moved) <= before + np.sqrt(2) * errors + blur
+        bound += between(f - (case.loads[n - 1] - other.loads[n - 1])) + errors + blur
         assert energy.norm(y1[n] - y2[n]) <= between(f) + bound
 
 
@@ -56,9 +56,9 @@ def steps_are_stable(case, data, size, seed):
 def forces_scale_the_answer(case, power, numerator):
     """(f, g) -> (c f, c g) gives c y: to the bit for powers of two, within the certificates for any c > 0.
 
-    Scaling by powers of two rounds nothing. Loads and weights have 24 binary digits and c at most 10, so that c f and
-    c g are exact; then c y_n and the answer y^c_n are both answers to one problem, each within the sum of its
-    certified errors because the steps do not expand errors.
+    Scaling by powers of two rounds nothing. Loads and weights have 24 binary digits and c has at most 10, so c f and
+    c g are exact. Then c y_n and the answer y^c_n solve one problem, each within the sum of its certified errors,
+    because steps do not enlarge errors.
     """
     plain = marched(case, NEWTON)
     doubled = case.times_forces(2.0**power).march(NEWTON, check=False)
@@ -77,8 +77,8 @@ def forces_scale_the_answer(case, power, numerator):
 def solvers_agree(case):
     """Newton, Clarabel and OSQP differ by at most the sum of their certified errors so far.
 
-    The step map does not expand the errors of the steps before. The claim is worth something: Newton's own is a
-    millionth of the load, or its gap is within what rounding alone may make of it.
+    Steps do not enlarge earlier errors. Newton's certified error is at most 1e-6 of the load's energy norm, or its gap
+    is below the rounding floor.
     """
     solvers = [vx.Newton(), vx.Clarabel()] + ([vx.OSQP()] if case.block == 1 else [])
     runs = [marched(case, solver) for solver in solvers]
@@ -93,12 +93,12 @@ def solvers_agree(case):
 
 @for_all(setting=settings_of_scenes(moving=True), which=st.sampled_from("NNC"))
 def ledger_closes(setting, which):
-    """Dissipation grows, and work - (E - E_0) - loss = sum 1/2 a(du, du) but for what the certificate admits.
+    """Dissipation grows, and work - (E - E_0) - loss = sum 1/2 a(du, du) within the certificates.
 
     With r = f - B'lam - K y at the end of a step,  work - dE - 1/2 a(du, du) = (B'lam + r).du = lam.s + r.du,  and the
-    loss is sum w|s|. So a step leaves r.du - (w|s| - lam.s), at most e |du|_K + gap with e its certified error. The
-    ledger is made of products x'Ky with x and y states, their increments, or answers K^{-1}f to the loads; a product
-    rounds to n eps |x|'M|y|, and so do solves with K, which are backward stable. Each step sums fewer than twenty.
+    loss is sum w|s|. So a step leaves r.du - (w|s| - lam.s), at most e |du|_K + gap with its certified error e. The
+    sums contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to the loads. A product, and
+    a solve with K (backward stable), rounds to n eps |x|'M|y|; each step has fewer than twenty.
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)
@@ -107,13 +107,13 @@ def ledger_closes(setting, which):
     u = history.displacement.reshape(len(setting.times), -1)
     numerical = np.append(0.0, [0.5 * d @ A @ d for d in np.diff(u, axis=0)])
     energy = Energy(posed.system.K.toarray())
-    answers = [P @ np.linalg.solve(energy.K, posed.system.force(s)) for s in setting.times]
+    responses = [P @ np.linalg.solve(energy.K, posed.system.force(s)) for s in setting.times]
     errors = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor)
     lengths = np.append(0.0, [energy.norm(d) for d in np.diff(t.state, axis=0)])
-    admitted = np.cumsum(errors * lengths + t.gap + t.floor)
-    largest = np.max(np.abs(u), axis=0) + np.max(np.abs(answers), axis=0)
+    allowed = np.cumsum(errors * lengths + t.gap + t.floor)
+    largest = np.max(np.abs(u), axis=0) + np.max(np.abs(responses), axis=0)
     rounding = 20 * len(setting.times) * len(A) * EPS * largest @ majorant(A) @ largest
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
-    assert (np.abs(remainder - np.cumsum(numerical)) <= admitted + rounding).all()
+    assert (np.abs(remainder - np.cumsum(numerical)) <= allowed + rounding).all()
     assert (np.diff(history.dissipated) >= 0).all()
     assert (history.energy >= -rounding).all()

@@ -1,4 +1,4 @@
-"""One step as a convex program: convex, answered admissibly, optimal against any competitor, never over-certified."""
+"""Properties of a step's program: convexity, admissible multipliers, optimality, and true certificates."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ SHARP = vx.Newton(accuracy=1e-10)
 POOR = st.floats(2, 6).map(lambda x: vx.Clarabel(accuracy=10**-x, options=dict.fromkeys(("tol_gap_rel",), 10**-x)))
 
 
-def points_about(run, n, size, rng):
-    """Random increments: anything of the size of the step, near misses of the answer, the answer without friction."""
+def draw_increments(run, n, size, rng):
+    """Return increments: random ones of the size of the step, some near the answer, and the one without friction."""
     d, program = run.increment(n), run.program(n)
     free = np.linalg.solve(run.case.K, program.g)
-    anything = size * run.energy.norm(free) * np.linalg.solve(run.energy.factor, rng.normal(size=len(d)))
-    return [anything, d + anything, d + 1e-6 * anything, free, np.zeros_like(d), d * rng.uniform(0, 2)]
+    random = size * run.energy.norm(free) * np.linalg.solve(run.energy.factor, rng.normal(size=len(d)))
+    return [random, d + random, d + 1e-6 * random, free, np.zeros_like(d), d * rng.uniform(0, 2)]
 
 
 @for_all(case=cases(), size=exponents(-3, 1), seed=SEEDS, share=st.floats(0, 1))
 def objective_is_strongly_convex(case, size, seed, share):
-    """P((1 - t) a + t b) <= (1 - t) P(a) + t P(b) - t (1 - t)/2 |a - b|_K^2, at the midpoint and anywhere.
+    """P((1 - t) a + t b) <= (1 - t) P(a) + t P(b) - t (1 - t)/2 |a - b|_K^2 for t = 1/2 and a random t.
 
-    For the quadratic part this is an identity, for a norm the triangle inequality. Each of the three values of P is
-    wrong by its blur, the square of the distance by that of a sum of n^2 products.
+    This is an identity for the quadratic part, and the triangle inequality for a norm. `blur` bounds rounding errors of
+    the three values of P and of the squared distance, a sum of n^2 products.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):
-        program, points = run.program(n), points_about(run, n, size, rng)
+        program, points = run.program(n), draw_increments(run, n, size, rng)
         for a, b in pairwise(points):
             for t in (0.5, share):
                 between = (1 - t) * a + t * b
@@ -44,14 +44,13 @@ def objective_is_strongly_convex(case, size, seed, share):
 
 @for_all(case=cases(), exponent=st.floats(3, 8), which=st.sampled_from("NC"))
 def answers_obey_the_law_of_friction(case, exponent, which):
-    """|lam_i| <= w_i, K y + B'lam = f within the certificate, sum w|s| - lam.s <= gap.
+    """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
-    The gap may be that of a field nearby, |v|_K <= error / 2 away (theorem 2 of
-    :mod:`vemcvx.program.certificate`); w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| <= f_i^{1/2} |v|_K.
-
-    Every summand of the gap is >= 0, so that each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
-    lam.s = w|s| but for the gap. Both are taken anew from what is stored, whose rounding is added. In blocks of two
-    |lam| <= w holds to the rounding of a division and a root.
+    All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and lam.s
+    misses w|s| by at most the gap. The gap may be that of a nearby increment, at a distance |v|_K <= error / 2
+    (theorem 2 of :mod:`vemcvx.program.certificate`); w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| <= f_i^{1/2} |v|_K.
+    Both quantities are computed from stored states, whose rounding is added. In blocks of two |lam| <= w holds up to
+    the rounding of a division and a root.
     """
     solver = {"N": vx.Newton, "C": vx.Clarabel}[which](accuracy=10**-exponent)
     run = marched(case, solver)
@@ -62,25 +61,24 @@ def answers_obey_the_law_of_friction(case, exponent, which):
         force = case.loads[n] - case.B.T @ lam.ravel()
         slack = run.energy.rounding_of_forces(np.abs(case.loads[n]) + abs(case.B).T @ np.abs(lam.ravel()), t.state[n])
         assert run.energy.force_norm(force - case.K @ t.state[n]) <= run.errors[n] + slack
-        unlawful, blur = run.friction_gap(n)
+        friction_gap, blur = run.friction_gap(n)
         blur += run.errors[n] * float(run.capped_weights(n) @ np.sqrt(run.operators.norm_flexibility))
-        assert unlawful <= t.gap[n] + t.floor[n] + blur
+        assert friction_gap <= t.gap[n] + t.floor[n] + blur
 
 
 @for_all(case=cases(), size=exponents(-8, 1), seed=SEEDS)
 def no_competitor_is_better(case, size, seed):
     """P(d) <= P(c) + gap for every c, and |d - c|_K <= sqrt(2 gap) + sqrt(2 (P(c) - P(d) + gap)).
 
-    P(d) - P(d*) <= gap is weak duality. Strong convexity says 1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + gap, and
-    |d - d*| <= sqrt(2 gap); the triangle inequality does the rest. The gap is that of the increment as it is stored,
-    certified anew.
+    P(d) - P(d*) <= gap is weak duality. Strong convexity gives 1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + gap, and
+    |d - d*| <= sqrt(2 gap); the second statement is the triangle inequality. The gap is that of the stored increment.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):
         program, d = run.program(n), run.increment(n)
         own = program.certify(d, run.trajectory.multipliers[n])
         gap = own.gap + own.floor
-        for c in points_about(run, n, size, rng):
+        for c in draw_increments(run, n, size, rng):
             blur = run.blur_of_objective(n, c, d)
             above = program.objective(c) - program.objective(d) + gap + blur
             assert above >= 0
@@ -90,12 +88,11 @@ def no_competitor_is_better(case, size, seed):
 
 @for_all(case=cases(), poor=POOR, size=exponents(-6, 1), seed=SEEDS)
 def certificates_bound_the_true_error(case, poor, size, seed):
-    """A poor answer, step by step from its own states, is as near to the sharp one as the two certificates say.
+    """A poor answer differs from a sharp one, in a step from the same state, by at most both certificates.
 
-    The sharp answer to the same step is Newton's, with a certificate of its own; the exact one lies within both
-    bounds. Increments beside the sharp one, with its multipliers, are certified too: where no term changes from stick
-    to slip, their gap is 1/2 |c - d*|_K^2 and nothing more, so that a certificate too small by a hair is caught. The
-    residual behind a gap is known to `known`, and the gap to the square of that.
+    The sharp answer is Newton's. Random increments with its multipliers are certified, too: where no term changes
+    between stick and slip, their gap is exactly 1/2 |c - d*|_K^2, so that a certificate that is slightly too small
+    fails. `known` bounds the rounding error of the residual in the energy norm.
     """
     run, rng = marched(case, poor), np.random.default_rng(seed)
     shape = (len(case.weights[0]), case.block)
@@ -108,7 +105,7 @@ def certificates_bound_the_true_error(case, poor, size, seed):
         known = run.energy.rounding_of_forces(case.loads[n], run.trajectory.state[n - 1])
         distance = run.energy.norm(run.increment(n) - answer.d)
         assert distance <= run.errors[n] + sharp + known
-        for c in points_about(run, n, size, rng):
+        for c in draw_increments(run, n, size, rng):
             beside = program.certify(c, answer.lam)
             blur = run.energy.of_blurred_state(EPS * (np.abs(c) + np.abs(answer.d)))
             known = run.energy.rounding_of_forces(program.g, c, answer.d)

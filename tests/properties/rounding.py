@@ -1,8 +1,8 @@
-"""What rounding allows: the tolerances of all properties, derived and never guessed.
+"""Tolerances of all properties, derived from rounding.
 
-Entry (i, j) of a sum of positive semidefinite matrices is at most M_ij = sqrt(K_ii K_jj) in every summand's absolute
-values together (Cauchy and Schwarz, once a summand and once over the sum), so that what rounding of single entries,
-of products K y and of their sums does is at most a small multiple of eps M|y|, however the entries cancel.
+Let K be a sum of positive semidefinite matrices. By Cauchy and Schwarz, applied to each summand and to the sum, the
+absolute values of entries (i, j) of all summands add up to at most M_ij = sqrt(K_ii K_jj). So the rounding errors of
+entries, of products K y and of their sums are at most a small multiple of eps M|y|, even if entries cancel.
 """
 
 from __future__ import annotations
@@ -19,56 +19,55 @@ EPS = float(np.finfo(float).eps)
 
 
 def majorant(A):
-    """M_ij = sqrt(A_ii A_jj), which no entry of a summand of A exceeds."""
+    """Return M_ij = sqrt(A_ii A_jj), which bounds the sum of absolute values of the summands of A_ij."""
     root = np.sqrt(np.diagonal(A))
     return np.outer(root, root)
 
 
 @dataclass(frozen=True)
 class Energy:
-    """The norms of a(u, u) = u'Ku and of forces, with what rounding does to them."""
+    """The norms of states, |u|_K, and of forces, |f|_{K^{-1}}, and the effect of rounding errors on them."""
 
     K: np.ndarray
 
     @cached_property
     def factor(self):
-        """R with K = R'R."""
+        """The factor R with K = R'R."""
         return np.linalg.cholesky(self.K).T
 
     @cached_property
     def flexibility(self):
-        """|K^{-1}|, entry by entry: forces of absolute values at most b have |f|_{K^{-1}}^2 <= b'|K^{-1}|b."""
+        """|K^{-1}|, entry by entry: if |f_i| <= b_i, then |f|_{K^{-1}}^2 <= b'|K^{-1}|b."""
         return np.abs(np.linalg.inv(self.K))
 
     def norm(self, u):
-        """|u|_K."""
+        """Return |u|_K."""
         return float(np.linalg.norm(self.factor @ u))
 
     def force_norm(self, f):
-        """|f|_{K^{-1}}, the norm of the answer to f."""
+        """Return |f|_{K^{-1}}, the energy norm of K^{-1} f."""
         return float(np.linalg.norm(np.linalg.solve(self.factor.T, f)))
 
     def of_blurred_force(self, blur):
-        """The largest |f|_{K^{-1}} of forces with |f_i| <= blur_i."""
+        """Return a bound of |f|_{K^{-1}} for forces with |f_i| <= blur_i."""
         return float(np.sqrt(blur @ self.flexibility @ blur))
 
     def of_blurred_state(self, blur):
-        """The largest |u|_K of states with |u_i| <= blur_i."""
+        """Return a bound of |u|_K for states with |u_i| <= blur_i."""
         return float(np.sqrt(blur @ np.abs(self.K) @ blur))
 
     def rounding_of_forces(self, f, *states):
-        """What f - K y is blurred by, in the norm of forces: n + 2 roundings a row, with M for |K|."""
+        """Return the rounding error of f - K y in the norm of forces: n + 2 roundings per row, with M for |K|."""
         size = np.abs(f) + majorant(self.K) @ sum(map(np.abs, states))
         return self.of_blurred_force((len(f) + 2) * EPS * size)
 
 
 @dataclass(frozen=True)
 class Marched:
-    """A case, its trajectory, and how far each step is from the exact one.
+    """A case, its trajectory, and the certified error of each step.
 
-    The certificate: y~ = y_{n-1} + d differs from the exact step T(y_{n-1}) by at most sqrt(2 gap) + sqrt(2 floor) in
-    the energy norm. The state that is stored is y_n = y~ (1 + eps): this moves it, and the residual that the gap
-    was measured with, by |eps |y_n||_K each.
+    y~ = y_{n-1} + d differs from the exact step T(y_{n-1}) by at most sqrt(2 gap) + sqrt(2 floor) in the energy norm.
+    The stored state is y_n = y~ (1 + eps). This rounding changes the state and the residual by |eps |y_n||_K each.
     """
 
     case: Case
@@ -81,7 +80,7 @@ class Marched:
 
     @cached_property
     def errors(self):
-        """(N + 1,) bounds of |y_n - T(y_{n-1})|_K; nothing is solved for at the start."""
+        """Bounds (N + 1,) of |y_n - T(y_{n-1})|_K; the start has no error."""
         t = self.trajectory
         stored = [self.energy.of_blurred_state(EPS * np.abs(y)) for y in t.state]
         errors = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor) + 2 * np.array(stored)
@@ -90,28 +89,28 @@ class Marched:
 
     @cached_property
     def size(self):
-        """The largest energy norm of the states, and of what the loads alone would do."""
+        """The largest energy norm of the states and of the responses to the loads without friction."""
         loaded = max(self.energy.force_norm(f) for f in self.case.loads)
         return max(loaded, float(self.trajectory.norm.max()))
 
     @cached_property
     def operators(self):
-        """The form of all steps, nothing condensed."""
+        """The operators of all steps, not condensed."""
         return Operators(self.case.K, self.case.B, self.case.block)
 
     def program(self, n):
-        """Step n in the increment d = y_n - y_{n-1}, nothing condensed, nothing scaled."""
+        """Return the program of step n for the increment d = y_n - y_{n-1}, not condensed and not scaled."""
         g = self.case.loads[n] - self.case.K @ self.trajectory.state[n - 1]
         return StepProgram(self.operators, g, self.case.weights[n], np.zeros(self.case.B.shape[0]))
 
     def increment(self, n):
-        """y_n - y_{n-1} as stored."""
+        """Return y_n - y_{n-1} of the stored states."""
         return self.trajectory.state[n] - self.trajectory.state[n - 1]
 
     def blur_of_objective(self, n, *points):
-        """What the objective of step n may be wrong by at each of the points: a sum of n + 3 products a summand.
+        """Return the rounding error of the objective of step n, summed over points; a summand has n + 3 products.
 
-        g = f - K y_{n-1} is known to (n + 2) eps (|f| + M|y_{n-1}|), and so is its work on a point.
+        The error of g = f - K y_{n-1} is at most (n + 2) eps (|f| + M|y_{n-1}|).
         """
         case, program = self.case, self.program(n)
         known = np.abs(case.loads[n]) + majorant(case.K) @ np.abs(self.trajectory.state[n - 1])
@@ -122,11 +121,11 @@ class Marched:
         return (len(known) + 3) * EPS * total
 
     def capped_weights(self, n):
-        """Weights (m,) that ask no more than step n can: larger ones have the same answer.
+        """Return weights (m,) reduced to what step n can reach; the answer stays the same.
 
-        B'lam = K r with r the projection of a on a set of such r, about zero (see `steps_are_stable`). So |r|_K is at
-        most the norm of the part of a = K^{-1} g that is one: lam'C lam <= (B a)'C^{-1} B a, C = B K^{-1} B'; and
-        |lam_i|^2 is at most that times the norm of block (i, i) of C^{-1}.
+        B'lam = K r, where r is a projection of a = K^{-1} g (see `steps_are_stable`), so |r|_K is at most the norm of
+        the part of a in the range of K^{-1} B': lam'C lam <= (B a)'C^{-1} B a, C = B K^{-1} B'. Hence |lam_i|^2 is at
+        most that value times the norm of block (i, i) of C^{-1}.
         """
         case, B, terms = self.case, self.case.B.toarray(), len(self.case.weights[n])
         inverse = np.linalg.inv(B @ np.linalg.solve(case.K, B.T))
@@ -136,10 +135,10 @@ class Marched:
         return np.minimum(case.weights[n], np.sqrt(push @ inverse @ push * largest))
 
     def friction_gap(self, n):
-        """sum w_i |s_i| - lam_i . s_i of the stored step, and what rounding of the stored states adds to it.
+        """Return sum w_i |s_i| - lam_i . s_i of the stored step and its rounding error; weights are `capped_weights`.
 
-        The weights are those that matter (`capped_weights`). s is wrong by (n + 1) eps |B| (|y_n| + |y_{n-1}|), and
-        w|s| - lam.s is 2w-Lipschitz in s. |lam| = w holds to 2 eps w only.
+        The error of s is at most (n + 1) eps |B| (|y_n| + |y_{n-1}|), and w|s| - lam.s is 2w-Lipschitz in s.
+        |lam| = w holds up to 2 eps w.
         """
         case, y, w = self.case, self.trajectory.state, self.capped_weights(n)
         lam, s = self.trajectory.multipliers[n], self.program(n).slip(self.increment(n))
@@ -150,5 +149,5 @@ class Marched:
 
 
 def marched(case, solver):
-    """March a case without insisting on the accuracy: what is claimed is what is tested."""
+    """March a case without the check of the accuracy: tests compare errors with certificates."""
     return Marched(case, case.march(solver, check=False))

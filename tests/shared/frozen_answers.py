@@ -18,11 +18,9 @@ ignores rigid motions: where a body floats, its place is not unique.
 
 from __future__ import annotations
 
-import subprocess
 import time
 import warnings
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -34,7 +32,7 @@ from vemcvx.cli.terminal import limit_log
 GROWTH = 4.0
 """Factor by which a step may pass on the error of the step before, with one-sided contact or a law of friction."""
 ROUNDING = 1e-10
-"""Allowed effect of rounding, relative to the largest energy norm: a hundredth of the requested accuracy."""
+"""Allowed rounding error, relative to the largest energy norm: a hundredth of the requested accuracy."""
 LOSS = 30.0
 """Factor from relative errors of states to relative errors of losses, which are sums of forces times slips."""
 ARRAYS = ("displacement", "energy", "dissipated", "error")
@@ -73,10 +71,10 @@ def answer(run):
             history = run()
         except vx.VemcvxError as error:
             return FrozenAnswer(type(error).__name__, str(error), time.process_time() - began), None
-        except Exception as error:  # a crash is reported as such
+        except Exception as error:
             return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
     seconds, path = time.process_time() - began, history.trajectory
-    # If nothing has moved, both are zero.
+    # If nothing has moved, the error and its unit are zero.
     error = np.where(path.unit > 0, path.certified * np.where(path.unit > 0, path.unit, 1.0), 0.0)
     kept = FrozenAnswer("", "", seconds, path.certificate_kind, float(path.certified.max()), history.displacement[-1])
     kept.energy, kept.dissipated, kept.error = path.energy, path.dissipated, error
@@ -132,31 +130,8 @@ def _worst(off, allowed):
     return abs(float(off[n])), float(allowed[n])
 
 
-def commit():
-    """Return the commit of the package that is imported."""
-    tree = Path(vx.__file__).parents[1]
-    return subprocess.run(["git", "-C", tree, "rev-parse", "HEAD"], capture_output=True, text=True).stdout.strip()
-
-
-def origin():
-    """Return the place and the commit of the package that is imported, in words."""
-    return f"vemcvx of {Path(vx.__file__).parents[1]}, {commit()}"
-
-
-def write(path, answers):
-    """Write answers {name: FrozenAnswer} and the commit of the package to a file."""
-    arrays = {"commit": commit(), "names": [str(name) for name in answers]}
-    for key in SCALARS:
-        arrays[key] = np.array([getattr(one, key) for one in answers.values()])
-    for key in ARRAYS:
-        arrays[key] = np.concatenate([getattr(one, key).ravel() for one in answers.values()])
-        arrays[f"{key}_shape"] = np.array([(*getattr(one, key).shape, 1)[:2] for one in answers.values()], np.int32)
-    arrays["message"] = np.array([one.message[:200] for one in answers.values()])
-    np.savez_compressed(path, **arrays)
-
-
 def read(path):
-    """Return the commit and the answers {name: FrozenAnswer} of a file."""
+    """Return the answers {name: FrozenAnswer} of a file."""
     with np.load(path) as file:
         kept = {key: file[key] for key in file.files}
     rows = zip(*(kept[key].tolist() for key in SCALARS), strict=True)
@@ -166,4 +141,4 @@ def read(path):
         parts = np.split(kept[key], np.cumsum(shapes.prod(axis=1))[:-1])
         for one, part, shape in zip(answers.values(), parts, shapes, strict=True):
             setattr(one, key, part.reshape(shape) if key == "displacement" else part)
-    return str(kept["commit"]), answers
+    return answers

@@ -1,26 +1,18 @@
-"""Random scenes with stored answers of an earlier commit, to compare a rewritten core with.
+"""Random scenes and their stored answers, computed by an earlier commit.
 
-``draw(seed)`` returns a scene on a small mesh with its instants and its start. Every seed has a random generator of its
-own, and uses public names of vemcvx only, so that scenes stay the same while the package changes. Scenes cover the
+``draw(seed)`` returns a scene on a small mesh with its instants and its start. Every seed has its own random generator,
+and draws use public names of vemcvx only, so that scenes stay the same while the package changes. Scenes cover the
 plane and (one in seven) space; materials of all kinds and units; all supports; two bodies with an interface; bodies
 held by friction and contact alone; unilateral, compliant and bilateral contact, gaps that move, contact on two sides;
 Tresca's, Coulomb's and slip-weakening friction, friction by direction, moving ground; loads that reverse, hold and
 vanish; dashpots; starts from zero and settled.
-
-    python tests/shared/frozen_scenes.py --judge 0 2000     compare the package that is imported with the stored answers
-    python tests/shared/frozen_scenes.py --show 17          print one scene in words
-    python tests/shared/frozen_scenes.py --make 2000        store answers anew: with the worktree of the old commit only
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import frozen_answers
 import numpy as np
@@ -46,15 +38,6 @@ class FrozenScene:
     times: np.ndarray
     start: str | None
     kinds: set
-
-    @property
-    def words(self):
-        """The scene in words."""
-        effects = "; ".join(effect.describe() for effect in self.effects)
-        return (
-            f"frozen_scenes.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, start={self.start}, "
-            f"kinds={sorted(self.kinds)}: {effects}"
-        )
 
     @property
     def is_ambiguous(self):
@@ -353,21 +336,19 @@ def draw(seed):
 
 @dataclass
 class Judgement:
-    """The outcomes of scenes: seeds with different answers, in words, refusals by class, CPU seconds."""
+    """Outcomes of scenes by seed: different answers in words, and refusals."""
 
     wrong: dict = field(default_factory=dict)
     """seed -> faults, where answers must agree"""
     other: dict = field(default_factory=dict)
     """seed -> faults, where a step may have several solutions"""
     refused: Counter = field(default_factory=Counter)
+    """class of error -> number of scenes"""
     refused_before: Counter = field(default_factory=Counter)
     newly_refused: dict = field(default_factory=dict)
     """seed -> class and message"""
-    newly_answered: dict = field(default_factory=dict)
     messages: dict = field(default_factory=dict)
     """seed -> message of the error, for all refused scenes"""
-    seconds: float = 0.0
-    seconds_before: float = 0.0
     ratios: dict = field(default_factory=dict)
     """seed -> distance, relative to the allowed distance"""
 
@@ -376,81 +357,24 @@ class Judgement:
         """Errors of classes that the package does not define."""
         return {kind: count for kind, count in self.refused.items() if kind.startswith("crash")}
 
-    @property
-    def failed(self):
-        """True if an answer is wrong, or a run crashed."""
-        return bool(self.wrong or self.crashed)
-
 
 def judge(seeds, **options):
     """Simulate scenes, with options of vx.simulate, and compare them with the stored answers."""
-    _, answers = frozen_answers.read(ANSWERS)
-    told = Judgement()
+    answers, judgement = frozen_answers.read(ANSWERS), Judgement()
     for seed in seeds:
         scene, old = draw(seed), answers[str(seed)]
         new, history = frozen_answers.answer(lambda scene=scene: scene.run(**options))
-        told.seconds += new.seconds
-        told.seconds_before += old.seconds
-        told.refused_before.update([old.refused] if old.refused else [])
+        judgement.refused_before.update([old.refused] if old.refused else [])
         if new.refused:
-            told.refused[new.refused] += 1
-            told.messages[seed] = new.message
+            judgement.refused[new.refused] += 1
+            judgement.messages[seed] = new.message
         if new.refused and not old.refused:
-            told.newly_refused[seed] = f"{new.refused}: {new.message}"
-        elif old.refused and not new.refused:
-            told.newly_answered[seed] = f"was {old.refused}: {old.message}"
-        elif not new.refused:
+            judgement.newly_refused[seed] = f"{new.refused}: {new.message}"
+        elif not new.refused and not old.refused:
             compared = frozen_answers.compare(old, new, history, frozen_answers.GROWTH if scene.passes_on else 1.0)
-            told.ratios[seed] = compared.ratio
+            judgement.ratios[seed] = compared.ratio
             if compared.faults:
                 words = f"{'; '.join(compared.faults)}; certified {old.certified:.1e} ({old.kind}), then "
                 words += f"{new.certified:.1e} ({new.kind}); {sorted(scene.kinds)}"
-                (told.other if scene.is_ambiguous else told.wrong)[seed] = words
-    return told
-
-
-def report(told, verbose=False):
-    """Print a judgement."""
-    parts = {
-        "WRONG: outside both certificates": told.wrong,
-        "OTHER ANSWER, both certified (Coulomb, weakening, while closed)": told.other,
-        "NEWLY REFUSED": told.newly_refused,
-        "NEWLY ANSWERED": told.newly_answered,
-    }
-    for title, seeds in parts.items():
-        print(f"{title}: {len(seeds)}")
-        for seed, words in seeds.items():
-            print(f"  {seed}: {words if verbose else words[:160]}")
-            if verbose:
-                print(f"    {draw(seed).words}")
-    print(f"compared {len(told.ratios)}; refused {dict(told.refused)}, before {dict(told.refused_before)}")
-    ratios = np.array([*told.ratios.values(), 0.0])
-    print(
-        "distance over what certificates allow: "
-        + ", ".join(f"{part:g} %: {np.percentile(ratios, part):.1e}" for part in (50, 90, 99, 100))
-    )
-    print(f"CPU {told.seconds:.1f} s, before {told.seconds_before:.1f} s (on the machine of --make)")
-
-
-def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--judge", nargs=2, type=int, metavar=("FROM", "TO"), help="compare with the stored answers")
-    parser.add_argument("--verbose", action="store_true", help="with the scenes in words")
-    parser.add_argument("--show", type=int, metavar="SEED", help="print a scene in words")
-    parser.add_argument("--make", type=int, metavar="N", help="store answers of the package that is imported")
-    options = parser.parse_args(arguments)
-    print(frozen_answers.origin())
-    if options.show is not None:
-        print(draw(options.show).words)
-    if options.make:
-        runs = {seed: draw(seed).run for seed in range(options.make)}
-        frozen_answers.write(ANSWERS, {seed: frozen_answers.answer(run)[0] for seed, run in runs.items()})
-    if options.judge:
-        told = judge(range(*options.judge))
-        report(told, options.verbose)
-        return 1 if told.failed else 0
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+                (judgement.other if scene.is_ambiguous else judgement.wrong)[seed] = words
+    return judgement

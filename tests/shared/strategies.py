@@ -1,7 +1,7 @@
 """Random meshes, materials, loads, bounds and systems, for hypothesis.
 
-Hypothesis draws what a failure is to be told by (family, moduli, scales, courses); bulk arrays come from numpy with a
-drawn seed. Small seeds and zeros come first, so failures shrink to simple cases.
+Hypothesis draws what describes a failure (family, moduli, scales, courses); numpy makes large arrays from a drawn seed.
+Small seeds and zeros come first, so failures shrink to simple cases.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def meshes(draw):
 def materials(draw, mesh):
     """Draw elastic materials with moduli of any size and, sometimes, a contrast between the cells."""
     young, poisson = draw(exponents(-3, 6)), draw(st.floats(-0.9, 0.4999))
-    # Linear triangles lock near incompressibility, and the package warns of it.
+    # Linear triangles lock near incompressibility; the package warns of this.
     poisson = min(poisson, 0.45) if (np.diff(mesh.offsets) == 3).any() else poisson
     contrast = draw(st.sampled_from((0.0, 0.0, 1.0, 3.0)))
     spread = 10.0 ** (contrast * np.random.default_rng(draw(SEEDS)).uniform(-1, 1, mesh.n_cells))
@@ -110,13 +110,7 @@ class Setting:
     """(matrix, vector, course) of the right side, or None if it is clamped"""
 
     @property
-    def contact(self):
-        """Name of the side in contact."""
-        return "bottom"
-
-    @property
     def scene(self):
-        """The scene."""
         effects = []
         for matrix, vector, course, side in self.loads:
             force = affine(matrix, vector, self.times, course)
@@ -125,8 +119,8 @@ class Setting:
         if self.motion is not None:
             matrix, vector, course = self.motion
             held = vx.PrescribedDisplacement(affine(matrix, vector, self.times, course), on="right")
-        friction = vx.TrescaFriction(self.bound, on=self.contact, quadrature=self.quadrature)
-        return vx.Scene(self.material, held, vx.BilateralContact(on=self.contact), friction, *effects)
+        friction = vx.TrescaFriction(self.bound, on="bottom", quadrature=self.quadrature)
+        return vx.Scene(self.material, held, vx.BilateralContact(on="bottom"), friction, *effects)
 
 
 @st.composite
@@ -141,8 +135,8 @@ def settings_of_scenes(draw, moving=False, most_steps=4):
     )
     material, motion = draw(materials(mesh)), None
     if moving and draw(st.booleans()):
-        dirichlet_force = size / np.min(material.young)
-        motion = dirichlet_force * rng.normal(size=(2, 2)), dirichlet_force * rng.normal(size=2), draw(courses(steps))
+        strain = size / np.min(material.young)
+        motion = strain * rng.normal(size=(2, 2)), strain * rng.normal(size=2), draw(courses(steps))
     quadrature = draw(st.sampled_from(("nodes", "integral")))
     return Setting(mesh, material, loads, draw(bounds(size)), quadrature, times, motion)
 
@@ -151,7 +145,7 @@ def settings_of_scenes(draw, moving=False, most_steps=4):
 class Case:
     """A quasistatic problem as arrays: K, the norm terms, and loads and weights at each instant.
 
-    Loads and weights are in single precision, so that products with numbers of few digits are exact.
+    Loads and weights have single precision, so that their products with numbers of few digits are exact.
     """
 
     K: np.ndarray

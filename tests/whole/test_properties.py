@@ -17,7 +17,7 @@ pytest.register_assert_rewrite("properties")
 from properties import bodies, histories, program  # noqa: E402
 
 PROPERTIES = (
-    bodies.stiffness_feels_all_but_rigid_motions,
+    bodies.stiffness_has_the_rigid_motions_as_kernel,
     bodies.answers_move_with_the_body,
     program.objective_is_strongly_convex,
     program.answers_obey_the_law_of_friction,

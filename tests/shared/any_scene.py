@@ -36,7 +36,7 @@ class Drawn:
     condense: bool
     start: str
     kinds: set = field(default_factory=set)
-    """kinds of things in the scene, as listed in :func:`draw`"""
+    """kinds of effects and settings, as listed in :func:`draw`"""
 
     @property
     def scene(self):
@@ -44,7 +44,7 @@ class Drawn:
 
     @property
     def words(self):
-        """The call that rebuilds the scene, and its kinds, in words."""
+        """A description of the scene, with the call that rebuilds it."""
         effects = "; ".join(effect.describe() for effect in self.effects)
         return (
             f"any_scene.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, {self.solver!r}, "
@@ -116,7 +116,7 @@ class _Draw:
         angle = self.rng.uniform(-3, 3) if self.chance(0.2) else 0.0
         if angle:
             self.kinds.add("turned")
-            mesh = _turned(mesh, angle)
+            mesh = _rotate(mesh, angle)
         self.along = np.array([np.cos(angle), np.sin(angle)])
         self.up = np.array([-np.sin(angle), np.cos(angle)])
         inside = self.rng.random(mesh.n_cells) < 0.5
@@ -250,7 +250,7 @@ class _Draw:
         return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground())
 
     def ground(self):
-        """Return ground that stands still, or moves by displacements of strains, times up to a thousand."""
+        """Return None, or a displacement of the ground, up to a thousand times as large as those of the body."""
         if self.belts.random() > 0.12:
             return None
         self.kinds.add("belt")
@@ -392,13 +392,13 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Scenes that are always refused test little: one in ten of them is kept.
+            # Scenes that are always refused test little: one in ten remains.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 
 
 def _has_kernel(effects, mesh):
-    """Return True if only friction and one-sided contact hold the body; False also if nothing holds it."""
+    """Return True if only friction and one-sided contact hold the body, and False if nothing holds it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:
@@ -411,7 +411,7 @@ def _midpoints(mesh, name):
     return mesh.points[mesh.boundaries[name]].mean(axis=1)
 
 
-def _turned(mesh, angle):
+def _rotate(mesh, angle):
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     turned = vx.PolygonMesh(mesh.points @ turn, mesh.cells)
     return turned.with_boundaries({name: e for name, e in mesh.boundaries.items() if name != "boundary"})

@@ -35,7 +35,7 @@ def inside(fans, outline, body):
     return np.concatenate([v[:, around], v[:, within]], axis=2)
 
 
-def nodal_values(circle, u, t):
+def compute_nodal_values(circle, u, t):
     """Yield the nodal values (c, n, 20) of the conforming displacement for each chunk of cells."""
     body = circle.boundary.reader.body(t)[0]
     outline = circle.equilibrium.edges.outline(u)
@@ -51,8 +51,8 @@ def energy_distance(circle, one, other):
     return float(np.sqrt(energy + circle.boundary.spring_energies(apart[circle.boundary.edges.outer_edges]).sum()))
 
 
-def richer_values(pair):
-    """Return |v + w|_a."""
+def compute_enriched_values(pair):
+    """Yield the nodal values of v + w for each chunk of cells; w is the enrichment inside the cells."""
     for one in pair.circle.forms:
         yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
 
@@ -64,7 +64,7 @@ def strains_at_stations(fans, v):
     return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
 
 
-def at_rule(values):
+def evaluate_at_rule(values):
     """Yield strains (c, n, 21, 3), points and weights for each chunk of cells."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
     for fans, v in values:
@@ -81,7 +81,7 @@ def strain_at(circle, u, t, x):
     cells = np.full(len(x), -1)
     cells[found.points] = found.cells
     strain = np.zeros((len(x), 3))
-    for fans, v in nodal_values(circle, u, t):
+    for fans, v in compute_nodal_values(circle, u, t):
         mine = np.flatnonzero(np.isin(cells, fans.cells))
         if len(mine) == 0:
             continue
@@ -102,13 +102,13 @@ def strain_at(circle, u, t, x):
 
 def error_from(circle, u, t, strain):
     """Return |w - v|_a for a displacement w with strains strain(x) (q, 3) at points (q, 2)."""
-    return apart_from(nodal_values(circle, u, t), strain)
+    return integrate_error(compute_nodal_values(circle, u, t), strain)
 
 
-def apart_from(values, strain):
+def integrate_error(values, strain):
     """Return |w - v|_a for nodal values v of each chunk."""
     squared = 0.0
-    for fans, own, x, weights in at_rule(values):
+    for fans, own, x, weights in evaluate_at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
         squared += np.einsum("ctq,ctqk,ckl,ctql->", weights, apart, fans.C, apart, optimize=True)
     return float(np.sqrt(squared))
@@ -123,8 +123,8 @@ def distance(coarse, fine, step=-1, of_fine=-1):
     return found, ahead.pair(now, instant(fine, m - 1)).upper
 
 
-def richest(pair):
-    """Return a bound of |u - v - w|_a for a scene without springs; w is an enrichment inside the cells."""
+def enriched_bound(pair):
+    """Return a bound of |u - v - w|_a for a scene without springs; w is the enrichment inside the cells."""
     A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.law_defect))
 
@@ -136,13 +136,17 @@ def beside_refined(coarse, part, most=20_000):
     cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
-    wanted = part * vx.error_bound(coarse, step=-1).lower
+    target = part * vx.error_bound(coarse, step=-1).lower
     while True:
         fine = vx.simulate(coarse.scene, mesh, times)
         circle = circle_of(fine)
         pair, bound = circle.pair(instant(fine, 1), instant(fine, 0)), vx.error_bound(fine, step=-1)
-        if richest(pair) <= wanted or mesh.n_cells > most:
+        if enriched_bound(pair) <= target or mesh.n_cells > most:
             break
         mesh = mesh.refine(cells_to_refine(bound.cells, 0.0, 0.85))
     u, t, own = coarse.displacement[-1], times[-1], circle_of(coarse)
-    return apart_from(richer_values(pair), lambda x: strain_at(own, u, t, x)), richest(pair), bound
+    return (
+        integrate_error(compute_enriched_values(pair), lambda x: strain_at(own, u, t, x)),
+        enriched_bound(pair),
+        bound,
+    )

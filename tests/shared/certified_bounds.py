@@ -35,16 +35,16 @@ class Bounds:
 
 
 def bounds(system, trajectory):
-    """Return the bounds of a march with given weights and every step stored; they include rounding of sums."""
+    """Return the bounds of a march with given weights and every step stored; they include rounding errors of sums."""
     norms, w = system.norms, system.norms.weights(0.0)
     compliance = np.linalg.inv(system.K.toarray())
     B = norms.B.toarray()
-    felt = B @ compliance @ B.T
-    per_term = np.sqrt(_sizes(felt, norms.block))
+    compliance_of_rows = B @ compliance @ B.T
+    per_term = np.sqrt(_largest_eigenvalues(compliance_of_rows, norms.block))
     total = np.cumsum(np.sqrt(2 * trajectory.gap) + np.sqrt(2 * trajectory.floor))
     rounding = 8 * EPS * np.arange(1.0, len(total) + 1)
     state = np.outer(total, np.sqrt(np.diag(compliance))) + np.outer(rounding, np.abs(trajectory.state).max(axis=0))
-    stiff = np.sqrt(_sizes(np.linalg.inv(felt), norms.block))
+    stiff = np.sqrt(_largest_eigenvalues(np.linalg.inv(compliance_of_rows), norms.block))
     steps = np.append(0.0, total[1:] + total[:-1])
     dissipated = np.cumsum(steps) * (w @ per_term) + rounding * trajectory.dissipated[-1]
     energy = (trajectory.norm + total) * total + rounding * trajectory.energy.max()
@@ -52,7 +52,7 @@ def bounds(system, trajectory):
 
 
 def ledger_bound(system, trajectory):
-    """Bound (N + 1,) of |work - (E - E_0) - loss - sum 1/2 |d|_K^2|, whose increments are d.r + sum (lam.s - w|s|)."""
+    """Return a bound (N + 1,) of the residual of the energy balance; its increments are d.r + sum (lam.s - w|s|)."""
     d = np.diff(trajectory.state, axis=0)
     size = np.sqrt(np.einsum("ni,ni->n", d, (system.K @ d.T).T))
     gap = trajectory.gap[1:] + trajectory.floor[1:]
@@ -61,7 +61,7 @@ def ledger_bound(system, trajectory):
 
 
 def ledger_defect(system, trajectory):
-    """Return the residual (N + 1,) of the energy balance."""
+    """Return the residual (N + 1,) of the energy balance, work - (E - E_0) - loss - sum 1/2 |d|_K^2."""
     d = np.diff(trajectory.state, axis=0)
     numerical = 0.5 * np.append(0.0, np.cumsum(np.einsum("ni,ni->n", d, (system.K @ d.T).T)))
     return trajectory.work - (trajectory.energy - trajectory.energy[0]) - trajectory.dissipated - numerical
@@ -74,7 +74,7 @@ def admissible(system, trajectory):
     return lam * np.minimum(1.0, system.norms.weights(0.0) / np.maximum(size, np.finfo(float).tiny))[:, :, None]
 
 
-def _sizes(matrix, block):
+def _largest_eigenvalues(matrix, block):
     """Return the largest eigenvalue of each diagonal block."""
     m = len(matrix) // block
     diagonal = matrix.reshape(m, block, m, block)[np.arange(m), :, np.arange(m), :]

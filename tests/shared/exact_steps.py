@@ -1,15 +1,15 @@
 """One step of backward Euler, solved in integers of 512 fractional bits to check certificates.
 
-Given a System and the state before a step, the step's program (:mod:`vemcvx.program.step_program`) is posed again in
-fixed-point numbers, without rounding; only the data of the System are used. For given sets (sticking terms, slipping
-terms with their directions, active limits) its optimality conditions are the linear system
+From a System and the state before a step, this module poses the step's program again in fixed-point numbers, without
+rounding. For given sets (sticking terms, slipping terms with their directions, active limits) the optimality conditions
+are the linear system
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
-which is solved by refinement, with factors in double precision, until its residual is below 1e-60. Sets are changed
-by primal-dual active sets (by single pivots, Murty 1974, if these cycle) until every inequality holds to 1e-48 in the
-units of the step; in these units K's diagonal and the largest force are of size one. With given weights a solution of
-these conditions is *the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), it is a solution.
+which is refined, with factors in double precision, until its residual is below 1e-60. Sets change by a primal-dual
+active set method (by single pivots, Murty 1974, if it cycles) until every inequality holds to 1e-48 in the units of the
+step, in which K's diagonal and the largest force have size one. With given weights a solution of the conditions is
+*the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), it is one of possibly several solutions.
 
 Units are powers of two: d = 2^a D d^, with D_i = 2^-e and K_ii 2^(-2e) of size one. Energies are 2^(2a) times the
 energies of the scaled program.
@@ -58,7 +58,7 @@ class Matrix:
         self._starts = np.flatnonzero(np.append(True, self.rows[1:] != self.rows[:-1])) if len(rows) else []
 
     @classmethod
-    def of(cls, matrix):
+    def from_matrix(cls, matrix):
         """Return the fixed-point copy of a matrix of doubles."""
         found = sp.coo_matrix(matrix)
         return cls(found.row.astype(int), found.col.astype(int), fixed(found.data), found.shape)
@@ -95,27 +95,28 @@ def block(parts, shape):
     return Matrix(rows, columns, np.concatenate([m.entries for m, _, _ in parts]), shape)
 
 
-def _times(A, B):
+def _multiply(A, B):
     """Return the product of dense fixed-point matrices."""
     return np.dot(A, B) >> BITS
 
 
-def _without(K, N):
-    """Return P K P with the projection P orthogonal to the columns of N; rounding has left K only nearly singular."""
-    gram = [[int(v) for v in row] for row in _times(N.T, N)]
+def _project_out(K, N):
+    """Return P K P, where P projects along the columns of N; the rounded K is not exactly singular."""
+    gram = [[int(v) for v in row] for row in _multiply(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
-    gram = _times(N.T, N)
-    inverse = np.stack([eliminated(gram, one) for one in fixed(np.eye(len(gram)))], axis=1)
+    gram = _multiply(N.T, N)
+    inverse = np.stack([eliminate(gram, one) for one in fixed(np.eye(len(gram)))], axis=1)
     full = K.whole()
-    left = _times(N, inverse)
-    felt = _times(full, N)
-    full = full - _times(felt, left.T) - _times(left, felt.T) + _times(left, _times(_times(N.T, felt), left.T))
+    left = _multiply(N, inverse)
+    force = _multiply(full, N)
+    full = full - _multiply(force, left.T) - _multiply(left, force.T)
+    full = full + _multiply(left, _multiply(_multiply(N.T, force), left.T))
     rows, columns = np.indices(K.shape)
     return Matrix(rows.ravel(), columns.ravel(), full.ravel(), K.shape)
 
 
-def eliminated(matrix, right):
+def eliminate(matrix, right):
     """Solve a dense fixed-point linear system by elimination; unknowns without a pivot are zero."""
     A, x, n = matrix.copy(), right.copy(), len(right)
     pivots, k = [], 0
@@ -127,9 +128,9 @@ def eliminated(matrix, right):
             A[[i, k]], x[[i, k]] = A[[k, i]], x[[k, i]]
         below = k + 1 + np.flatnonzero(A[k + 1 :, column] != 0)
         if len(below):
-            share = np.array([(int(v) << BITS) // int(A[k, column]) for v in A[below, column]], dtype=object)
-            A[below, column:] -= np.multiply.outer(share, A[k, column:]) >> BITS
-            x[below] -= (share * x[k]) >> BITS
+            factors = np.array([(int(v) << BITS) // int(A[k, column]) for v in A[below, column]], dtype=object)
+            A[below, column:] -= np.multiply.outer(factors, A[k, column:]) >> BITS
+            x[below] -= (factors * x[k]) >> BITS
         pivots.append(column)
         k += 1
         if k == n:
@@ -178,18 +179,18 @@ class Steps:
         self.system, n = system, system.n
         self.power = -(np.frexp(system.K.diagonal())[1] // 2)
         D = sp.diags_array(np.ldexp(1.0, self.power))
-        self.K = Matrix.of(D @ system.K @ D)
-        self.C = None if system.damping is None else Matrix.of(D @ system.damping.C @ D)
+        self.K = Matrix.from_matrix(D @ system.K @ D)
+        self.C = None if system.damping is None else Matrix.from_matrix(D @ system.damping.C @ D)
         if system.kernel is not None:
             modes = fixed(system.kernel.modes * np.ldexp(1.0, -self.power)[:, None] / np.abs(system.kernel.modes).max())
-            self.K = _without(self.K, modes)
-            self.C = None if self.C is None else _without(self.C, modes)
+            self.K = _project_out(self.K, modes)
+            self.C = None if self.C is None else _project_out(self.C, modes)
         B = sp.csr_matrix((0, n)) if system.norms is None else system.norms.B
         E = sp.csr_matrix((0, n)) if system.limits is None else system.limits.D
         self.compliance = np.zeros(0) if system.limits is None else system.limits.compliance
         self.sigma, B = _rows(B @ D)
         self.tau, E = _rows(E @ D)
-        self.B, self.E = Matrix.of(B), Matrix.of(E)
+        self.B, self.E = Matrix.from_matrix(B), Matrix.from_matrix(E)
 
     def step(self, before, s, t, guess, settled=False, weights=None):
         """Return the exact step from the state `before` (n,) at `s` to `t`.
@@ -205,7 +206,7 @@ class Steps:
         ground = None if settled or norms is None else norms.ground
         if ground is not None:
             drags = [drag - ground(x) for drag, x in zip(drags, (s, t), strict=True)]
-        reaches = [np.zeros(0) if limits is None else limits.remaining_gap(t)] * 1
+        gap = np.zeros(0) if limits is None else limits.remaining_gap(t)
         a = _unit(load, before, drags[0] - drags[1], guess[0], power)
         y = fixed(np.ldexp(before, -power - a))
         K, g = self.K, fixed(np.ldexp(load, power - a)) - self.K @ y
@@ -218,7 +219,7 @@ class Steps:
                 change = [fixed(np.ldexp(moved.dirichlet_force(x), power - a)) for x in (t, s)]
                 g = g - np.array([(int(x) << BITS) // k for x in change[0] - change[1]], dtype=object)
         b = fixed(np.ldexp(drags[0], -self.sigma - a)) - fixed(np.ldexp(drags[1], -self.sigma - a))
-        e = fixed(np.ldexp(reaches[0], -self.tau - a)) - self.E @ y
+        e = fixed(np.ldexp(gap, -self.tau - a)) - self.E @ y
         if motion is not None and motion.remaining_gap is not None:
             e = e - fixed(np.ldexp(motion.remaining_gap(t), -self.tau - a))
         soft = fixed(np.ldexp(self.compliance, -2 * self.tau))
@@ -243,7 +244,7 @@ class Steps:
         """Return (w, M), scaled: the weights are w + M p."""
         norms = self.system.norms
         m, r = self.B.shape[0], self.E.shape[0]
-        none = Matrix.of(sp.csr_matrix((m, r)))
+        none = Matrix.from_matrix(sp.csr_matrix((m, r)))
         if norms is None:
             return fixed(np.zeros(0)), none
         if weights is not None or norms.law is None:
@@ -252,7 +253,7 @@ class Steps:
         base = norms.weights(t)
         M = np.column_stack([norms.weights_under(t, one) - base for one in np.eye(r)])
         M = np.ldexp(M, self.sigma[:, None] - self.tau[None, :])
-        return fixed(np.ldexp(base, self.sigma - a)), Matrix.of(sp.csr_matrix(M))
+        return fixed(np.ldexp(base, self.sigma - a)), Matrix.from_matrix(sp.csr_matrix(M))
 
 
 def _rows(matrix):
@@ -367,7 +368,7 @@ class _Conditions:
         dense = matrix.dense()
         solve = _factor(dense)
         if solve is None:
-            return eliminated(matrix.whole(), right)
+            return eliminate(matrix.whole(), right)
         x, last = np.zeros(len(right), dtype=object), None
         for _ in range(200):
             r = right - matrix @ x
@@ -375,11 +376,11 @@ class _Conditions:
             if top <= SHARP:
                 return x
             if last is not None and top > last >> 3:
-                return eliminated(matrix.whole(), right)
+                return eliminate(matrix.whole(), right)
             last, shift = top, top.bit_length() - 1
             unit = np.array([float((int(v) << 60) >> shift) * 2.0**-60 for v in r])
             x = x + np.array([int(v) * (1 << shift) >> BITS for v in fixed(solve(unit))], dtype=object)
-        return eliminated(matrix.whole(), right)
+        return eliminate(matrix.whole(), right)
 
     def _system(self, slips, acts):
         n, m, r = len(self.g), len(self.b), len(self.e)
@@ -388,17 +389,17 @@ class _Conditions:
         stick, slide = np.flatnonzero(slips == STICKS), np.flatnonzero(slips != STICKS)
         act, open_ = np.flatnonzero(acts), np.flatnonzero(~acts)
         parts = [(self.K, 0, 0), (self.B.T, 0, n), (self.E.T, 0, n + m)]
-        parts += [(_picked(self.B, stick), n, 0), (_unit_rows(slide, m), n, n)]
+        parts += [(_select_rows(self.B, stick), n, 0), (_unit_rows(slide, m), n, n)]
         signs = np.array([int(v) for v in slips], dtype=object)
         pressed = Matrix(M.rows, M.columns, -M.entries * signs[M.rows] if len(M.rows) else M.entries, M.shape)
-        parts += [(_picked(pressed, slide), n, n + m)]
+        parts += [(_select_rows(pressed, slide), n, n + m)]
         gives = Matrix(act, act, -self.soft[act], (r, r))
-        parts += [(_picked(self.E, act), n + m, 0), (gives, n + m, n + m), (_unit_rows(open_, r), n + m, n + m)]
+        parts += [(_select_rows(self.E, act), n + m, 0), (gives, n + m, n + m), (_unit_rows(open_, r), n + m, n + m)]
         right = np.concatenate([self.g, np.where(slips == STICKS, self.b, signs * w), np.where(acts, self.e, 0)])
         return block(parts, (size, size)), right
 
 
-def _picked(matrix, rows):
+def _select_rows(matrix, rows):
     """Return the matrix with zeros in all other rows."""
     keep = np.isin(matrix.rows, rows)
     return Matrix(matrix.rows[keep], matrix.columns[keep], matrix.entries[keep], matrix.shape)

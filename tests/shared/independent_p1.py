@@ -54,7 +54,7 @@ def stressed(v, w):
 
 
 class NotPolished(AssertionError):
-    """Error if the program has no solution."""
+    """Error if no sets satisfy all optimality conditions."""
 
 
 @dataclass
@@ -88,18 +88,18 @@ class Body:
     C: np.ndarray = None
     loads: list = field(default_factory=list)
     held: list = field(default_factory=list)
-    """(node, direction, t -> value)"""
-    capped_weights: list = field(default_factory=list)
+    """prescribed values: (node, direction, t -> value)"""
+    obstacles: list = field(default_factory=list)
     """(rows, t -> gap, stiffness or None)"""
     rubs: list = field(default_factory=list)
-    """(rows, t -> bound, coefficient)"""
+    """friction: (rows, t -> bound, coefficient)"""
 
     def __post_init__(self):
         self.mesh = skfem.MeshTri(self.points.T.copy(), self.triangles.T.copy())
         self.basis = skfem.Basis(self.mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
         self.scalar = skfem.Basis(self.mesh, skfem.ElementTriP1(), intorder=2)
         self.n = len(self.points)
-        # The entries of skfem's vectors in the order of this module: both components of a node are neighbours.
+        # Positions of both components of each node in vectors of skfem.
         self.order = self.basis.nodal_dofs.T.ravel()
         self.K, self.C = np.zeros((2 * self.n, 2 * self.n)), np.zeros((2 * self.n, 2 * self.n))
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -113,12 +113,12 @@ class Body:
 
     # Assembly
 
-    def _matrix(self, operators, **data):
+    def _matrix(self, form, **data):
         cells = {name: np.broadcast_to(np.reshape(v, (-1, 1)), (len(self.triangles), 3)) for name, v in data.items()}
-        return operators.assemble(self.basis, **cells).toarray()[np.ix_(self.order, self.order)]
+        return form.assemble(self.basis, **cells).toarray()[np.ix_(self.order, self.order)]
 
-    def _vector(self, operators, basis, **data):
-        return operators.assemble(basis, **data)[self.order]
+    def _vector(self, form, basis, **data):
+        return form.assemble(basis, **data)[self.order]
 
     def nodes(self, side):
         return np.unique(self.mesh.facets[:, self.sides[side]])
@@ -150,12 +150,11 @@ class Body:
 
     def orthotropic(self, E1, E2, nu12, G, angle):
         """Set an orthotropic material in plane stress, with axis 1 at an angle from x."""
-        inverse = np.array([[1 / E1, -nu12 / E1, 0], [-nu12 / E1, 1 / E2, 0], [0, 0, 1 / G]])
+        compliance = np.array([[1 / E1, -nu12 / E1, 0], [-nu12 / E1, 1 / E2, 0], [0, 0, 1 / G]])
         c, s = np.cos(angle), np.sin(angle)
+        # Stresses along the axes are `turn` times stresses along x, y; strains (with 2 e_xy), its inverse transpose.
         turn = np.array([[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]])
-        # Stresses along the axes are turn @ stresses along x, y; strains (with 2 e_xy) rotate by the inverse transpose.
-        strains = np.linalg.inv(turn).T
-        law = np.linalg.inv(turn) @ np.linalg.inv(inverse) @ strains
+        law = np.linalg.inv(turn) @ np.linalg.inv(compliance) @ np.linalg.inv(turn).T
         self.K = self.K + self._matrix(anisotropic, **{f"c{i}{j}": law[i, j] for i in range(3) for j in range(3)})
         return self
 
@@ -167,11 +166,11 @@ class Body:
         basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=4)
 
         @skfem.BilinearForm
-        def operators(u, v, w):
+        def form(u, v, w):
             un, vn = dot(u, w.n), dot(v, w.n)
             return normal * un * vn + tangential * (dot(u, v) - un * vn)
 
-        self.K = self.K + operators.assemble(basis).toarray()[np.ix_(self.order, self.order)]
+        self.K = self.K + form.assemble(basis).toarray()[np.ix_(self.order, self.order)]
         return self
 
     def traction(self, side, force):
@@ -179,11 +178,11 @@ class Body:
         basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=6)
 
         def load(t):
-            def operators(v, w):
+            def form(v, w):
                 fx, fy = force(w.x[0], w.x[1], t)
                 return fx * v[0] + fy * v[1]
 
-            return self._vector(skfem.LinearForm(operators), basis)
+            return self._vector(skfem.LinearForm(form), basis)
 
         self.loads.append(load)
         return self
@@ -260,9 +259,7 @@ class Body:
         """Add an obstacle, n . u <= gap(x, y, t), rigid or with a stiffness per area."""
         rows = self._free(self.rows(side))
         x, y = self.points[rows.nodes].T
-        self.capped_weights.append(
-            (rows, lambda t: np.zeros(len(x)) if gap is None else gap(x, y, t) + 0 * x, stiffness)
-        )
+        self.obstacles.append((rows, lambda t: 0 * x if gap is None else gap(x, y, t) + 0 * x, stiffness))
         return self
 
     def rub(self, side, bound=None, coefficient=None, integrated=False):
@@ -280,7 +277,7 @@ class Body:
         return self
 
     def _free(self, rows):
-        """Return the rows that prescribed values leave free; prescribed values at joints are not supported."""
+        """Return the rows that prescribed values do not determine; prescribed values at joints are not supported."""
         if rows.partners is not None:
             return rows
         keep = []
@@ -334,13 +331,13 @@ class State:
 
 @dataclass
 class Result:
-    """The history of a body; instants are the first axis, and nodal forces (2 n,) act on the body."""
+    """The history of a body: arrays whose first axis is time."""
 
     displacement: np.ndarray
     lam: np.ndarray
     pressures: np.ndarray
     forces: np.ndarray
-    """K u + C u' - f: forces of supports, obstacles and friction"""
+    """nodal forces of supports, obstacles and friction on the body, K u + C u' - f"""
     energy: np.ndarray
     dissipated: np.ndarray
     work: np.ndarray
@@ -354,11 +351,11 @@ class March:
     def __init__(self, body):
         self.body, n = body, body.n
         stack = lambda rows: np.vstack([r.matrix(n) for r in rows]) if rows else np.zeros((0, 2 * n))  # noqa: E731
-        self.T, self.N = stack([r[0] for r in body.rubs]), stack([r[0] for r in body.capped_weights])
+        self.T, self.N = stack([r[0] for r in body.rubs]), stack([r[0] for r in body.obstacles])
         self.E = np.zeros((len(body.held), 2 * n))
         for i, (node, direction, _) in enumerate(body.held):
             self.E[i, 2 * node : 2 * node + 2] = direction
-        lengths = [np.full(len(r.nodes), np.inf if k is None else k) * r.lengths for r, _, k in body.capped_weights]
+        lengths = [np.full(len(r.nodes), np.inf if k is None else k) * r.lengths for r, _, k in body.obstacles]
         self.spring = np.concatenate(lengths) if lengths else np.zeros(0)
         self.soft = np.isfinite(self.spring)
         self.press = self._pressing()
@@ -370,7 +367,7 @@ class March:
             found = np.zeros((len(rows.nodes), len(self.spring)))
             if mu is not None:
                 column = 0
-                for wall, _, _ in self.body.capped_weights:
+                for wall, _, _ in self.body.obstacles:
                     for j, node in enumerate(wall.nodes):
                         across = np.abs(np.einsum("d,id->i", wall.directions[j], rows.directions)) < 1e-9
                         found[(rows.nodes == node) & across, column + j] = mu[(rows.nodes == node) & across]
@@ -379,11 +376,7 @@ class March:
         return np.vstack(out) if out else np.zeros((0, len(self.spring)))
 
     def gaps(self, t):
-        return (
-            np.concatenate([gap(t) for _, gap, _ in self.body.capped_weights])
-            if self.body.capped_weights
-            else np.zeros(0)
-        )
+        return np.concatenate([np.zeros(0), *(gap(t) for _, gap, _ in self.body.obstacles)])
 
     def bounds(self, t, p):
         """Return the friction bounds of the rows as forces."""
@@ -431,8 +424,8 @@ class March:
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._program(before, s, t, self.bounds(t, before.p))
-        # The pressures under very large friction are the first guess: friction from the pressures of the last step may
-        # not hold a body that nothing else holds.
+        # The first guess is the pressures under very large friction. Friction from the pressures of the last step might
+        # not hold a body that only friction holds.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
@@ -444,7 +437,7 @@ class March:
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
     def _program(self, before, s, t, bounds, near=None):
-        """Solve a convex program, beginning with the sets of a state `near` its solution if it is given."""
+        """Solve a convex program; begin with the sets of the state `near`, or else with Clarabel's."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)
@@ -453,7 +446,7 @@ class March:
         return self._polished(*problem, sets)
 
     def _clarabel(self, H, f, gap, h, bounds, b):
-        """Return the sets of the program according to Clarabel, which receives scaled variables."""
+        """Return the sets of Clarabel's answer to the program with scaled variables."""
         unit = np.abs(np.linalg.lstsq(H, f, rcond=1e-12)[0]).max() + np.abs(h).max(initial=0.0)
         unit = unit if unit > 0 else 1.0
         scale = np.abs(H.diagonal()).max()
@@ -478,7 +471,7 @@ class March:
                 rules.append(rigid)
         for tolerance in (1e-13, 1e-11, 1e-9):
             names = "tol_gap_abs", "tol_gap_rel", "tol_feas"
-            # Clarabel may stop a digit short of 1e-13, or fail before it; polishing corrects this.
+            # Clarabel may fail, or stop a digit before 1e-13; polishing corrects its answer.
             with warnings.catch_warnings(), contextlib.suppress(cp.SolverError):
                 warnings.simplefilter("ignore")
                 cp.Problem(cp.Minimize(cost), rules).solve(
@@ -492,13 +485,11 @@ class March:
         acts = room > 0
         if rigid is not None:
             acts[~self.soft] = np.asarray(rigid.dual_value) > -room[~self.soft]
-        # A row sticks if its slip is nearer to zero than its multiplier to the bound.
-        sign = np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int)
-
-        return sign, acts
+        # A row sticks if its slip is nearer to zero than its multiplier is to the bound.
+        return np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int), acts
 
     def _polished(self, H, f, gap, h, bounds, b, sets):
-        """Solve the optimality conditions on the sets as a dense linear system; correct the sets if a sign is wrong."""
+        """Solve the optimality conditions on the sets as a dense linear system; correct sets with wrong signs."""
         sign, acts = sets
         n = len(f)
         for _ in range(MOST_SETS):
@@ -528,7 +519,7 @@ class March:
             if (new_sign == sign).all() and (new_acts == acts).all():
                 return State(u, lam, p, q, (sign, acts))
             sign, acts = new_sign, new_acts
-        raise NotPolished("the polish did not find the sets")
+        raise NotPolished("no sets satisfy all conditions")
 
 
 def _solved(H, A, f, c):

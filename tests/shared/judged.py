@@ -74,22 +74,24 @@ def judged(drawn):
 
 
 def judge(drawn, history):
-    """Compare a history of a random scene with exact steps."""
+    """Compare a history of a random scene with exact steps, and check its energy balance and forces."""
     verdict = Verdict()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times)
         if drawn.start == "resumed":
-            _same(drawn, history, verdict)
-    _numbers(history, verdict)
-    _steps(drawn, posed.system, history.trajectory, verdict)
-    _ledger(posed, history.trajectory, _inexact(drawn, posed.system), _unsolved(drawn, posed.system), verdict)
-    _balance(posed, history, verdict)
-    _total(drawn, posed.system, history.trajectory, verdict)
+            _check_resumed(drawn, history, verdict)
+    _check_numbers(history, verdict)
+    _check_steps(drawn, posed.system, history.trajectory, verdict)
+    _check_ledger(
+        posed, history.trajectory, _solve_error(drawn, posed.system), _iterative_error(drawn, posed.system), verdict
+    )
+    _check_balance(posed, history, verdict)
+    _check_total(drawn, posed.system, history.trajectory, verdict)
     return verdict
 
 
-def _numbers(history, verdict):
+def _check_numbers(history, verdict):
     """Check that all numbers are finite."""
     t, c = history.trajectory, history.contact
     for name in ("state", "multipliers", "pressures", "weights", "energy", "dissipated", "work", "gap", "floor"):
@@ -100,16 +102,16 @@ def _numbers(history, verdict):
             verdict.faults.append(f"number: contact.{name} is not finite")
 
 
-def _steps(drawn, system, t, verdict):
+def _check_steps(drawn, system, t, verdict):
     exact = Steps(system)
     scale = t.unit
     raw = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor)
-    # If the data move nothing, the relative certificate is 0 or infinite.
+    # If nothing moves, the relative certificate is 0 or infinite.
     bound = np.where(scale > 0, (t.certificate + t.certificate_floor) * np.where(scale > 0, scale, 1.0), raw)
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # The multipliers after those of the program belong to nodes that supports drag along.
+        # Further multipliers, after those of the program, belong to nodes that supports drag.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -118,28 +120,28 @@ def _steps(drawn, system, t, verdict):
             continue
         error = step.distance(exact.scaled(before, t.state[n], step.unit))
         if system.norms is not None and system.norms.law is not None:
-            error = min(error, _given_its_weights(exact, t, n, before, guess))
+            error = min(error, _distance_for_weights(exact, t, n, before, guess))
         verdict.steps += 1
         allowed = bound[n]
         verdict.ratio = max(verdict.ratio, error / allowed if allowed > 0 else (np.inf if error > 0 else 0.0))
         if error > allowed * UPPER:
             verdict.faults.append(
-                f"certificate: step {n}: |u - u*| = {error:.3e}, certificate and floor {allowed:.3e} "
-                f"(before 0/0 = 0: {raw[n]:.3e}), |u| up to {scale[n]:.3e}, |d*| = {step.size(step.d):.3e}"
+                f"certificate: step {n}: |u - u*| = {error:.3e}, certificate and floor {allowed:.3e}, "
+                f"|u| up to {scale[n]:.3e}, |d*| = {step.size(step.d):.3e}"
             )
 
 
-def _total(drawn, system, t, verdict):
+def _check_total(drawn, system, t, verdict):
     """Check that the errors of nonexpansive steps add up to at most `certificate_total`."""
     given = system.norms is None or system.norms.law is None
     if system.limits is not None or system.damping is not None or drawn.start == "equilibrium" or not given:
         return
     exact, now, blur = Steps(system), t.state[0], 0.0
     if drawn.start == "settled":
-        now, blur = _exact_state(exact, np.zeros(system.n), t, 0), 0.0
+        now, blur = _solve_exactly(exact, np.zeros(system.n), t, 0), 0.0
     allowed = t.certificate_total * t.unit + np.cumsum(np.sqrt(2 * t.floor))
     for n in range(1, len(t.times)):
-        now = _exact_state(exact, now, t, n)
+        now = _solve_exactly(exact, now, t, n)
         if now is None:
             return
         # Exact states are rounded once per step.
@@ -147,12 +149,10 @@ def _total(drawn, system, t, verdict):
         off = t.state[n] - now
         error = np.sqrt(max(float(off @ (system.K @ off)), 0.0))
         if np.isfinite(allowed[n]) and error > (allowed[n] + blur) * UPPER:
-            verdict.faults.append(
-                f"total: step {n}: |u - u*| = {error:.3e} from the beginning, certified in total {allowed[n]:.3e}"
-            )
+            verdict.faults.append(f"total: step {n}: |u - u*| = {error:.3e}, total certificate {allowed[n]:.3e}")
 
 
-def _exact_state(exact, before, t, n):
+def _solve_exactly(exact, before, t, n):
     """Return the exact state (n,) after step n from the state `before`, or None if it was not found."""
     guess = t.state[n] - before, t.multipliers[n].ravel()[: exact.system.B.shape[0]], t.pressures[n]
     try:
@@ -162,7 +162,7 @@ def _exact_state(exact, before, t, n):
     return before + exact.unscaled(step.d, step.unit)
 
 
-def _same(drawn, history, verdict):
+def _check_resumed(drawn, history, verdict):
     """Check that a resumed run equals the uninterrupted run up to the interruption."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
     whole, half = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options), (len(drawn.times) + 1) // 2
@@ -171,23 +171,23 @@ def _same(drawn, history, verdict):
             verdict.faults.append(f"resumed: {name} differs from that of the uninterrupted run")
 
 
-def _asked(drawn):
-    """Return the requested accuracy; 1e-8 is the default of automatically chosen solvers."""
+def _requested_accuracy(drawn):
+    """Return the requested accuracy; automatically chosen solvers have 1e-8."""
     return 1e-8 if drawn.solver is None else drawn.solver.accuracy
 
 
-def _inexact(drawn, system):
+def _solve_error(drawn, system):
     """Return the relative error of energies and work from solves with K: cond(K) times a unit, at most the accuracy."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
-    return min(_asked(drawn), ROUNDED * condition)
+    return min(_requested_accuracy(drawn), ROUNDED * condition)
 
 
-def _unsolved(drawn, system):
+def _iterative_error(drawn, system):
     """Return a function of t: the energy error of an iterative solver in the response to loads and supports at t.
 
-    A residual of r |b| makes an error of r cond(K)^(1/2) |x|_K, with K x = b; x may be far larger than the states,
+    With K x = b, a residual of r |b| causes an error of r cond(K)^(1/2) |x|_K. x may be far larger than the states,
     which contact limits.
     """
     if not isinstance(drawn.linear, vx.Iterative) or system.kernel is not None:
@@ -202,15 +202,15 @@ def _unsolved(drawn, system):
     return left
 
 
-def _given_its_weights(exact, t, n, before, guess):
-    """Return the distance to the exact solution for the weights of the answer, if these obey the law of its pressures.
+def _distance_for_weights(exact, t, n, before, guess):
+    """Return the distance from the exact solution for the answer's weights, if these obey the law of its pressures.
 
-    With large coefficients a step may have several solutions. An answer that solves the step with its own weights is
-    one of these, perhaps a different one from the solution found from its sets.
+    With large coefficients a step may have several solutions. An answer that solves the step with its weights is one of
+    them, perhaps not the one that active sets found.
     """
     norms, now = exact.system.norms, float(t.times[n])
-    w, asked = t.weights[n][: norms.count], norms.weights_under(now, t.pressures[n])
-    if np.abs(w - asked).max() > CONSISTENT * max(w.max(initial=0.0), t.pressures[n].max(initial=0.0)):
+    w, lawful = t.weights[n][: norms.count], norms.weights_under(now, t.pressures[n])
+    if np.abs(w - lawful).max() > CONSISTENT * max(w.max(initial=0.0), t.pressures[n].max(initial=0.0)):
         return np.inf
     try:
         step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0, weights=w)
@@ -219,32 +219,31 @@ def _given_its_weights(exact, t, n, before, guess):
     return step.distance(exact.scaled(before, t.state[n], step.unit))
 
 
-def _ledger(posed, t, inexact, unsolved, verdict):
+def _check_ledger(posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    A residual r and a friction gap leave r . d + gap, with |r . d| <= error |d|_K; each product in the sums is rounded.
+    A residual r and a friction gap change the balance by r . d + gap, with |r . d| <= error |d|_K. Products are rounded.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
     u = [displacement(posed, y, float(s)) for y, s in zip(t.state, t.times, strict=True)]
-    z = [_excess(posed, v, float(s)) for v, s in zip(u, t.times, strict=True)]
+    z = [_compute_excess(posed, v, float(s)) for v, s in zip(u, t.times, strict=True)]
     totals = np.abs(t.work) + np.abs(t.energy) + t.dissipated
     for n in range(1, len(u)):
         du, d, p = u[n] - u[n - 1], t.state[n] - t.state[n - 1], t.pressures
         half = 0.5 * float(du @ (A @ du))
         press = float(p[n] @ (z[n] - z[n - 1])) - 0.5 * float(soft @ (p[n] ** 2 - p[n - 1] ** 2))
         done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])
-        # Losses are >= 0: a slip against its force by rounding, lam . s < 0, counts as zero.
-        slip = (
-            system.B @ d + system.slip_of_supports(float(t.times[n])) - system.slip_of_supports(float(t.times[n - 1]))
-        )
+        # Losses are >= 0: if rounding makes lam . s negative, the loss is zero.
+        slip = system.B @ d + system.slip_of_supports(float(t.times[n]))
+        slip = slip - system.slip_of_supports(float(t.times[n - 1]))
         lam = t.multipliers[n][: 0 if system.norms is None else system.norms.count]
         against = np.minimum((lam * slip.reshape(lam.shape)).sum(axis=1), 0.0).sum()
         defect = abs(done - (t.dissipated[n] - t.dissipated[n - 1]) - half - press - against)
         K = system.K if system.damping is None else system.K + system.damping.C / (t.times[n] - t.times[n - 1])
         error = np.sqrt(2 * t.gap[n]) + np.sqrt(2 * t.floor[n])
         left = error * np.sqrt(max(float(d @ (K @ d)), 0.0)) + t.gap[n] + t.floor[n]
-        # Rounding errors of a state are also in its energy and its work.
+        # Rounding errors of a state change its energy and its work.
         size_of_states = t.norm[n] + t.norm[n - 1]
         left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
         # Energy and work of a step are sums of products with four solves, at two instants.
@@ -260,13 +259,13 @@ def _ledger(posed, t, inexact, unsolved, verdict):
             )
 
 
-def _excess(posed, u, t):
+def _compute_excess(posed, u, t):
     if posed.obstacles is None or len(posed.obstacles.nodes) == 0:
         return np.zeros(0)
     return posed.obstacles.rows @ u - posed.obstacles.gap(t)
 
 
-def _balance(posed, history, verdict):
+def _check_balance(posed, history, verdict):
     """Check that all nodal forces, loads and springs to the ground balance, in force and in moment."""
     points = history.mesh.points
     middle = points.mean(axis=0)
@@ -277,7 +276,7 @@ def _balance(posed, history, verdict):
         u, f = history.displacement[n].ravel(), posed.force(float(times[n]))
         sprung = np.zeros_like(f) if posed.springs is None else posed.springs @ u
         total = history.forces[n].ravel() + f - sprung
-        # Forces of dashpots count, too, for the size of the terms that cancel.
+        # The forces that cancel include those of dashpots.
         blur = abs(posed.A) @ np.abs(u) + np.abs(f) + np.abs(history.forces[n].ravel())
         if posed.system.damping is not None:
             before = np.abs(history.displacement[n - 1].ravel())

@@ -7,8 +7,10 @@ from contextlib import contextmanager
 
 import pytest
 
-WORDS = "headless no-sandbox disable-gpu disable-quic no-first-run disable-dev-shm-usage disable-sync"
-MORE = "disable-background-networking disable-component-update window-size=1440,1000"
+FLAGS = (
+    "headless no-sandbox disable-gpu disable-quic no-first-run disable-dev-shm-usage disable-sync "
+    "disable-background-networking disable-component-update window-size=1440,1000"
+)
 FAINT = """
 const channel = (c) => (c /= 255, c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
 const parsed = (colour) => {
@@ -52,7 +54,7 @@ def browser_of(folder):
         pytest.skip("there is no chromium or no chromedriver here")
     options = webdriver.ChromeOptions()
     options.binary_location = chromium
-    for word in (*WORDS.split(), *MORE.split(), f"user-data-dir={folder / 'chromium'}"):
+    for word in (*FLAGS.split(), f"user-data-dir={folder / 'chromium'}"):
         options.add_argument(f"--{word}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driven = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))

@@ -119,7 +119,7 @@ def contact_forces(result, other):
     """Return the nodal forces (S, n, 2) of walls and friction on the first body of each joint or at the obstacle."""
     found = np.zeros_like(result.forces)
     for parts, values, sign in (
-        ([wall[0] for wall in other.capped_weights], result.pressures, -1.0),
+        ([wall[0] for wall in other.obstacles], result.pressures, -1.0),
         ([rub[0] for rub in other.rubs], result.lam, -1.0),
     ):
         column = 0

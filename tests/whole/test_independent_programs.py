@@ -278,7 +278,7 @@ def assert_agreement(name, n, times):
     assert {quantity: error for quantity, error in found.items() if not error <= AGREE} == {}
     # The scene must change: friction rows slip at some instants only, and walls touch.
     assert not other.rubs or len({tuple(row) for row in theirs.slipping}) > 1
-    assert not other.capped_weights or theirs.touching.any()
+    assert not other.obstacles or theirs.touching.any()
 
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")

@@ -145,8 +145,5 @@ def beside_refined(coarse, part, most=20_000):
             break
         mesh = mesh.refine(cells_to_refine(bound.cells, 0.0, 0.85))
     u, t, own = coarse.displacement[-1], times[-1], circle_of(coarse)
-    return (
-        integrate_error(compute_enriched_values(pair), lambda x: strain_at(own, u, t, x)),
-        enriched_bound(pair),
-        bound,
-    )
+    error = integrate_error(compute_enriched_values(pair), lambda x: strain_at(own, u, t, x))
+    return error, enriched_bound(pair), bound

@@ -83,9 +83,8 @@ def judge(drawn, history):
             _check_resumed(drawn, history, verdict)
     _check_numbers(history, verdict)
     _check_steps(drawn, posed.system, history.trajectory, verdict)
-    _check_ledger(
-        posed, history.trajectory, _solve_error(drawn, posed.system), _iterative_error(drawn, posed.system), verdict
-    )
+    errors = _solve_error(drawn, posed.system), _iterative_error(drawn, posed.system)
+    _check_ledger(posed, history.trajectory, *errors, verdict)
     _check_balance(posed, history, verdict)
     _check_total(drawn, posed.system, history.trajectory, verdict)
     return verdict
@@ -222,7 +221,7 @@ def _distance_for_weights(exact, t, n, before, guess):
 def _check_ledger(posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    A residual r and a friction gap change the balance by r . d + gap, with |r . d| <= error |d|_K. Products are rounded.
+    A residual r and a friction gap change the balance by r . d + gap, with |r . d| <= error |d|_K. Products round.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import scipy.sparse as sp
 import skfem
 from measure import Row, alternate, in_a_process, in_turn
 from paper_scene import POISSON, YOUNG
-from reference import elasticity, grid, user_step
+from reference import assemble_elasticity, grid, time_user_step
 
 import vemcvx as vx
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
@@ -50,13 +51,13 @@ LINEAR = {"SuperLU": "vx.SuperLU()", "PARDISO": "vx.Pardiso()"}
 
 
 def program(body: str, n: int, **given: object) -> str:
-    """The text of a program of its own."""
+    """Return the text of a program for a new process."""
     where = {"scene": "SCENE", "family": "squares", "store": "last", **given}
     return (HEAD + body).format(folder=str(Path(__file__).parent), n=n, **where)
 
 
-def paper(n: int) -> list[Row]:
-    """The paper's reference run (h = k = 1/n) against one factorisation and one solve of the same matrix."""
+def measure_paper(n: int) -> list[Row]:
+    """Measure the paper's reference run (h = k = 1/n) against one factorisation and one solve of the same matrix."""
     newton = {
         name: program(SIMULATE, n, steps=n, solver="vx.Newton(accuracy=1e-8)", linear=text)
         for name, text in LINEAR.items()
@@ -87,11 +88,11 @@ def paper(n: int) -> list[Row]:
         ]
     rows += [row(f"simulate, {n} steps, Clarabel 1e-6, {name}", slow[name], "<= 5") for name in LINEAR]
     what = f"{n} full-size steps, scikit-fem + cvxpy + Clarabel (one measured)"
-    return [*rows, Row(what, user_step(n) * n, "the same by simulate", slow["SuperLU"]["seconds"], ">= 100")]
+    return [*rows, Row(what, time_user_step(n) * n, "the same by simulate", slow["SuperLU"]["seconds"], ">= 100")]
 
 
-def space(n: int, steps: int = 16) -> list[Row]:
-    """A block of n cubes across against one factorisation and one solve of the same matrix, which takes longest."""
+def measure_space(n: int, steps: int = 16) -> list[Row]:
+    """Measure a block of n x n x n cubes against one factorisation and one solve of the same matrix."""
     given = {"scene": "BLOCK", "family": "cubes"}
     solvers = {"PARDISO": "vx.Pardiso()", "SuperLU": "vx.SuperLU()"}
     newton = {
@@ -109,38 +110,36 @@ def space(n: int, steps: int = 16) -> list[Row]:
     return rows
 
 
-def assembly(n: int) -> list[Row]:
-    """Assembly of K against scikit-fem on the same meshes, and on Voronoi cells with as many unknowns."""
+def measure_assembly(n: int) -> list[Row]:
+    """Measure the assembly of K: scikit-fem on the same meshes, and Voronoi cells against distorted squares."""
     rows = []
-    seconds = {}
     for family, kind in (("squares", skfem.MeshQuad), ("triangles", skfem.MeshTri)):
         mesh, theirs = getattr(vx.meshes, family)(n), grid(n, kind)
-        ours, other = alternate(lambda mesh=mesh: assemble(mesh), lambda theirs=theirs: elasticity(theirs), repeats=5)
+        ours, other = alternate(partial(assemble, mesh), partial(assemble_elasticity, theirs), repeats=5)
         rows.append(Row(f"assembly of K, {family}, {2 * mesh.n_nodes} unknowns", ours, "scikit-fem", other, "<= 1"))
-        seconds[family] = ours
-    # Three cells meet at a node of a Voronoi mesh: two nodes a cell. Squares would share their local matrix.
+    # A Voronoi mesh has two nodes per cell. All undistorted squares share one local matrix.
     voronoi, quadrangles = vx.meshes.voronoi(n, cells=n * n // 2), vx.meshes.distorted(n)
-    ours, other = alternate(lambda: assemble(voronoi), lambda: assemble(quadrangles), repeats=5)
+    ours, other = alternate(partial(assemble, voronoi), partial(assemble, quadrangles), repeats=5)
     what = f"assembly of K, voronoi, {2 * voronoi.n_nodes} unknowns"
     rows.append(Row(what, ours, "distorted squares", other, "<= 1.5"))
     return rows
 
 
 def assemble(mesh: vx.PolygonMesh) -> sp.csr_matrix:
-    """K of a mesh, nothing remembered from an earlier call."""
+    """Assemble K of a mesh, without caches of earlier calls."""
     mu = YOUNG / (2 * (1 + POISSON))
     lam = 2 * mu * POISSON / (1 - 2 * POISSON)
     return stiffness(Space(mesh), np.full(mesh.n_cells, lam), np.full(mesh.n_cells, mu))
 
 
-def growth(sizes: list[int], linear: str) -> list[dict]:
-    """20 certified steps on ever finer squares, each in a process of its own for its peak memory."""
+def measure_growth(sizes: list[int], linear: str) -> list[dict]:
+    """Measure 20 certified steps on finer and finer squares, each in a new process because of peak memory."""
     given = {"steps": 20, "solver": "vx.Newton(accuracy=1e-8)", "linear": LINEAR[linear]}
     return [in_a_process(program(SIMULATE, n, **given)) for n in sizes]
 
 
 def growth_row(growth: list[dict], linear: str) -> Row:
-    """The exponent of total time between the smallest and the largest size, as a ratio of logarithms."""
+    """Return the exponent of total time between the smallest and the largest size, as a ratio of logarithms."""
     first, last = growth[0], growth[-1]
     name = (
         f"growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} (log ratio; largest: "
@@ -155,19 +154,18 @@ def growth_row(growth: list[dict], linear: str) -> Row:
     )
 
 
-def imports() -> list[Row]:
-    """Importing the package against importing what it stands on."""
+def measure_imports() -> list[Row]:
+    """Measure the import of the package against the import of numpy and scipy.sparse."""
     code = (
         "import time; t = time.perf_counter(); import numpy, scipy.sparse{more}; out = dict(s=time.perf_counter() - t)"
     )
-    bare, ours = alternate(
-        lambda: in_a_process(code.format(more="")), lambda: in_a_process(code.format(more=", vemcvx")), repeats=5
-    )
+    programs = [partial(in_a_process, code.format(more=more)) for more in ("", ", vemcvx")]
+    bare, ours = alternate(*programs, repeats=5)
     return [Row("import vemcvx (whole process)", ours, "import numpy, scipy.sparse", bare, "0.6 s more")]
 
 
-def picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
-    """Ratios as dots above; time and memory against unknowns below."""
+def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
+    """Draw ratios as dots; below, time and memory against unknowns."""
     figure = new_figure(9.4, 8.8)
     above, below = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
     draw_ratios(above.subplots(), rows)
@@ -191,7 +189,7 @@ def picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None
 
 
 def draw_ratios(ax: Axes, rows: list[Row]) -> None:
-    """A line a row: what it took as a multiple of its reference, which stands once above those that it is for."""
+    """Draw one dot per row, its ratio, in groups with a common reference."""
     shown = [row for row in rows if not row.name.startswith("growth")]
     places, names, heads = [], [], []
     for row, before in zip(shown, [None, *shown], strict=False):

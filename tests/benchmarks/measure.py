@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """One measured ratio: wall seconds, and user CPU seconds, which tell a busy machine from a slow program."""
+    """A measured ratio, in wall seconds and in CPU seconds: a busy machine changes wall seconds only."""
 
     name: str
     seconds: float
@@ -33,9 +33,9 @@ class Row:
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
-    """Median seconds of each action, run in turn so that a drift of the machine meets all of them.
+    """Return the median seconds of each action; actions alternate, so that a drift of the machine affects all.
 
-    One round before is not counted: memory that a process touches for the first time costs as much as the work.
+    The first round is not counted, because the first use of memory takes as long as the work.
     """
     seconds: list[list[float]] = [[] for _ in actions]
     for action in actions if repeats > 1 else ():
@@ -49,7 +49,7 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
 
 
 def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, float]]:
-    """Every program in fresh processes, as a user meets it, in turn; the medians of the numbers that each prints."""
+    """Run every program in new processes, in turn; return medians of the numbers that each prints."""
     found: dict[str, list[dict]] = {name: [] for name in codes}
     for _ in range(repeats):
         for name, code in codes.items():
@@ -59,7 +59,7 @@ def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, floa
 
 def in_a_process(code: str) -> dict:
     """Run code that prints one JSON object, in a process of its own; its peak memory in GB is added."""
-    # Not ru_maxrss, which a process inherits from the one that starts it.
+    # A process inherits ru_maxrss from its parent, so VmHWM is read instead.
     peak = (
         "\nimport json\n"
         "status = dict(line.split(':', 1) for line in open('/proc/self/status'))\n"

@@ -1,4 +1,4 @@
-"""The scenes that are measured: the paper's, section 4, and a block in space whose load turns."""
+"""The scenes of the benchmarks: Section 4 of the paper, and a block in space under a rotating load."""
 
 from __future__ import annotations
 

@@ -1,18 +1,17 @@
-"""Coulomb's law beside Siconos and GetFEM, on the same matrices: answers are compared before a ratio is printed.
+"""Times of Coulomb's law beside Siconos and GetFEM, on the same matrices; a ratio is printed if the answers agree.
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 4] [--python /usr/bin/python3]
 
 A block (1 x 1 x 1/4, tetrahedra, n x n x n/4 cells, E = 200, nu = .3) is held at its top, pushed down, tilted and
-pushed sideways over a rigid floor, mu = .3, in four steps or as many as are asked for.
+pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU seconds.
 
-Siconos (Debian: python3-siconos) gets the step as FCLIB has it, u = W r + q on Coulomb's cones, and solves it by
-nonsmooth Gauss-Seidel (NSGS) to 1e-8, begun at the forces of the step before; we get the program of the step,
-condensed. Neither W nor the condensed matrix is counted, which both need once a run; CPU seconds, medians over
-our steps after the first and over those of Siconos.
+Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, u = W r + q on Coulomb's cones, by nonsmooth
+Gauss-Seidel (NSGS) to 1e-8, from the forces of the step before. We solve the condensed program of the step. Both
+matrices are computed once per run and are not counted. Times are medians over steps; our first step is left out.
 
-GetFEM (Debian: python3-getfem) gets the sparse stiffness matrix and the rows of the contact nodes in its brick for
-nodal contact with friction (`add_basic_contact_brick`, Alart and Curnier's augmented Lagrangian, version 1, r = E /
-100), which its Newton method solves; we simulate the scene, assembly included. CPU seconds of all steps.
+GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for
+nodal contact with friction (`add_basic_contact_brick`: the augmented Lagrangian of Alart and Curnier, version 1, with
+r = E / 100), and applies Newton's method. We simulate the scene, including assembly. Times are sums over all steps.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from vemcvx.scene import pose_scene
 
 YOUNG, FRICTION = 200.0, 0.3
 AGREE = 1e-6
-"""Part of the largest entry by which answers may differ: what NSGS is asked for, times the condition of W."""
+"""Largest relative difference of answers: the tolerance of NSGS times the condition of W."""
 SCENE = vx.Scene(
     vx.Elasticity(young=YOUNG, poisson=0.3),
     vx.PrescribedDisplacement(
@@ -99,12 +98,12 @@ print(json.dumps(seconds))
 
 
 def block(n: int) -> vx.meshes.PolyhedralMesh:
-    """The mesh."""
+    """Return the mesh of the block."""
     return vx.meshes.tetrahedra((n, n, max(n // 4, 2)), box=((0, 1), (0, 1), (0, 0.25)))
 
 
-def asked(python: str, code: str, *arguments: str) -> object:
-    """What a program of the peer's Python prints."""
+def run_peer(python: str, code: str, *arguments: str) -> object:
+    """Run a program by the Python of the peer, and return the JSON that it prints."""
     one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     made = subprocess.run([python, "-c", code, *arguments], capture_output=True, text=True, env={**os.environ, **one})
     if made.returncode:
@@ -112,8 +111,8 @@ def asked(python: str, code: str, *arguments: str) -> object:
     return json.loads(made.stdout.strip().splitlines()[-1])
 
 
-def beside_siconos(n: int, steps: int, python: str) -> None:
-    """Steps on the same condensed data, ours and NSGS's."""
+def compare_siconos(n: int, steps: int, python: str) -> None:
+    """Compare steps of ours with NSGS on the same condensed data."""
     times = np.linspace(0.0, 1.0, steps + 1)
     solved = list(vx.programs(SCENE, block(n), times, initial="settled", solver=vx.Newton(1e-9)))
     ends: list[float] = []
@@ -122,7 +121,7 @@ def beside_siconos(n: int, steps: int, python: str) -> None:
     seconds = statistics.median(np.diff(ends))
     operators = solved[0].operators
     m = operators.D.shape[0]
-    # Siconos takes the normal part first, and forces on the body: r = (p, -lam), u = (-z, s).
+    # In Siconos the normal component is the first, and forces act on the body: r = (p, -lam), u = (-z, s).
     order = np.column_stack([2 * m + np.arange(m), 2 * np.arange(m), 2 * np.arange(m) + 1]).ravel()
     sign = np.where(order < 2 * m, 1.0, -1.0)
     A = sp.csr_matrix(sp.vstack([operators.B, operators.D]))
@@ -132,7 +131,7 @@ def beside_siconos(n: int, steps: int, python: str) -> None:
     ours = [-sign * np.concatenate([one.answer.lam.ravel(), one.answer.p])[order] for one in solved]
     with tempfile.TemporaryDirectory() as folder:
         np.savez(f"{folder}/data.npz", W=W, q=q, mu=np.full(m, FRICTION))
-        theirs = asked(python, SICONOS, f"{folder}/data.npz", f"{folder}/made.npz")
+        theirs = run_peer(python, SICONOS, f"{folder}/data.npz", f"{folder}/made.npz")
         forces = np.load(f"{folder}/made.npz")["forces"]
     report(
         f"{m} contacts: a step",
@@ -143,8 +142,8 @@ def beside_siconos(n: int, steps: int, python: str) -> None:
     )
 
 
-def beside_getfem(n: int, steps: int, python: str) -> None:
-    """Whole histories, ours with assembly, GetFEM's on our stiffness matrix."""
+def compare_getfem(n: int, steps: int, python: str) -> None:
+    """Compare whole runs: ours with assembly, and GetFEM on our stiffness matrix."""
     times = np.linspace(0.0, 1.0, steps + 1)
     system, start = pose_scene(SCENE, block(n)).system, time.process_time()
     history = vx.simulate(SCENE, block(n), times, initial="settled")
@@ -154,7 +153,7 @@ def beside_getfem(n: int, steps: int, python: str) -> None:
             mmwrite(f"{folder}/{name}.mtx", sp.coo_matrix(matrix), symmetry="general")
         f = [system.force(t) for t in times]
         np.savez(f"{folder}/data.npz", f=f, gap=limits.remaining_gap(0.0), mu=FRICTION)
-        theirs = asked(python, GETFEM, folder, f"{folder}/made.npz", str(0.01 * YOUNG))
+        theirs = run_peer(python, GETFEM, folder, f"{folder}/made.npz", str(0.01 * YOUNG))
         motions = np.load(f"{folder}/made.npz")["motions"]
     name = f"{system.n} unknowns, {limits.count} contacts: {len(times)} steps"
     report(name, "GetFEM, version 1, r = E / 100", (seconds, theirs), history.trajectory.state, motions)
@@ -163,7 +162,7 @@ def beside_getfem(n: int, steps: int, python: str) -> None:
 def report(
     work: str, peer: str, seconds: tuple[float, float], ours: Sequence[Floats], theirs: Sequence[Floats]
 ) -> None:
-    """A line of the table, if the answers agree."""
+    """Print a line of the table if the answers agree."""
     apart = max(np.abs(a - b).max() / np.abs(a).max() for a, b in zip(ours, theirs, strict=True))
     if apart > AGREE:
         raise SystemExit(f"{work}: answers of {peer} are {apart:.1e} apart; a ratio would say nothing.")
@@ -178,13 +177,13 @@ def main() -> None:
     parser.add_argument("--siconos", type=int, nargs="*", default=[12, 20, 32], help="cells along a side")
     parser.add_argument("--getfem", type=int, nargs="*", default=[12, 20], help="cells along a side")
     parser.add_argument("--steps", type=int, default=4)
-    parser.add_argument("--python", default="/usr/bin/python3", help="that has the peers")
+    parser.add_argument("--python", default="/usr/bin/python3", help="Python that can import the peers")
     arguments = parser.parse_args()
     print("| work | peer | vemcvx, s | peer, s | ratio | apart |\n|---|---|---|---|---|---|")
     for n in arguments.siconos:
-        beside_siconos(n, arguments.steps, arguments.python)
+        compare_siconos(n, arguments.steps, arguments.python)
     for n in arguments.getfem:
-        beside_getfem(n, arguments.steps, arguments.python)
+        compare_getfem(n, arguments.steps, arguments.python)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
-"""PETSc over ranks: seconds to set up and to solve, iterations, and the peak memory of each rank.
+"""PETSc over ranks: seconds of set-up and of solves, and the peak memory of each rank.
 
 mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | iterative] [--solves 3]
 
-A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its bottom, which
-is free. Set-up is what a run does once, the bound on the spectrum included; a solve is K^{-1} b to 1e-12 for forces of
-three shapes. Seconds are of the clock, on rank 0: on a machine that does something else they say little. Every rank
-says in a line what memory it took at most, and how many CPU seconds and floating-point operations (PETSc counts those
-of solves and of products of matrices) set-up and solves took. `--linear iterative` on one rank is the same by PyAMG;
-the largest difference of displacements is compared by `--save` and `--beside`, files of the answers.
+A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its free bottom.
+Set-up is done once per run and includes the bound on the spectrum; a solve is K^{-1} b to 1e-12, for forces of three
+shapes. These are wall seconds of rank 0, which depend on other work of the machine. Every rank prints its peak memory,
+its CPU seconds, and its floating-point operations (PETSc counts those of solves and of matrix products). `--linear
+iterative` on one rank does the same by PyAMG; `--save` and `--beside` compare the displacements of two runs.
 """
 
 from __future__ import annotations
@@ -31,18 +30,18 @@ SCENE = vx.Scene(
 
 
 def seconds_here() -> float:
-    """CPU seconds of this rank so far."""
+    """Return the CPU seconds of this rank so far."""
     own = resource.getrusage(resource.RUSAGE_SELF)
     return own.ru_utime + own.ru_stime
 
 
 def peak() -> str:
-    """The memory that this rank has taken at most."""
+    """Return the peak memory of this rank in words."""
     return f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB at most"
 
 
-def measured(given: argparse.Namespace) -> float:
-    """Print what one matrix takes; the CPU seconds are returned at which it was posed."""
+def measure(given: argparse.Namespace) -> float:
+    """Print times and memory for one matrix; return the CPU seconds before its set-up."""
     linear = vx.PETSc() if given.linear == "petsc" else vx.Iterative()
     system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
     print(f"{system.n} unknowns; posed, {peak()}", flush=True)
@@ -77,7 +76,7 @@ def main() -> None:
     given = parser.parse_args()
     before, own = seconds_here(), "rank 0"
     if given.linear == "iterative" or not petsc.serve():
-        before = measured(given)
+        before = measure(given)
     counted = ""
     if given.linear == "petsc":
         from petsc4py import PETSc

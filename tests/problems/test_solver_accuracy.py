@@ -3,11 +3,9 @@
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import solver_accuracy as study
-import vemcvx as vx
 
 pytestmark = pytest.mark.arithmetic
 
@@ -38,20 +36,6 @@ def test_one_active_set_step_corrects_clarabel_where_terms_are_degenerate(return
     plain, polished = returned
     assert [plain.missed, polished.missed] == [True, False]
     assert polished.true < 1e-12 < plain.true
-
-
-@pytest.mark.long
-def test_the_true_error_is_that_of_whole_simulations():
-    """`vx.march` takes the same step from rest: the error of Clarabel is compared with Newton in the energy norm."""
-    exact = study.reference("growing", "full", 16)
-    newton, clarabel = (
-        vx.march(exact.system, [0.0, 1.0, 2.0], solver=solver, check=False, condense=False)
-        for solver in (vx.Newton(accuracy=1e-15), vx.Clarabel(accuracy=1e-2))
-    )
-    own = study.energy_norm(exact.system.K, newton.state[-1] - exact.answer.full)
-    assert own <= 4 * study.error_bound(exact.answer)
-    claimed = np.sqrt(2 * clarabel.gap).sum() + np.sqrt(2 * clarabel.floor).sum() + study.error_bound(exact.answer)
-    assert 0 < study.energy_norm(exact.system.K, newton.state[-1] - clarabel.state[-1]) <= claimed
 
 
 def test_a_broken_bound_is_printed_and_the_command_fails(returned, monkeypatch, capsys):

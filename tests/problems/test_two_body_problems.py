@@ -176,23 +176,3 @@ def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
     assert np.abs([forces[below].sum(), forces[~below].sum()]) == pytest.approx(lap.FORCE, rel=1e-9)
     # The glue is sheared more at the end where the softer strip carries the whole load.
     assert q[0] < 0.6 * q[-1]
-
-
-SETTINGS = {fit: (6, 2), lap: (2, 1), blocks: (3, 10), pack: (2, 10), cylinders: (6, 1), joint: (5, 8), brake: (3, 24)}
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
-@pytest.mark.parametrize("solver", [vx.Clarabel(1e-6), vx.OSQP(1e-5)], ids=["Clarabel", "OSQP"])
-@pytest.mark.parametrize("problem", SETTINGS, ids=lambda problem: problem.__name__)
-def test_solvers_agree_on_bodies_within_their_certificates(problem, solver):
-    n, steps = SETTINGS[problem]
-    mesh, times, initial = problem.mesh(n), problem.times(steps), getattr(problem, "initial", None)
-    newton = vx.Newton(getattr(problem, "SMALL", {}).get("accuracy", 1e-8))
-    history, other = (
-        vx.simulate(problem.scene(), mesh, times, initial=initial, solver=one) for one in (solver, newton)
-    )
-    size = np.sqrt(2 * other.energy.max())
-    claimed = [one.certificate_total[-1] + one.certificate_floor[-1] for one in (history, other)]
-    assert vx.measures.energy_distance(history, other).absolute <= sum(claimed) * size
-    assert sum(claimed) < 2e-5 * len(times)

@@ -11,8 +11,6 @@ import frozen_answers
 import frozen_scenes
 import pytest
 
-import vemcvx as vx
-
 DEFAULT = range(12)
 MORE_REFUSALS = 0.02
 """Largest increase of the fraction of refused scenes."""
@@ -67,11 +65,3 @@ def test_the_judgement_ignores_rigid_motions():
     new, history = frozen_answers.answer(scene.run)
     moved = replace(new, displacement=new.displacement + abs(new.displacement).max())
     assert not frozen_answers.compare(moved, new, history).faults
-
-
-def test_a_refusal_is_stored_with_class_and_message():
-    def refuse():
-        raise vx.SceneError("scene: this one is refused.")
-
-    kept, history = frozen_answers.answer(refuse)
-    assert (kept.refused, kept.message, history) == ("SceneError", "scene: this one is refused.", None)

@@ -48,20 +48,6 @@ def test_a_result_fits_a_screen(shown, name):
     assert len(table) <= SCREEN[0]
 
 
-@pytest.mark.long
-def test_outlines_contain_the_main_numbers(shown):
-    assert repr(shown("history")).splitlines()[0] == shown("history").summary().splitlines()[0]
-    for words in ("certified", "dissipated", "32 steps", "Newton(accuracy=1e-08"):
-        assert words in repr(shown("history"))
-    contact = dict(line.split(maxsplit=1) for line in repr(shown("contact")).splitlines()[1:])
-    assert contact["traction"] == str(shown("history").contact.traction.shape)
-    assert "<soil>" in "".join(ET.fromstring(shown("mesh")._repr_html_()).itertext())
-    total = shown("budget").largest["total"]
-    assert f"{total:.1e}" in repr(shown("budget"))
-    assert ("not met" in repr(shown("adapted"))) == (not shown("adapted").met)
-    assert "TrescaFriction" in shown("scene")._repr_html_()
-
-
 @pytest.mark.parametrize("width", [20, 60, 80])
 def test_tables_keep_their_digits_on_any_terminal(monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))

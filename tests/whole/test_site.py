@@ -76,14 +76,6 @@ def test_gallery_pages_name_the_tests_of_a_problem():
     assert set(problem_files()) - set(found) <= {"frictional_hysteresis", "missed_reversal"}
 
 
-def test_names_of_problems_in_a_docstring_are_links(monkeypatch):
-    text = '"""A: b.\n\nSee :mod:`hertz_contact`, `problems/hertz_contact.py`, and `other`.\n"""\n'
-    monkeypatch.setattr(gallery.Problem, "text", text)
-    statement = gallery.Problem("none").statement
-    assert statement.count("[A](hertz_contact.md)") == 2
-    assert statement.endswith(", and `other`.")
-
-
 def test_contributing_names_the_command_of_the_site():
     assert f"python {SCRIPT.relative_to(ROOT).as_posix()} " in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ast
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -19,7 +18,6 @@ from test_structure import modules, nodes, parse
 
 ROOT = Path(__file__).parents[2]
 WINGS = ("bound", "estimate", "cost", "exchange", "plots", "cli")
-CORE_TESTS = ("program", "solvers", "stepping", "linear", "scene", "effects")
 OPEN = ("base", "history", "simulation", "meshes.polygons", "results.files", "stepping.course")
 """Modules whose names without an underscore are all public; the public names of a package are in its `__all__`."""
 EXCEPTIONS = {
@@ -134,29 +132,3 @@ def test_a_scene_runs_without_the_wings(core):
     assert float(certified) < 1e-6
     assert min(float(dissipated), float(largest)) > 0
     assert missing == "vemcvx.bound"
-
-
-SKIPPING = """
-    import sys, pytest
-
-    class Wings:
-        def find_spec(self, name, path=None, target=None):
-            if name in {wings}:
-                pytest.skip(name, allow_module_level=True)
-
-    sys.meta_path.insert(0, Wings())
-"""
-"""A plugin of pytest that skips tests if they, or problem files, import a wing."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("folder", CORE_TESTS)
-def test_the_tests_of_the_core_pass_without_the_wings(core, folder):
-    for name in ("tests", "problems"):
-        shutil.copytree(ROOT / name, core / name, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True)
-    shutil.copy(ROOT / "pyproject.toml", core)
-    names = {f"vemcvx.{wing}" for wing in WINGS}
-    (core / "skipping_wings.py").write_text(dedent(SKIPPING).format(wings=names))
-    said = run(core, "-m", "pytest", "-p", "skipping_wings", f"tests/{folder}")
-    passed, skipped = (int((re.search(rf"(\d+) {word}", said) or [0, 0])[1]) for word in ("passed", "skipped"))
-    assert passed > 4 * skipped, said[-200:]

@@ -24,8 +24,8 @@ gc.disable()
 
 LONGER = {
     "bound": "error_bound",
-    "cli": "cli cli_compare cli_completion cli_ends cli_report cli_said cli_space cli_supplied",
-    "cost": "cost cost_interrupted",
+    "cli": "cli cli_compare cli_completion cli_report cli_said cli_space cli_supplied",
+    "cost": "cost",
     "effects": "absence closed_forms conformance_effects",
     "estimate": (
         "adapt budget_of_bodies error_budget measures_distance measures_orders stretched_cells time_estimate "

@@ -1,9 +1,8 @@
-"""`vemcvx export`: what it writes is the program of the run, and nothing of others is overwritten."""
+"""`vemcvx export` writes the programs of a run and overwrites no foreign file."""
 
 from __future__ import annotations
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -36,23 +35,19 @@ def test_export_writes_the_programs_of_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--steps", "0"], "--steps: found '0'; wanted numbers from 1 to 64 separated by commas, or ranges"),
-        (["--steps", "4-2"], "--steps: found '4-2'"),
-        (["--steps", "1-2-3"], "--steps: found '1-2-3'"),
-        (["--steps", "65"], "--steps: found '65'"),
-        (["--steps", "one"], "--steps: found 'one'"),
-        (["--steps", "1", "--format", "sif"], "--format: found format 'sif'; there are 'npz', 'mtx'"),
+        *((["--steps", steps], f"--steps: found '{steps}'") for steps in ("0", "4-2", "1-2-3", "65", "one")),
+        (["--steps", "1", "--format", "sif"], "--format: found format 'sif'"),
     ],
 )
-def test_what_cannot_be_exported_exits_with_two(tmp_path, options, says):
+def test_invalid_steps_and_formats_are_refused(tmp_path, options, says):
     done = invoke("export", PROBLEM, "--n", 2, "--out", tmp_path / "new", *options)
     assert done.exit_code == 2
-    assert re.search(re.escape(says), done.output)
+    assert says in done.output
     assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.long
-def test_files_of_others_stay(tmp_path):
+def test_foreign_files_are_not_overwritten(tmp_path):
     mine = tmp_path / "feng_han_huang_1.json"
     mine.write_text("mine")
     done = invoke("export", PROBLEM, "--steps", "1", "--n", 2, "--of", 2, "--out", tmp_path)

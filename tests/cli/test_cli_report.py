@@ -1,4 +1,4 @@
-"""`vemcvx run --report`: one page that needs nothing else, says what summary.json says, and how to get it again."""
+"""`vemcvx run --report` writes one self-contained page with the numbers of the summary and its own command."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import shlex
 from html.parser import HTMLParser
 
 import pytest
+from scenes import paper_scene
 from typer.testing import CliRunner
 
 import feng_han_huang
 import vemcvx as vx
-from vemcvx.cli import app
-from vemcvx.cli.report import MARK
+from vemcvx.cli import app, report
 from vemcvx.plots.style import in_units
 
 pytest.importorskip("matplotlib")
 LOOSE = '''
 """Hung <by> its top & "pulled" down.
 
-Below stands a formula of a user's:
+Below stands a formula:
 
     1 < 2 & 3
 """
@@ -38,7 +38,7 @@ VOID = {"meta", "br", "img", "link", "input", "hr"}
 
 
 class Reader(HTMLParser):
-    """A page as its words and pictures; raises where tags are not closed in order."""
+    """The words, tags and addresses of a page; it raises if tags are not closed in order."""
 
     def __init__(self, page):
         super().__init__()
@@ -65,36 +65,43 @@ class Reader(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
-def reported(folder, *arguments):
-    """The page that the command writes into the folder."""
+def write_report(folder, *arguments):
+    """Run a command with --report; return the page and the output."""
     words = ["run", *map(str, arguments), "--report", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.argv", ["vemcvx", *words])
         done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert done.output.splitlines()[-1] == f"report      {folder / 'report.html'}"
-    return (folder / "report.html").read_text(encoding="utf-8")
+    return (folder / "report.html").read_text(encoding="utf-8"), done.output
+
+
+@pytest.fixture
+def hung(tmp_path):
+    (tmp_path / "hung&.py").write_text(LOOSE)
+    return tmp_path / "hung&.py"
 
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory):
+    """Return the folder and the page of the paper's problem."""
     folder = tmp_path_factory.mktemp("paper")
-    return folder, reported(folder, "feng_han_huang", "--n", 6, "--steps", 20, "--set", "bound=3.5", "--store", 10)
+    asked = "feng_han_huang", "--n", 6, "--steps", 20, "--set", "bound=3.5", "--store", 10
+    return folder, write_report(folder, *asked)[0]
 
 
 @pytest.mark.long
-def test_it_needs_nothing_else(paper):
+def test_the_page_is_self_contained(paper):
     read = Reader(paper[1])
     pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
     assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 10 * [b"\x89PNG"]
     assert not {"script", "link", "iframe", "object"} & set(read.tags)
     style = re.search("<style>(.*?)</style>", paper[1], re.DOTALL).group(1)
-    assert "url(" not in style
-    assert "@import" not in style
+    assert not re.search(r"url\(|@import", style)
 
 
 @pytest.mark.long
-def test_it_has_the_numbers_of_the_summary(paper):
+def test_the_page_has_the_numbers_of_the_summary(paper):
     told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
     assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes, {told['unknowns']} unknowns" in text
     assert f"n = {told['mesh']['n']}: " in text
@@ -115,7 +122,7 @@ def test_it_has_the_numbers_of_the_summary(paper):
 
 
 @pytest.mark.long
-def test_the_command_on_it_gives_the_same(paper, tmp_path):
+def test_the_command_on_the_page_repeats_the_run(paper, tmp_path):
     (command,) = re.findall(r">(vemcvx run feng_han_huang [^<]*)<", paper[1])
     words = shlex.split(command)[1:]
     words[words.index("--out") + 1] = str(tmp_path)
@@ -127,65 +134,54 @@ def test_the_command_on_it_gives_the_same(paper, tmp_path):
 
 
 @pytest.mark.long
-def test_what_users_write_is_escaped(tmp_path):
-    (tmp_path / "hung&.py").write_text(LOOSE)
-    read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2))
+def test_texts_of_users_are_escaped(hung, tmp_path):
+    read = Reader(write_report(tmp_path / "out", hung, "--n", 3, "--steps", 2)[0])
     assert not {"script", "by", "side"} & set(read.tags)
     assert 'hung&: Hung <by> its top & "pulled" down.' in read.text
     assert "1 < 2 & 3" in read.text
     assert "'</pre><script>alert(1)</script>'" in read.text
-    # Units without names are those of consistent units, and without contact there is nothing to say of it.
+    # A problem without names of units has consistent units. A scene without contact has no slip.
     assert "force/length²" in read.text
     assert "slip" not in read.text.split("Results")[1].split("Error budget")[0]
     assert read.tags.count("img") == 4
 
 
 @pytest.mark.long
-def test_where_there_is_no_budget_it_says_why(tmp_path):
-    (tmp_path / "hung.py").write_text(LOOSE)
-    text = Reader(reported(tmp_path, tmp_path / "hung.py", "--n", 2, "--steps", 2, "--set", "viscous=True")).text
+def test_a_missing_error_budget_has_its_reason(hung, tmp_path):
+    text = Reader(write_report(tmp_path, hung, "--n", 2, "--steps", 2, "--set", "viscous=True")[0]).text
     assert "Error budget There is no error budget. error_budget: there is no estimate for scenes with Viscosity" in text
 
 
-@pytest.mark.long
-def test_adaptive_runs_have_their_own_budget(tmp_path):
-    page = reported(tmp_path, "feng_han_huang", "--target", 0.4, "--n", 2, "--steps", 2)
-    errors = json.loads((tmp_path / "summary.json").read_text())["estimated_energy_errors"]
-    text = Reader(page).text
-    assert f"estimated {errors['total']:.2%} energy error" in text
-    assert "n = 2, adapted:" in text
+def test_the_error_budget_is_that_of_all_steps_or_of_the_largest_energy(monkeypatch):
+    history = vx.simulate(paper_scene(lambda t: 4 * t * (1 - t)), vx.meshes.squares(2), [k / 8 for k in range(9)])
+    assert report._choose_steps(history) == list(range(1, 9))
+    monkeypatch.setattr(report, "MOST_STEPS", 2)
+    assert report._choose_steps(history) == [1, int(history.trajectory.norm.argmax()), 8]
 
 
 @pytest.mark.long
-def test_files_of_others_stay(tmp_path):
-    theirs = tmp_path / "report.html"
-    theirs.write_text("<p>a thesis</p>")
-    (tmp_path / "hung.py").write_text(LOOSE)
-    arguments = ["run", str(tmp_path / "hung.py"), "--n", "2", "--steps", "1", "--report", "--out", str(tmp_path)]
+def test_a_foreign_page_is_not_replaced(hung, tmp_path):
+    page = tmp_path / "report.html"
+    page.write_text("<p>a thesis</p>")
+    arguments = ["run", str(hung), "--n", "2", "--steps", "1", "--report", "--out", str(tmp_path)]
     refused = CliRunner().invoke(app, arguments)
     assert refused.exit_code == 2
     assert "report.html: not written by vemcvx, so it is not replaced" in refused.output
-    assert theirs.read_text() == "<p>a thesis</p>"
-    theirs.write_text(f"<!doctype html>{MARK}")
+    assert page.read_text() == "<p>a thesis</p>"
+    page.write_text(f"<!doctype html>{report.MARK}")
     assert CliRunner().invoke(app, arguments).exit_code == 0
-    assert "Error budget" in theirs.read_text()
+    assert "Error budget" in page.read_text()
 
 
 @pytest.mark.long
-def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path, monkeypatch):
-    given = []
-    monkeypatch.setattr("vemcvx.plots.pictures.write_plots", lambda history, folder, units: given.append(units) or [])
-    path = tmp_path / "hung.py"
-    path.write_text(f'{LOOSE}UNITS = {{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}}\n')
-    options = ["--n", "2", "--steps", "1", "--plot", "--report", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, ["run", str(path), *options])
-    assert done.exit_code == 0, done.output
-    assert re.search(r"^largest von Mises stress +\S+ MPa +at \(.*\), t = 1 s$", done.output, re.M)
-    assert re.search(r"^largest displacement +\S+ mm ", done.output, re.M)
-    page = Reader((tmp_path / "out" / "report.html").read_text()).text
-    assert re.search(r"largest von Mises stress \S+ MPa at", page)
-    assert given == [{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}]
+def test_units_of_a_problem_file_are_in_output_page_pictures_and_files(hung, tmp_path):
+    units = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
+    hung.write_text(f"{LOOSE}UNITS = {units!r}\n")
+    page, output = write_report(tmp_path / "out", hung, "--n", 2, "--steps", 1)
+    assert re.search(r"^largest von Mises stress +\S+ MPa +at \(.*\), t = 1 s$", output, re.M)
+    assert re.search(r"^largest displacement +\S+ mm ", output, re.M)
+    assert re.search(r"largest von Mises stress \S+ MPa at", Reader(page).text)
     again = vx.read_history(tmp_path / "out")
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["units"] == again.units == given[0]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["units"] == again.units == units
     assert "length mm, force N, time s" in again.summary()
     assert vx.plots.stressed_body(again).axes[0].get_xlabel() == "$x_1$ (mm)"

@@ -1,4 +1,4 @@
-"""What commands say on a terminal is broken between words, and in pipes not at all."""
+"""Lines on a terminal break between words, lines in pipes do not break, and an interrupt is one line."""
 
 from __future__ import annotations
 
@@ -14,46 +14,41 @@ COMMANDS = {
     "run": ("run", *SMALL, "--steps", "2", "--out", "results/of/a/run/by/its/name"),
     "show": ("show", *SMALL),
     "compare": ("compare", *SMALL, "--steps", "2", "--solvers", "newton,clarabel,direct"),
-    "export": ("export", *SMALL, "--steps", "1", "--of", "2"),
     "problems": ("problems",),
-    "lesson": ("lesson",),
     "an error": ("run", "nothing"),
     "a warning": ("run", "cattaneo_mindlin", "--n", "4", "--steps", "2", "--mesh", "triangles"),
-    **{f"{name} --help": (name, "--help") for name in ("run", "show", "compare", "export", "collection", "cost")},
+    **{f"{name} --help": (name, "--help") for name in ("run", "cost")},
 }
 TERMINAL = SimpleNamespace(isatty=lambda: True)
 
 
-def words(text):
-    """Those without digits, which differ from run to run, and without the frames of help."""
+def split_words(text):
+    """Return the words without digits, which differ from run to run, and without the frames of help."""
     return {word for word in text.split() if word.isascii() and not any(map(str.isdigit, word)) and word != "-"}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
-def test_nothing_is_broken_inside_a_word(name, tmp_path, monkeypatch):
+def test_a_terminal_of_80_columns_shows_whole_words(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "400")
-    whole = words(call(*COMMANDS[name])[1])
+    whole = split_words(call(*COMMANDS[name])[1])
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(terminal, "sys", SimpleNamespace(stdout=TERMINAL, stderr=TERMINAL))
     shown = call(*COMMANDS[name])[1]
     assert max(map(len, shown.splitlines())) <= 80
-    assert words(shown) <= whole
+    assert split_words(shown) <= whole
 
 
-def test_lines_go_on_in_their_column():
+def test_lines_continue_in_their_column_and_long_words_stay_whole():
     assert terminal.wrap_lines("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
     assert terminal.wrap_lines("one two three\n\nfour", 20) == "one two three\n\nfour"
-
-
-def test_words_longer_than_the_line_stay_whole():
     path = "/a/very-long/path"
     assert terminal.wrap_lines(f"files       {path} and", 16) == f"files\n            {path}\n            and"
 
 
 @pytest.mark.long
-def test_pipes_get_whole_lines(tmp_path, monkeypatch):
+def test_lines_in_pipes_do_not_break(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "40")
     lines = call(*COMMANDS["run"])[1].splitlines()
@@ -62,7 +57,7 @@ def test_pipes_get_whole_lines(tmp_path, monkeypatch):
     assert "history.npz" in lines[-1]
 
 
-def test_an_interrupt_ends_in_one_sentence(tmp_path):
+def test_an_interrupt_prints_one_line(tmp_path):
     file = tmp_path / "stopped.py"
     body = "signal.raise_signal(signal.SIGINT)\n    time.sleep(60)"
     file.write_text(f"import signal, time\n\ndef scene(*given):\n    {body}\n\nmesh = times = scene\n")

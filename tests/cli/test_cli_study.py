@@ -1,10 +1,12 @@
-"""A parameter study: values with commas between are runs, in folders of their own; a table, files and a picture."""
+"""A parameter study: values separated by commas are runs in folders, and become a table, files and a picture."""
 
 from __future__ import annotations
 
 import csv
 import json
 import re
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from called import call
 
 import vemcvx as vx
 from vemcvx.base.errors import ProblemError
-from vemcvx.cli.problem_file import read_problem, split_values
+from vemcvx.cli.problem_file import Problem, read_problem, split_values
 from vemcvx.cost import study
 
 PAD = '''"""A pad."""
@@ -35,7 +37,6 @@ def times(steps):
 
 initial = "settled"
 '''
-SMALL = ("--n", "4", "--steps", "4")
 
 
 @pytest.fixture
@@ -47,60 +48,66 @@ def pad(tmp_path, monkeypatch):
     return path
 
 
+def run(pad, *words):
+    return call("run", str(pad), "--n", "4", "--steps", "4", *words)
+
+
 @pytest.mark.parametrize(
     ("typed", "values"),
     [
-        (".1", [".1"]),
         (".1,.2, .3", [".1", ".2", ".3"]),
         ("(1,2)", ["(1,2)"]),
         ("[1,2]", ["[1,2]"]),
         ("(1,2),(3,4)", ["(1,2)", "(3,4)"]),
         ("1,", ["1"]),
-        ("hard,soft", ["hard", "soft"]),
         ("hard,2-ply", ["hard", "2-ply"]),
         ("'hard,soft'", ["'hard,soft'"]),
-        ("'hard','soft'", ["'hard'", "'soft'"]),
         ("f(1,2)x", ["f(1,2)x"]),
         ("", [""]),
         (",", [","]),
     ],
 )
-def test_values_between_commas(typed, values):
+def test_values_are_split_at_commas_outside_brackets_and_quotes(typed, values):
     assert split_values(typed) == values
 
 
-def test_combinations(pad):
+def test_settings_are_combined_and_tuples_are_single_values(pad):
     problem = read_problem(pad)
-    found = problem.combine_settings(["friction=.1,.2", "kind=hard,soft"])
-    assert found == [
-        ("friction=.1", "kind=hard"),
-        ("friction=.1", "kind=soft"),
-        ("friction=.2", "kind=hard"),
-        ("friction=.2", "kind=soft"),
+    assert problem.combine_settings(["friction=.1,.2", "kind=hard,soft"]) == [
+        (f"friction={friction}", f"kind={kind}") for friction in (".1", ".2") for kind in ("hard", "soft")
     ]
-    # The scene's own push is a pair, so that two numbers are one, as ever; two settings of one are refused.
+    # `push` is a pair by default.
     assert problem.combine_settings(["push=.1,-.02"]) == [("push=.1,-.02",)]
     assert problem.combine_settings(["push=(.1,-.02),(.2,-.02)"]) == [("push=(.1,-.02)",), ("push=(.2,-.02)",)]
-    with pytest.raises(ProblemError, match="friction is given twice"):
-        problem.combine_settings(["friction=.1", "friction=.2"])
     assert problem.combine_settings([]) == [()]
+    module = SimpleNamespace(scene=lambda axes=(1, 0): axes)
+    assert Problem(pad, module).combine_settings(["axes=1,"]) == [("axes=1,",)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        (["friction=1,"], "found 'friction=1,', with a comma at the end"),
+        (["friction=.1,.2", "friction=.3"], "friction is given twice"),
+        (["friction=1,2,1"], "friction is 1 twice in 'friction=1,2,1'"),
+    ],
+)
+def test_repeated_settings_are_refused(pad, settings, says):
+    with pytest.raises(ProblemError, match=f"^--set: {says}"):
+        read_problem(pad).combine_settings(settings)
 
 
 @pytest.mark.long
-def test_a_study_is_a_table_and_files(pad, tmp_path):
+def test_a_study_writes_a_table_and_the_files_of_each_run(pad, tmp_path):
     words = ("--set", "friction=.1,.3", "--set", "kind=hard,soft", "--results", "slip,pressure,sticking")
-    code, said = call("run", str(pad), *SMALL, *words, "--out", "study", "--plot")
-    assert code == 0, said
+    code, printed = run(pad, *words, "--out", "study", "--plot")
+    assert code == 0, printed
     rows = list(csv.DictReader((tmp_path / "study" / "study.csv").read_text().splitlines()))
     assert [(row["set.friction"], row["set.kind"], row["status"]) for row in rows] == [
-        (".1", "hard", "done"),
-        (".1", "soft", "done"),
-        (".3", "hard", "done"),
-        (".3", "soft", "done"),
+        (friction, kind, "done") for friction in (".1", ".3") for kind in ("hard", "soft")
     ]
     told = json.loads((tmp_path / "study" / "study.json").read_text())
     for row, words in zip(rows, told, strict=True):
-        # Each run by itself says the same, to the bit.
         history = vx.read_history(words["folder"])
         assert words["folder"] == f"study/friction={row['set.friction']},kind={row['set.kind']}"
         alone = vx.simulate(
@@ -113,74 +120,80 @@ def test_a_study_is_a_table_and_files(pad, tmp_path):
         assert float(row["slip"]) == max(np.abs(history.contact.slip).ravel())
         assert words["pressure"] == float(row["pressure"]) == history.contact.pressure.max()
         numbers = " +".join(f"{float(row[name]):.5g}" for name in ("slip", "pressure", "sticking"))
-        assert re.search(rf"{re.escape(row['set.friction'])} +{row['set.kind']} +{numbers}", said), said
+        assert re.search(rf"{re.escape(row['set.friction'])} +{row['set.kind']} +{numbers}", printed), printed
     assert (tmp_path / "study" / "study.png").stat().st_size > 10_000
     assert not list((tmp_path / "study" / "friction=.1,kind=hard").glob("*.png"))
 
 
 @pytest.mark.long
-def test_a_run_that_fails_is_a_row(pad):
-    code, said = call("run", str(pad), *SMALL, "--set", "friction=.1,-1", "--set", "kind=soft", "--out", "study")
-    assert code == 2, said
-    assert re.search(r"^ *\.1 .*\d+ *$", said, re.MULTILINE)
-    assert re.search(r"^ *-1 .*- +refused *$", said, re.MULTILINE)
-    assert re.search(r"^refused +friction=-1: CoulombFriction on bottom: .*must be >= 0", said, re.MULTILINE), said
-    told = json.loads((pad.parent / "study" / "study.json").read_text())
-    assert [row["status"] for row in told] == ["done", "refused"]
-    assert "must be >= 0" in told[1]["message"]
-    assert told[1]["folder"] is None
+def test_a_run_that_is_refused_is_a_row(pad, tmp_path):
+    code, printed = run(pad, "--set", "friction=.1,-1", "--set", "kind=soft", "--out", "study")
+    assert code == 2, printed
+    assert re.search(r"^ *\.1 .*\d+ *$", printed, re.MULTILINE)
+    assert re.search(r"^ *-1 .*- +refused *$", printed, re.MULTILINE)
+    assert re.search(r"^refused +friction=-1: CoulombFriction on bottom: ", printed, re.MULTILINE), printed
+    done, refused = json.loads((tmp_path / "study" / "study.json").read_text())
+    assert (done["status"], refused["status"], refused["folder"]) == ("done", "refused", None)
+    # A problem file that ends its process is refused as well; if all runs fail, there is no picture.
+    code, printed = run(pad, "--set", "kind=gone,rock", "--out", "other", "--plot")
+    assert code == 2
+    assert re.search(r"^ *gone .* refused *$", printed, re.MULTILINE), printed
+    assert not (tmp_path / "other" / "study.png").exists()
 
 
 @pytest.mark.slow
-def test_a_run_that_misses_its_accuracy_has_the_other_exit_code(pad):
-    words = ("--set", "friction=.1,.2", "--solver", "osqp", "--accuracy", "1e-15")
-    code, said = call("run", str(pad), *SMALL, *words)
-    assert code == 3, said
-    assert said.count("not certified") >= 2
-
-
-@pytest.mark.long
-def test_a_code_of_the_problem_that_ends_its_process(pad):
-    code, said = call("run", str(pad), *SMALL, "--set", "kind=hard,gone")
-    assert code == 2
-    assert re.search(r"^ *gone .* refused *$", said, re.MULTILINE), said
+def test_a_study_with_missed_accuracies_exits_with_three(pad):
+    code, printed = run(pad, "--set", "friction=.1,.2", "--solver", "osqp", "--accuracy", "1e-15")
+    assert code == 3, printed
+    assert printed.count("not certified") >= 2
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--results", "slips"), "--results: there is no result 'slips'; there are energy, dissipated"),
-        (("--report",), "Each has its own folder in DIR of --out DIR, which --report needs"),
-        (("--resume", "old"), "none of them can be resumed"),
+        (("--results", "slips"), "--results: there is no result 'slips'"),
+        (("--report",), "--report"),
+        (("--resume", "old"), "resume"),
     ],
 )
-def test_what_a_study_cannot_do(pad, words, message):
-    code, said = call("run", str(pad), "--set", "friction=.1,.2", *words)
+def test_options_that_a_study_does_not_have_are_refused(pad, words, message):
+    code, printed = call("run", str(pad), "--set", "friction=.1,.2", *words)
     assert code == 2
-    assert message in " ".join(said.split())
+    assert message in " ".join(printed.split())
 
 
-def test_files_of_others_are_refused_before_any_run(pad, tmp_path):
+def test_foreign_files_are_refused_before_any_run(pad, tmp_path):
     (tmp_path / "study").mkdir()
     (tmp_path / "study" / "study.csv").write_text("mine")
-    code, said = call("run", str(pad), *SMALL, "--set", "friction=.1,.2", "--out", "study")
+    code, printed = run(pad, "--set", "friction=.1,.2", "--out", "study")
     assert code == 2
-    assert "study.csv: not made by a run of this version" in said
+    assert "study.csv: not made by a run of this version" in printed
     assert [path.name for path in (tmp_path / "study").iterdir() if path.is_dir()] == []
 
 
-@pytest.mark.long
-def test_where_all_runs_fail_there_is_no_picture(pad, tmp_path):
-    code, said = call("run", str(pad), *SMALL, "--set", "friction=-1,-2", "--out", "study", "--plot")
-    assert code == 2
-    assert said.count("must be >= 0") == 2
-    assert not (tmp_path / "study" / "study.png").exists()
-
-
-def test_folders_say_the_settings():
+def test_folders_are_named_after_settings_or_numbered():
     assert study.folder_names([("a=.1", "b=x y"), ("a=.2", "b=x y")]) == ["a=.1,b=x_y", "a=.2,b=x_y"]
     assert study.folder_names([("a=x y",), ("a=x:y",)]) == ["run_1", "run_2"]
     assert study.folder_names([("a=" + "x" * 200,), ("a=1",)]) == ["run_1", "run_2"]
+
+
+def test_remarks_name_the_runs_with_failures_warnings_and_unbounded_extremes():
+    done = {"set.b": "0", "status": "done", "slip": 1.0}
+    rows = [
+        {"set.a": "1", **done, "unbounded": "", "met": True, "warnings": ["all do"]},
+        {"set.a": "2", **done, "unbounded": "slip", "met": False, "warnings": ["all do", "only one"]},
+    ]
+    assert list(study.remarks(rows)) == [
+        "warning     all runs: all do",
+        "warning     a=2: only one",
+        "no limit    a=2: slip may grow without limit as the mesh is refined",
+    ]
+    failed = {"set.a": "3", "set.b": "0", "status": "refused", "message": "no"}
+    assert next(study.remarks([failed, *rows])) == "refused     a=3: no"
+    rows[1]["estimated_error"] = 0.2
+    table = study.table(rows, ["slip"], {}).text().splitlines()
+    assert "error" in table[1]
+    assert [line.endswith("target not met") for line in table[-2:]] == [False, True]
 
 
 def test_the_picture_has_a_line_for_each_value_of_the_second_parameter():
@@ -191,12 +204,23 @@ def test_the_picture_has_a_line_for_each_value_of_the_second_parameter():
         for k, b in enumerate(("x", "y"))
     ]
     failed = {"set.a": "3", "set.b": "x", "set.c": "1", "status": "refused", "message": "no"}
-    labels = {"slip": "largest slip"}
-    figure = study.picture([*rows, failed], ["slip", "pressure"], labels, "title")
+    figure = study.picture([*rows, failed], ["slip", "pressure"], {"slip": "largest slip"}, "title")
     (ax,) = (ax for ax in figure.axes if ax.lines)
     assert [line.get_label() for line in ax.lines] == ["b = x", "b = y"]
     assert ax.lines[1].get_xydata().tolist() == [[1.0, 1.0], [2.0, 2.0], [10.0, 10.0]]
     assert np.isnan(ax.lines[0].get_ydata()[2])
     assert ax.get_xlabel() == "a"
-    words = study.picture([{"set.a": a, "status": "done", "slip": 1.0} for a in "xy"], ["slip"], labels)
-    assert [tick.get_text() for tick in words.axes[0].get_xticklabels()] == ["x", "y"]
+
+
+def test_a_mesh_file_has_several_bodies_if_the_scene_names_its_parts(tmp_path):
+    file = str(Path(__file__).parents[1] / "meshes" / "files" / "a1_two_parts.inp")
+    (tmp_path / "two.py").write_text(
+        "import vemcvx as vx\n"
+        "def scene(upon): return vx.Scene(vx.Elasticity(1.0, 0.3), vx.BilateralContact(on=upon))\n"
+        "def mesh(n): return vx.meshes.squares(n)\ndef times(steps): return [0.0, 1.0]\n"
+    )
+    problem = read_problem(tmp_path / "two.py")
+    mesh = problem.mesh(4, file, ["upon=Lower-1|Upper-1"])
+    assert list(mesh.interfaces) == ["Lower-1|Upper-1"]
+    with pytest.raises(vx.MeshError, match="If 'Lower-1', 'Upper-1' are bodies"):
+        problem.mesh(4, file, ["upon=bottom"])

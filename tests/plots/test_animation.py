@@ -1,19 +1,19 @@
-"""Films: every stored step a frame, all of one scale; a sentence where they cannot be written."""
+"""Films have a frame for each stored step at one scale; figures are pictures in notebooks."""
 
 from __future__ import annotations
 
-import re
+from io import BytesIO
 
 import numpy as np
 import pytest
+from matplotlib import image
+from matplotlib.animation import writers
+from PIL import Image
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.base.canvas import new_figure
 from vemcvx.plots.pictures import _frames
-
-pytest.importorskip("matplotlib")
-Image = pytest.importorskip("PIL.Image")
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def history():
 
 
 @pytest.mark.long
-def test_a_gif_has_a_frame_a_stored_step(history, tmp_path):
+def test_a_gif_has_a_frame_for_each_stored_step(history, tmp_path):
     path = history.animate(tmp_path / "slip.gif", seconds=1.0, units={"length": "mm"})
     with Image.open(path) as film:
         assert film.n_frames == 5
@@ -35,7 +35,7 @@ def test_a_gif_has_a_frame_a_stored_step(history, tmp_path):
 
 
 @pytest.mark.long
-def test_frames_keep_their_place_and_scale(history):
+def test_all_frames_have_the_same_axes_and_colours(history):
     figure, seen = new_figure(), []
     for _ in _frames(history, figure):
         figure.draw_without_rendering()
@@ -46,20 +46,37 @@ def test_frames_keep_their_place_and_scale(history):
         assert np.concatenate(other) == pytest.approx(np.concatenate(seen[0]), abs=1e-12)
 
 
-def test_what_cannot_be_filmed_is_said(history, tmp_path, monkeypatch):
-    with pytest.raises(vx.HistoryError, match=r"animate: found .*slip\.avi'; films end in \.gif or \.mp4"):
-        history.animate(tmp_path / "slip.avi")
-    with pytest.raises(vx.HistoryError, match=r"animate: found seconds = 0; wanted a positive number"):
-        history.animate(tmp_path / "slip.gif", seconds=0)
+def test_films_that_cannot_be_written_are_refused_and_keep_older_files(history, tmp_path, monkeypatch):
     (tmp_path / "film.gif").write_bytes(b"earlier")
-    with pytest.raises(vx.HistoryError, match="magnify: found -1; wanted a positive number"):
-        history.animate(tmp_path / "film.gif", magnify=-1)
+    for name, options, says in (
+        ("slip.avi", {}, r"slip\.avi'"),
+        ("slip.gif", {"seconds": 0}, "seconds = 0"),
+        ("film.gif", {"magnify": -1}, "magnify: found -1"),
+        ("none/slip.gif", {}, "cannot write a film"),
+    ):
+        with pytest.raises(vx.HistoryError, match=says):
+            history.animate(tmp_path / name, **options)
     assert (tmp_path / "film.gif").read_bytes() == b"earlier"
-    with pytest.raises(vx.HistoryError, match=re.escape(str(tmp_path / "none" / "slip.gif")) + ": cannot write a film"):
-        history.animate(tmp_path / "none" / "slip.gif")
-    from matplotlib.animation import writers
-
     monkeypatch.setattr(type(writers), "is_available", lambda self, kind: False)
-    for suffix, missing in ((".mp4", "ffmpeg, which is not installed: write a .gif"), (".gif", "pillow, which is not")):
+    for suffix, missing in ((".mp4", "ffmpeg"), (".gif", "pillow")):
         with pytest.raises(vx.VemcvxError, match=f"a film of this kind needs {missing}"):
             history.animate(tmp_path / f"slip{suffix}")
+
+
+def test_a_figure_is_a_picture_in_notebooks():
+    """IPython and marimo call `_repr_png_`, without pyplot."""
+    figure = new_figure(3.0, 2.0)
+    figure.add_subplot().plot([0, 1], [1, 0])
+    pixels = image.imread(BytesIO(figure._repr_png_()))
+    assert pixels.shape[:2] == (200, 300)
+    assert pixels[..., :3].min() < 0.5
+
+
+def test_a_figure_is_described_by_its_titles_and_labels():
+    figure = new_figure()
+    assert repr(figure) == "Picture: 0 axes without titles"
+    left, right = figure.subplots(1, 2)
+    figure.suptitle("a loop")
+    left.set(title="force", xlabel="$t$", ylabel="F\nin N")
+    right.set_ylabel("energy")
+    assert repr(figure) == "Picture: a loop; force: F in N over t; energy"

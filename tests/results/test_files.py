@@ -1,16 +1,18 @@
-"""Histories in folders: back to the bit, readable by others, honest about what is missing."""
+"""A history is written to a folder and read back to the bit; meshio reads its steps; damaged files are refused."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
+import pickle
 import xml.etree.ElementTree as ET
 
 import meshio
 import numpy as np
 import pytest
 from identical import same
-from scenes import cyclic, mostly_long, paper_load, paper_scene, small
+from scenes import cyclic, mostly_long, paper_load, small
 
 import vemcvx as vx
 from vemcvx.base.errors import HistoryError
@@ -20,17 +22,13 @@ from vemcvx.results.files import Origin, write_results
 from vemcvx.vem import Space, strains
 
 TIMES = np.linspace(0.0, 1.0, 9)
-
-
-def named_mesh():
-    mesh = small("voronoi", 5).with_boundary("heel", lambda x: (x[:, 0] < 0.4) & (x[:, 1] == 0))
-    return mesh.with_cell_data("young", 200.0 + mesh.centroids[:, 0]).with_cell_data(
-        "zone", np.arange(mesh.n_cells) % 3
-    )
+SWELLS = vx.ThermalStrain(1e-4, lambda x, t: 30.0 * t * x[:, 1])
 
 
 @pytest.fixture(scope="module")
 def history():
+    mesh = small("voronoi", 5).with_boundary("heel", lambda x: (x[:, 0] < 0.4) & (x[:, 1] == 0))
+    mesh = mesh.with_cell_data("young", 200.0 + mesh.centroids[:, 0])
     scene = vx.Scene(
         vx.Elasticity("young", 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.column_stack([0.01 * t * x[:, 1], 0 * t * x[:, 0]]), on="right"),
@@ -38,16 +36,13 @@ def history():
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(bound=3.0, on="bottom"),
     )
-    return vx.simulate(scene, named_mesh(), TIMES, solver=vx.Newton(accuracy=1e-7))
-
-
-def same_mesh(one, other):
-    arrays = all(same(getattr(one, n), getattr(other, n)) for n in ("points", "offsets", "vertices", "cell_data"))
-    return arrays and same(dict(one.boundaries), dict(other.boundaries))
+    mesh = mesh.with_cell_data("zone", np.arange(mesh.n_cells) % 3)
+    return vx.simulate(scene, mesh, TIMES, solver=vx.Newton(accuracy=1e-7))
 
 
 def assert_same(one, other):
-    assert same_mesh(one.mesh, other.mesh)
+    assert all(same(getattr(one.mesh, n), getattr(other.mesh, n)) for n in (*one.mesh.ARRAYS, "cell_data"))
+    assert same(dict(one.mesh.boundaries), dict(other.mesh.boundaries))
     for field in dataclasses.fields(one):
         if field.name not in ("mesh", "scene"):
             assert same(getattr(one, field.name), getattr(other, field.name)), field.name
@@ -59,21 +54,14 @@ def assert_same(one, other):
 
 @pytest.mark.long
 @pytest.mark.parametrize("store", ["all", "last", 3])
-def test_back_to_the_bit(history, store, tmp_path):
-    kept = vx.simulate(history.scene, history.mesh, TIMES, store=store)
+def test_a_history_is_read_back_to_the_bit(history, store, tmp_path):
+    kept = vx.simulate(vx.Scene(*history.scene, SWELLS), history.mesh, TIMES, store=store)
     assert kept.write(tmp_path / "deep" / "folder") == tmp_path / "deep" / "folder"
     assert_same(kept, read_history(tmp_path / "deep" / "folder"))
 
 
 @pytest.mark.long
-def test_every_family_comes_back(family, tmp_path):
-    history = vx.simulate(paper_scene(), small(family, 3), TIMES[:3])
-    history.write(tmp_path)
-    assert_same(history, read_history(tmp_path))
-
-
-@pytest.mark.long
-def test_histories_without_contact_or_steps_come_back(tmp_path):
+def test_histories_without_contact_or_steps_are_read_back(tmp_path):
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction(paper_load(cyclic), on="left"))
     for times in (TIMES, [0.0]):
         history = vx.simulate(scene, small("squares", 3), times)
@@ -81,7 +69,22 @@ def test_histories_without_contact_or_steps_come_back(tmp_path):
         assert_same(history, read_history(tmp_path))
 
 
-def test_series_and_steps_read_by_meshio(history, tmp_path):
+def test_a_history_with_constant_data_is_pickled_with_its_scene():
+    scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, 1.0), on="right"))
+    history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
+    again = pickle.loads(pickle.dumps(history))
+    assert np.array_equal(again.displacement, history.displacement)
+    assert [effect.describe() for effect in again.scene] == [effect.describe() for effect in history.scene]
+
+
+def test_a_history_without_its_scene_is_pickled_and_copied(history):
+    bare = pickle.loads(pickle.dumps(dataclasses.replace(history, scene=None)))
+    assert np.array_equal(bare.displacement, history.displacement)
+    assert copy.copy(history).scene is history.scene
+    assert not np.shares_memory(copy.deepcopy(history).displacement, history.displacement)
+
+
+def test_meshio_reads_the_series_and_its_steps(history, tmp_path):
     history.write(tmp_path)
     listed = list(ET.parse(tmp_path / "history.pvd").iter("DataSet"))
     assert [float(item.get("timestep")) for item in listed] == TIMES.tolist()
@@ -99,7 +102,7 @@ def test_series_and_steps_read_by_meshio(history, tmp_path):
             assert np.isnan(nodal[name][away]).all() if name == "sticking" else not nodal[name][away].any()
 
 
-def test_fields_on_cells_are_those_of_the_cells(history, tmp_path):
+def test_cell_fields_are_in_the_order_of_the_cells(history, tmp_path):
     history.write(tmp_path)
     step = meshio.read(tmp_path / "step_0008.vtu")
     cells = [cell.tolist() for block in step.cells for cell in block.data]
@@ -108,21 +111,20 @@ def test_fields_on_cells_are_those_of_the_cells(history, tmp_path):
     assert np.array_equal(stress, history.stress(8))
     e = strains(Space(history.mesh), history.displacement[8])
     lam, mu = history.moduli
-    # 1/2 (lam tr(eps)^2 + 2 mu eps : eps), with 2 e_xy in the third column
+    # 1/2 (lam tr(eps)^2 + 2 mu eps : eps); the third column of e is 2 e_xy.
     density = 0.5 * lam * (e[:, 0] + e[:, 1]) ** 2 + mu * (e[:, 0] ** 2 + e[:, 1] ** 2 + 0.5 * e[:, 2] ** 2)
     assert energy == pytest.approx(density, rel=1e-12, abs=1e-15 * density.max())
 
 
-@pytest.mark.long
-def test_on_triangles_the_density_adds_up_to_the_stored_energy(tmp_path):
-    """There Pi u = u, and nothing is left to stabilise."""
-    history = vx.simulate(paper_scene(), small("triangles", 5), TIMES)
-    history.write(tmp_path)
-    step = meshio.read(tmp_path / "step_0008.vtu")
-    assert step.cell_data["strain_energy"][0] @ history.mesh.areas == pytest.approx(history.energy[-1], rel=1e-12)
+def test_stresses_across_the_plane_are_left_out_if_they_are_unknown(history, tmp_path):
+    dataclasses.replace(history, out_of_plane=None, out_of_plane_prestress=None).write(tmp_path)
+    names = set(meshio.read(tmp_path / "step_0005.vtu").cell_data)
+    assert "principal_stresses" in names
+    assert not {"von_mises", "out_of_plane_stress"} & names
+    assert read_history(tmp_path).out_of_plane is None
 
 
-def test_summary_has_the_keys_of_the_contract(history, tmp_path):
+def test_the_summary_has_the_public_keys(history, tmp_path):
     write_results(history, tmp_path, Origin("block", "voronoi", 5))
     told = json.loads((tmp_path / "summary.json").read_text())
     kinds = {
@@ -141,106 +143,49 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
     size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
     assert told["mesh"] == {"family": "voronoi", "n": 5, **size}
     assert (told["problem"], told["version"], told["steps"]) == ("block", vx.__version__, 8)
-    assert told["unknowns"] == history.trajectory.state.shape[1]
+    assert (told["unknowns"], told["accuracy"]) == (history.trajectory.state.shape[1], 1e-7)
     assert told["effects"] == list(history.effects)
-    assert told["accuracy"] == 1e-7
     assert told["certified_energy_error"] == history.certified.max() > history.certificate.max()
     for name in ("energy", "dissipated", "work"):
         assert told[name] == getattr(history, name)[-1]
     seconds = told["seconds"]
     assert list(seconds) == ["assemble", "prepare", "solve", "write", "total"]
     assert seconds["total"] == pytest.approx(sum(seconds[name] for name in list(seconds)[:-1]))
-    # The arrays of numpy alone take more than 10 MB.
     assert 10 < told["peak_memory_mb"] < 1e5
 
 
-def test_a_summary_of_a_miss_is_still_json(history, tmp_path):
+def test_the_summary_writes_an_infinite_error_as_null(history, tmp_path):
     run = dataclasses.replace(history.trajectory, gap=np.full(9, np.inf), solver="SomebodyElses()", accuracy=None)
     dataclasses.replace(history, trajectory=run).write(tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text(), parse_constant=pytest.fail)
-    assert told["certified_energy_error"] is None
-    assert told["accuracy"] is None
-    assert told["mesh"]["family"] is None
+    assert told["certified_energy_error"] is told["accuracy"] is told["mesh"]["family"] is None
 
 
-@pytest.mark.long
-def test_a_new_history_replaces_the_old_one_and_nothing_else(history, tmp_path):
-    history.write(tmp_path)
-    for name in ("step_9999.vtu", "notes.txt", "deformed_mesh.png"):
-        (tmp_path / name).write_text("somebody's")
-    some = vx.simulate(history.scene, history.mesh, TIMES, store="last")
-    some.write(tmp_path)
-    ours = {"history.npz", "history.pvd", "summary.json", "steps.csv", "contact.csv", "step_0008.vtu"}
-    assert {path.name for path in tmp_path.iterdir()} == ours | {"step_9999.vtu", "notes.txt", "deformed_mesh.png"}
-    assert_same(some, read_history(tmp_path))
-
-
-@pytest.mark.long
-def test_a_write_that_fails_leaves_the_old_history(history, tmp_path, monkeypatch):
-    history.write(tmp_path)
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    some = vx.simulate(history.scene, history.mesh, TIMES[:5])
-
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez", full)
-    with pytest.raises(HistoryError, match="cannot write a history there: .*No space left on device"):
-        some.write(tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def test_folders_without_a_history_say_what_they_are(history, tmp_path):
-    with pytest.raises(HistoryError, match=r"nowhere: there is no such folder; a history is a folder that contains"):
-        read_history(tmp_path / "nowhere")
-    with pytest.raises(HistoryError, match="found nothing"):
-        read_history(tmp_path)
+def test_folders_without_a_history_are_refused(history, tmp_path):
     (tmp_path / "mesh.vtu").write_text("")
-    with pytest.raises(HistoryError, match=r"found mesh\.vtu; a history"):
-        read_history(str(tmp_path))
-    with pytest.raises(HistoryError, match="found a file, not a folder"):
-        read_history(tmp_path / "mesh.vtu")
+    for folder, says in (
+        ("nowhere", "there is no such folder"),
+        ("", r"found mesh\.vtu"),
+        ("mesh.vtu", "not a folder"),
+    ):
+        with pytest.raises(HistoryError, match=says):
+            read_history(tmp_path / folder)
     with pytest.raises(HistoryError, match=r"mesh\.vtu: cannot be used as a folder"):
         history.write(tmp_path / "mesh.vtu")
 
 
 @pytest.mark.long
-def test_damaged_archives_are_refused_or_whole(history, tmp_path):
-    history.write(tmp_path)
-    archive = tmp_path / "history.npz"
-    whole = archive.read_bytes()
-    rng = np.random.default_rng(1)
-    for length in (0, 3, 100, len(whole) // 2, len(whole) - 30):
-        archive.write_bytes(whole[:length])
-        with pytest.raises(HistoryError, match=r"history\.npz: cut short or damaged: .*Run the problem again"):
-            read_history(tmp_path)
-    refused = 0
-    for place in rng.integers(0, len(whole), 60):
-        flipped = bytearray(whole)
-        flipped[place] ^= 0xFF
-        archive.write_bytes(flipped)
-        try:
-            # Dates and the like in the headers of a zip file may change without harm.
-            assert_same(history, read_history(tmp_path))
-        except HistoryError:
-            refused += 1
-    assert refused > 30
-
-
-@pytest.mark.long
 def test_foreign_archives_are_refused(history, tmp_path):
     np.savez(tmp_path / "history.npz", u=np.zeros(3), v=np.ones(2))
-    with pytest.raises(HistoryError, match="not a history of this version: it holds u, v"):
+    with pytest.raises(HistoryError, match="not a history of this version"):
         read_history(tmp_path)
-    with pytest.raises(HistoryError, match=r"history\.npz: it belongs to no history, so it is not replaced"):
-        history.write(tmp_path)
     (tmp_path / "history.npz").unlink()
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:
         arrays = dict(file)
     newer = {**arrays, "about": np.array(str(arrays["about"]).replace("history 7", "history 8"))}
     np.savez(tmp_path / "history.npz", **newer)
-    with pytest.raises(HistoryError, match="found the format 'vemcvx history 8', wanted 'vemcvx history 7'"):
+    with pytest.raises(HistoryError, match="vemcvx history 8"):
         read_history(tmp_path)
     for name in ("displacement", "contact.slip", "trajectory.gap", "mesh.points", "boundary.boundary"):
         np.savez(tmp_path / "history.npz", **{key: value for key, value in arrays.items() if key != name})
@@ -249,19 +194,18 @@ def test_foreign_archives_are_refused(history, tmp_path):
 
 
 @mostly_long("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"], 0, 2)
-def test_files_that_are_of_no_history_stay(history, name, tmp_path):
+def test_foreign_files_of_the_same_names_are_not_replaced(history, name, tmp_path):
     (tmp_path / name).write_text('{"a": "thesis"}')
-    with pytest.raises(HistoryError, match=f"{name}: it belongs to no history, so it is not replaced"):
+    with pytest.raises(HistoryError, match=f"{name}: .* not replaced"):
         history.write(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == '{"a": "thesis"}'
 
 
-def test_what_a_killed_process_left_goes(history, tmp_path):
-    # As it is left by a kill in the middle of writing.
+def test_files_of_a_process_killed_while_writing_are_removed(history, tmp_path):
     held = Owned(tmp_path / ".vemcvx-writing")
     held.take("step_0000.vtu").write_text("half")
-    with pytest.raises(HistoryError, match="another run is writing there"):
+    with pytest.raises(HistoryError, match="another run"):
         history.write(tmp_path)
     held.close()
     history.write(tmp_path)

@@ -1,45 +1,45 @@
-"""Wear: friction work per length of contact nodes, over all steps, in every way a run can be made."""
+"""Wear is the friction work per length of each contact node, summed over all steps."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import cyclic, paper_load, paper_scene, small
+from scenes import cyclic, mostly_long, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 25)
-# Sums over some 25 steps and 10 nodes of numbers of one sign, in two orders.
+STEEL = vx.Elasticity(200.0, 0.3)
 ROUNDED = 1e-13
+"""Sums of 250 positive numbers in two orders differ by less than this."""
 
 
-def moved(x, t):
+def pull_sideways(x, t):
     return np.column_stack([0.05 * np.sin(5 * t) * (1 + x[:, 1]), 0.0 * x[:, 0]])
 
 
-def to_and_fro(x, t):
-    """A top that presses down and rubs."""
+def press_and_rub(x, t):
     return np.tile([0.03 * np.sin(6 * t), -0.02 * t], (len(x), 1))
 
 
 SCENES = {
     "tresca": paper_scene(cyclic),
     "moving support": vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.PrescribedDisplacement(moved, on="right"),
+        STEEL,
+        vx.PrescribedDisplacement(pull_sideways, on="right"),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(bound=lambda x, t: 1.0 + x[:, 0] * t, on="bottom", quadrature="integral"),
     ),
     "coulomb": vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.PrescribedDisplacement(to_and_fro, on="top"),
+        STEEL,
+        vx.PrescribedDisplacement(press_and_rub, on="top"),
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(0.3, on="bottom"),
     ),
     "two normals": vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.PrescribedDisplacement(to_and_fro, on="top"),
+        STEEL,
+        vx.PrescribedDisplacement(press_and_rub, on="top"),
         vx.NormalCompliance(stiffness=500.0, on=["bottom", "left"]),
         vx.TrescaFriction(bound=0.5, on="bottom"),
         vx.TrescaFriction(bound=0.2, on="left"),
@@ -47,19 +47,17 @@ SCENES = {
 }
 
 
-def assert_adds_up(history):
-    worn = history.contact.wear @ history.contact.friction_lengths
-    assert np.abs(worn - history.dissipated).max() <= ROUNDED * history.dissipated[-1]
-    assert history.dissipated[-1] > 0
+def total_wear(history):
+    return history.contact.wear @ history.contact.friction_lengths
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", SCENES)
-def test_wear_adds_up_to_what_is_dissipated_and_is_the_sum_of_weights_times_slips(name):
+@mostly_long("name", SCENES, "two normals")
+def test_wear_is_the_sum_of_weights_times_slips_and_adds_up_to_the_dissipation(name):
+    """The slip w_i |(I - nn') du_i| is computed again from displacements, which include moving supports."""
     scene, mesh = SCENES[name], small("voronoi", 5)
     history = vx.simulate(scene, mesh, TIMES)
-    assert_adds_up(history)
-    # Again from the displacements: w_i |(I - nn') du_i|, which moving supports are part of.
+    assert total_wear(history) == pytest.approx(history.dissipated, abs=ROUNDED * history.dissipated[-1])
+    assert history.dissipated[-1] > 0
     terms, contact = pose_scene(scene, mesh).terms, history.contact
     increments = np.diff(history.displacement.reshape(len(TIMES), -1), axis=0)
     work = history.trajectory.weights[1:] * np.abs(increments @ terms.rows.T.toarray())
@@ -74,33 +72,26 @@ def test_wear_adds_up_to_what_is_dissipated_and_is_the_sum_of_weights_times_slip
     part = vx.vem.Space(mesh).part(["bottom", "left"] if two else "bottom", "test")
     own = part.node_lengths[np.searchsorted(part.nodes, contact.nodes)]
     assert contact.friction_lengths == pytest.approx(own, rel=1e-14)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", SCENES)
-def test_steps_that_are_not_stored_wear_too(name):
-    scene, mesh = SCENES[name], small("squares", 4)
-    whole, some = (vx.simulate(scene, mesh, TIMES, store=store) for store in ("all", 10))
+    # Steps that are not stored count as well.
+    some = vx.simulate(scene, mesh, TIMES, store=10)
     assert some.stored.tolist() == [0, 10, 20, 24]
-    assert np.array_equal(some.contact.wear, whole.contact.wear[some.stored])
-    assert_adds_up(some)
+    assert np.array_equal(some.contact.wear, contact.wear[some.stored])
 
 
 @pytest.mark.long
-def test_dashpots_dissipate_and_do_not_wear():
-    scene = vx.Scene(*SCENES["tresca"].effects, vx.Viscosity(shear=10.0, volume=5.0))
-    mesh = small("squares", 4)
+def test_viscous_dissipation_is_no_wear():
+    scene, mesh = vx.Scene(*SCENES["tresca"], vx.Viscosity(shear=10.0, volume=5.0)), small("squares", 4)
     history = vx.simulate(scene, mesh, TIMES)
     rates = np.diff(history.trajectory.state, axis=0)
     C = pose_scene(scene, mesh).system.damping.C
-    lost = np.append(0.0, np.cumsum(np.einsum("ni,ni->n", rates, (C @ rates.T).T) / np.diff(TIMES)))
-    rubbed = history.contact.wear @ history.contact.friction_lengths
-    assert rubbed[-1] > 0.01 * lost[-1] > 0
-    assert rubbed + lost == pytest.approx(history.dissipated, abs=1e-12 * history.dissipated[-1])
+    viscous = np.append(0.0, np.cumsum(np.einsum("ni,ni->n", rates, (C @ rates.T).T) / np.diff(TIMES)))
+    worn = total_wear(history)
+    assert worn[-1] > 0.01 * viscous[-1] > 0
+    assert worn + viscous == pytest.approx(history.dissipated, abs=1e-12 * history.dissipated[-1])
 
 
-def test_a_slider_on_a_spring():
-    """k y = F(t) - w while it moves: pulled to F = 5 it has slid (5 - 3) / 2, pushed to -5 it slides back by 2."""
+def test_a_slider_on_a_spring_has_its_closed_form():
+    """While it slides, k y = F(t) - w sign(v). At F = 5 it has slid by (5 - 3) / 2, at F = -5 it has slid back by 2."""
     load = lambda t: [5 * np.interp(t, [0, 1, 2], [0, 1, -1])]  # noqa: E731
     run = vx.march(vx.System([[2.0]], load, vx.Norms([[1.0]], 3.0)), [0.0, 0.5, 1.0, 1.5, 2.0])
     assert run.worn[:, 0] == pytest.approx([0.0, 0.0, 3.0, 3.0, 9.0], abs=1e-14)
@@ -108,12 +99,14 @@ def test_a_slider_on_a_spring():
 
 
 def test_nodes_without_friction_do_not_wear():
+    """With a constant bound of 1, wear is the length of the path of slip."""
+    friction = vx.TrescaFriction(bound=1.0, on="heel")
     scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
+        STEEL,
         vx.Clamp(on="right"),
         vx.Traction(paper_load(cyclic), on="left"),
         vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(bound=1.0, on="heel"),
+        friction,
     )
     mesh = small("squares", 8).with_boundary("heel", lambda x: (x[:, 1] == 0) & (x[:, 0] < 0.5))
     contact = vx.simulate(scene, mesh, TIMES).contact
@@ -122,6 +115,5 @@ def test_nodes_without_friction_do_not_wear():
     assert not contact.wear[:, ~rubs].any()
     assert contact.lengths.sum() == pytest.approx(1 - 1 / 16, rel=1e-14)
     assert contact.friction_lengths.sum() == pytest.approx(0.5, rel=1e-14)
-    # Where one bound holds all the time, wear is the bound times the way.
-    way = np.abs(np.diff(contact.slip[:, :, 0], axis=0)).sum(axis=0)
-    assert contact.wear[-1, rubs] == pytest.approx(way[rubs], abs=1e-13 * way.max())
+    path = np.abs(np.diff(contact.slip[:, :, 0], axis=0)).sum(axis=0)
+    assert contact.wear[-1, rubs] == pytest.approx(path[rubs], abs=1e-13 * path.max())

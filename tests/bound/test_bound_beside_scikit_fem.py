@@ -1,10 +1,12 @@
-"""Bounds beside a continuum solution from another program: scikit-fem assembles P2, cvxpy and Clarabel solve.
+"""Bounds compared with solutions of other programs: scikit-fem assembles quadratic elements, cvxpy and Clarabel solve.
 
-The triangles of that solution w begin as the split fans of the cells, so that the displacement v that a bound is about
-is quadratic on each of them, and |w - v|_a is integrated exactly; they are graded to the points where stresses are
-singular. w is admitted on the continuum: its normal values are negative on whole edges, because their Bernstein
-coefficients are. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). By how much J falls once all triangles are halved
-bounds the error of the finer w: what is left is less than what was gained.
+Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
+functional that u minimises. The triangles of w are parts of the split fans of the cells. So v is quadratic on each
+triangle, and |w - v|_a is integrated exactly. Triangles are graded to points where stresses are singular.
+
+The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
+normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We halve all triangles. J then falls by more
+than the finer w can still gain, which bounds the error of the finer w.
 """
 
 from __future__ import annotations
@@ -25,24 +27,24 @@ import vemcvx as vx
 
 YOUNG, POISSON = 200.0, 0.3
 GAUSS, WEIGHTS = np.array(np.polynomial.legendre.leggauss(3)) / 2.0 + [[0.5], [0.0]]
-"""Of an edge, where friction acts in the program."""
+"""Quadrature points and weights of an edge, at which friction acts in the program."""
 FINE, FINE_WEIGHTS = np.array(np.polynomial.legendre.leggauss(24)) / 2.0 + [[0.5], [0.0]]
-"""Likewise in J, which is to be that of the continuum."""
+"""Quadrature points and weights for friction in J, which must be exact."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A body on its floor y = 0: where it is clamped, where loads act, what friction and the floor do."""
+    """A body on its floor y = 0, with its clamp, loads, friction and singular points."""
 
     scene: vx.Scene
     clamped: tuple[int, float]
-    """the axis and the coordinate of the side that is clamped"""
+    """Axis and coordinate of the clamped side."""
     loaded: tuple[int, float]
     load: object
-    """x (2, ...) to components"""
+    """Function of points x (2, ...), which returns two components."""
     friction: float
-    leaves: bool
-    """Says if the body can leave its floor."""
+    can_lift: bool
+    """True if the body can lift off its floor."""
     singular: tuple[tuple[float, float], ...]
 
 
@@ -52,7 +54,7 @@ PAPER = Case(
     loaded=(0, 0.0),
     load=lambda x: (8.0 * (1.25 - x[1]), -0.01 + 0.0 * x[0]),
     friction=4.0,
-    leaves=False,
+    can_lift=False,
     singular=((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)),
 )
 LIFT = 0.5
@@ -68,13 +70,13 @@ BRACKET = Case(
     loaded=(0, 1.0),
     load=lambda x: (2.0 + 0.0 * x[0], LIFT + 0.0 * x[0]),
     friction=0.6,
-    leaves=True,
+    can_lift=True,
     singular=((0.5, 0.5), (0.0, 1.0), (0.5, 1.0), (0.0, 0.0), (1.0, 0.0)),
 )
 
 
 def fan_triangles(circle):
-    """The split fans of all cells as one mesh of scikit-fem."""
+    """Return the split fans of all cells as one mesh of scikit-fem."""
     corners = []
     for fans in (one.fans for one in circle.forms):
         here = fans.corners + fans.centres[:, None]
@@ -87,8 +89,8 @@ def fan_triangles(circle):
     return skfem.MeshTri(points[first].T.copy(), number.reshape(-1, 3).T.copy())
 
 
-def graded(mesh, points, levels):
-    """Triangles around points halved again and again."""
+def refine_around(mesh, points, levels):
+    """Return a mesh whose triangles around points are halved repeatedly."""
     for level in range(levels):
         middle = mesh.p[:, mesh.t].mean(axis=1)
         radius = 0.15 * 0.5**level
@@ -98,7 +100,7 @@ def graded(mesh, points, levels):
 
 
 def shapes(s):
-    """(q, 3) the functions of P2 on an edge: both ends, and the middle."""
+    """Return the quadratic shape functions (q, 3) of an edge: of both ends and of the middle."""
     return np.column_stack([(1.0 - s) * (1.0 - 2.0 * s), s * (2.0 * s - 1.0), 4.0 * s * (1.0 - s)])
 
 
@@ -111,13 +113,13 @@ class Solution:
     J: float
     energy: float
     floor: np.ndarray
-    """(e, 3, 2) values on the edges of the floor: both ends and the middle"""
+    """Displacements (e, 3, 2) of the edges on the floor, at both ends and at the middle."""
     along: np.ndarray
-    """(e, 2) where these edges begin and end"""
+    """Coordinates x (e, 2) of the ends of these edges."""
 
 
-def solved(case, mesh):
-    """The minimiser of J over P2, friction at three points an edge."""
+def solve_with_cvxpy(case, mesh):
+    """Return the minimiser of J over quadratic elements, with friction at three points of each edge."""
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP2()), intorder=4)
     K = linear_elasticity(*lame_parameters(YOUNG, POISSON)).assemble(basis).tocsc()
 
@@ -130,15 +132,15 @@ def solved(case, mesh):
     edges = on(1, 0.0)
     ends = mesh.facets[:, edges]
     dofs = np.stack([basis.nodal_dofs[:, ends[0]], basis.nodal_dofs[:, ends[1]], basis.facet_dofs[:, edges]])
-    # (3, 2, e): both ends and the middle, two components, edges.
+    # The axes (3, 2, e) are: both ends and the middle, two components, edges.
     along = mesh.p[0, ends].T
     lengths = np.abs(along[:, 1] - along[:, 0])
     held = basis.get_dofs(on(*case.clamped)).all()
-    if not case.leaves:  # vertical displacements of the floor are zero
+    if not case.can_lift:  # vertical displacements of the floor are zero
         held = np.union1d(held, dofs[:, 1])
     contact = np.setdiff1d(dofs, held)
     rest = np.setdiff1d(np.arange(len(f)), np.union1d(held, contact))
-    # What is not in contact follows it: a Schur complement, dense on the floor alone.
+    # A Schur complement eliminates the unknowns away from the floor.
     inner = spla.splu(K[rest][:, rest])
     coupling = K[rest][:, contact].toarray()
     back = inner.solve(np.column_stack([coupling, f[rest]]))
@@ -149,7 +151,7 @@ def solved(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """(m e, contact) combinations (m, 3) of the values on edges."""
+        """Return the rows (m e, contact) of combinations (m, 3) of the values on each edge."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)
@@ -163,7 +165,7 @@ def solved(case, mesh):
     y = cp.Variable(len(contact))
     cost = 0.5 * cp.sum_squares(root @ y) - (right / size / unit) @ y + (costs / size / unit) @ cp.abs(slips @ y)
     bernstein = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.5, -0.5, 2.0]])
-    above = [rows(bernstein, 1) @ y >= 0] if case.leaves else []
+    above = [rows(bernstein, 1) @ y >= 0] if case.can_lift else []
     tolerances = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-11)
     cp.Problem(cp.Minimize(cost), above).solve(solver=cp.CLARABEL, **tolerances)
 
@@ -176,8 +178,8 @@ def solved(case, mesh):
     return Solution(basis, w, energy - float(f @ w) + friction, energy, floor, along)
 
 
-def ends_of_slip(found, size):
-    """Where on the floor slip begins or ends, or the body leaves it."""
+def find_changes(found, size):
+    """Return the points of the floor at which slip or lift-off begins or ends."""
     order = np.argsort(found.along.min(axis=1))
     at, values = found.along.min(axis=1)[order], found.floor[order, 2]
     moves = np.abs(values) > 1e-6 * size
@@ -185,8 +187,8 @@ def ends_of_slip(found, size):
     return [(float(x), 0.0) for x in np.unique(np.concatenate(places))]
 
 
-def apart(found, circle, u):
-    """|w - v|_a, exactly: both are quadratic on each triangle."""
+def distance(found, circle, u):
+    """Return |w - v|_a, exactly: w and v are quadratic on each triangle."""
     grad = found.basis.interpolate(found.w).grad
     strain = np.stack([grad[0, 0], grad[1, 1], grad[0, 1] + grad[1, 0]], axis=-1)
     x = np.asarray(found.basis.global_coordinates())
@@ -199,7 +201,7 @@ def apart(found, circle, u):
 CASES = {
     "paper on squares": (PAPER, lambda: vx.meshes.squares(4)),
     "paper on voronoi": (PAPER, lambda: small("voronoi", 4)),
-    "bracket that leaves its floor": (BRACKET, lambda: vx.meshes.l_shape(6)),
+    "bracket that lifts off its floor": (BRACKET, lambda: vx.meshes.l_shape(6)),
 }
 
 
@@ -209,11 +211,11 @@ def test_bounds_contain_the_solution_of_scikit_fem(name):
     case, mesh = CASES[name]
     history = vx.simulate(case.scene, mesh(), [0.0, 1.0])
     bound, circle, u = vx.error_bound(history, step=-1), circle_of(history), history.displacement[-1]
-    first = solved(case, graded(fan_triangles(circle), case.singular, 4))
-    points = [*case.singular, *ends_of_slip(first, np.abs(u).max())]
-    triangles = graded(fan_triangles(circle), points, 8)
-    coarse, fine = (solved(case, one) for one in (triangles, triangles.refined()))
-    own, error = np.sqrt(2.0 * (coarse.J - fine.J)), apart(fine, circle, u)
+    first = solve_with_cvxpy(case, refine_around(fan_triangles(circle), case.singular, 4))
+    points = [*case.singular, *find_changes(first, np.abs(u).max())]
+    triangles = refine_around(fan_triangles(circle), points, 8)
+    coarse, fine = (solve_with_cvxpy(case, one) for one in (triangles, triangles.refined()))
+    own, error = np.sqrt(2.0 * (coarse.J - fine.J)), distance(fine, circle, u)
     assert own <= 0.08 * error
     assert error + own <= bound.upper
     assert bound.lower <= error + own

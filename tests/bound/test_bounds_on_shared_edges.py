@@ -1,7 +1,7 @@
-"""Bounds where several effects share an edge: supports at an angle with friction and obstacles, frictions, obstacles.
+"""Bounds where several effects share an edge: inclined supports, friction and obstacles.
 
-A block that is clamped at its top shears and stretches uniformly, u = (1 - y) b, under tractions that are constant on
-its sides: virtual elements find that displacement, and a bound that knows all that acts is zero to rounding.
+A block that is clamped at its top deforms uniformly, u = (1 - y) b, under constant tractions on its sides. Virtual
+elements are exact for this displacement, so that a bound that includes all effects is zero to rounding.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def grows(*force):
 
 
 @mostly_long("angle", [20.0, 70.0, 40.0, 50.0])
-def test_supports_at_an_angle_leave_friction_and_obstacles_their_part(angle):
+def test_the_bound_of_an_inclined_support_with_friction_and_an_obstacle_is_zero(angle):
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    # The bottom slides across (c, s) down to its obstacle, which presses; friction acts against it.
+    # The bottom slides at right angles to (c, s), down to its obstacle; friction acts against the slip.
     b = np.array([GAP * s / c, -GAP])
     lift = (YOUNG * b[1] - PRESSURE) - (SHEAR * b[0] + BOUND) * s / c
     found = bounded(
@@ -49,8 +49,8 @@ def test_supports_at_an_angle_leave_friction_and_obstacles_their_part(angle):
 
 @pytest.mark.long
 @pytest.mark.parametrize("direction", [(0.5, 1.0), (1.0, 0.5)])
-def test_a_body_that_slides_at_an_angle_goes_back_from_a_bump_between_nodes(direction):
-    def over(height):
+def test_a_bump_between_nodes_increases_the_bound_of_a_body_on_an_inclined_support(direction):
+    def bound_over(height):
         def gap(x, t):
             return 1e-2 - height * (np.abs(x[:, 0] - 0.5) < 0.1)
 
@@ -62,14 +62,14 @@ def test_a_body_that_slides_at_an_angle_goes_back_from_a_bump_between_nodes(dire
             vx.UnilateralContact(on="bottom", gap=gap),
         )
 
-    # No node is there, so that the answer is the same; it is not admissible, and what is costs more.
-    bumped, flat = over(9e-3), over(0.0)
+    # The run does not see the bump, so that its displacement is inadmissible; admissible displacements cost more.
+    bumped, flat = bound_over(9e-3), bound_over(0.0)
     assert bumped.potential[1] > flat.potential[1] + 1e-6
     assert bumped.upper > 1.1 * flat.upper
 
 
 @pytest.mark.long
-def test_frictions_on_one_ground_are_one_friction():
+def test_two_friction_effects_on_one_ground_have_the_bound_of_their_sum():
     def belt(x, t):
         return 0.02 * t, 0.0
 

@@ -44,12 +44,11 @@ PRESSED = (vx.Elasticity(1.0, 0.3), vx.Clamp(on="right"))
     "effects, true",
     [
         (STRIP, 0.0371),
-        ((*STRIP, vx.BodyForce(lambda x, t: (1e-3 * t, 0.0))), 0.0371),
         ((*PRESSED, vx.Traction(along(patch), on="left")), 0.00723),
         ((*PRESSED, vx.Pressure(lambda x, t: t * patch(x), on="left")), 0.00723),
     ],
     0,
-    2,
+    1,
 )
 def test_loads_that_assemble_as_zero_are_in_the_bound(effects, true):
     history = run(*effects)
@@ -77,9 +76,7 @@ def test_friction_that_is_zero_at_nodes_is_in_the_bound():
     assert history.inactive
     bound = vx.error_bound(history, -1, of=vx.Traction((1.0, 0.0), on="left"))
     assert bound.low <= 0.02994 <= bound.high
-    assert vx.error_bound(history, -1).upper >= 0.03
-    whole = vx.error_bound(history)
-    assert whole.upper[-1] >= vx.error_bound(history, -1).upper
+    assert vx.error_bound(history).upper[-1] >= vx.error_bound(history, -1).upper >= 0.03
 
 
 # Loads along a bar that no quadrature rule integrates exactly: u' is minus the integral of f. Quantities are also
@@ -90,16 +87,8 @@ def jump(x):
     return 1.0 * (x[:, 0] < 0.6)
 
 
-def blunt_jump(x):
-    return 1.0 * (abs(x[:, 0] - 0.37) < 0.1)
-
-
 def peak(x):
     return np.exp(-((x[:, 0] - 0.5) ** 2) / 0.02)
-
-
-def kink(x):
-    return abs(x[:, 0] - 0.4)
 
 
 def waves(k, x):
@@ -109,31 +98,28 @@ def waves(k, x):
 LOADS = {
     "jump": jump,
     "strip": strip,
-    "wide strip": blunt_jump,
     "peak": peak,
-    "kink": kink,
     "waves": partial(waves, 20.0),
-    "long waves": partial(waves, 9.0),
+    "short waves": partial(waves, 60.0),
     "linear": lambda x: 1.0 - 3.0 * x[:, 0],
 }
 
 
-def bar(of):
-    """A run, its exact force on the right, mean displacement on the left and least energy."""
+def bar_under(of):
+    """Return the run of a bar, and the exact force -u' at many points s."""
     s = np.linspace(0.0, 1.0, 100_001)
     force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
-    mean, square = (np.trapezoid(one, s) for one in (force, force**2))
-    return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), -force[-1], mean, -0.5 * square
+    return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), s, force
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", LOADS)
 def test_bounds_allow_for_quadrature_errors_of_loads(name):
-    history, force, mean, least = bar(LOADS[name])
-    exact, known = name == "linear", 1e-6
+    history, s, force = bar_under(LOADS[name])
+    exact, known, least = name == "linear", 1e-6, -0.5 * np.trapezoid(force**2, s)
     for of, truth in (
-        (vx.PrescribedDisplacement((1.0, 0.0), on="right"), force),
-        (vx.Traction((1.0, 0.0), on="left"), mean),
+        (vx.PrescribedDisplacement((1.0, 0.0), on="right"), -force[-1]),
+        (vx.Traction((1.0, 0.0), on="left"), np.trapezoid(force, s)),
     ):
         found = vx.error_bound(history, -1, of=of)
         assert found.low - known <= truth <= found.high + known
@@ -158,25 +144,14 @@ def test_bounds_allow_for_quadrature_errors_of_tractions(of, force):
     assert found.high - found.low < 0.02 * force
 
 
-def true_error(history, of):
-    """Return |u - v|_a; the quadrature rule of the bounds integrates its square."""
-    s = np.linspace(0.0, 1.0, 100_001)
-    force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
+@mostly_long("name", LOADS, "jump")
+def test_bounds_from_both_sides_allow_for_quadrature_errors(name):
+    history, s, force = bar_under(LOADS[name])
 
     def strain(x):
         return np.column_stack([-np.interp(x[:, 0], s, force), 0.0 * x])
 
-    return error_from(circle_of(history), history.displacement[-1], 1.0, strain)
-
-
-NARROW = {"narrow peak": lambda x: np.exp(-0.5 * ((x[:, 0] - 0.37) / 0.02) ** 2), "short waves": partial(waves, 60.0)}
-
-
-@mostly_long("name", [*LOADS, *NARROW], "jump")
-def test_bounds_from_both_sides_allow_for_quadrature_errors(name):
-    of = {**LOADS, **NARROW}[name]
-    history = bar(of)[0]
-    bound, true = vx.error_bound(history, -1), true_error(history, of)
+    bound, true = vx.error_bound(history, -1), error_from(circle_of(history), history.displacement[-1], 1.0, strain)
     # Exact strains are not polynomials within triangles: the quadrature of the true error is off by some hundredths.
     assert 0.95 * bound.lower <= true <= 1.05 * bound.upper
 
@@ -218,38 +193,16 @@ def dip(x, t):
     return np.full(len(x), 0.5 - 0.4 * max(0.0, 1.0 - abs(t - 0.55) / 0.05))
 
 
-def pulse(t):
-    return 0.4 * t + 0.4 * max(0.0, 1.0 - abs(t - 0.555) / 0.005)
-
-
-def short_dip(x, t):
-    return np.full(len(x), 0.5 - 0.4 * max(0.0, 1.0 - abs(t - 0.555) / 0.005))
-
-
-def ripples(t):
-    return 0.45 * t + 0.3 * np.sin(40.0 * np.pi * t)
-
-
 def fast_ripples(t):
     return 0.4 * np.sin(2.0 * np.pi * t) + 0.35 * np.sin(512.0 * np.pi * t)
 
 
 COURSES = {
-    "bump": (sheared(bump), 2),
-    "bump in three steps": (sheared(bump), 3),
     "ground": ((*LAYER, vx.Clamp(on="top"), vx.TrescaFriction(0.5, on="bottom", ground=uniform(bump))), 2),
     "support": ((*LAYER, vx.PrescribedDisplacement(uniform(bump), on="top"), vx.TrescaFriction(0.5, on="bottom")), 2),
+    "prestress": (sheared(bump), 3),
     "bound": (sheared(lambda t: 0.45, dip), 2),
     "waves": (sheared(lambda t: 0.7 * np.sin(16.0 * np.pi * t)), 2),
-    "pulse": (sheared(pulse), 10),
-    "pulse of ground": ((*LAYER, vx.Clamp(on="top"), vx.TrescaFriction(0.5, on="bottom", ground=uniform(pulse))), 10),
-    "pulse of support": (
-        (*LAYER, vx.PrescribedDisplacement(uniform(pulse), on="top"), vx.TrescaFriction(0.5, on="bottom")),
-        10,
-    ),
-    "pulse of bound": (sheared(lambda t: 0.45, short_dip), 10),
-    "ripples": (sheared(ripples), 5),
-    "more ripples": (sheared(ripples), 10),
     "fast ripples": (sheared(fast_ripples), 32),
 }
 
@@ -277,12 +230,11 @@ def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog
 
 
 @pytest.mark.long
-@mostly_slow("steps", [1, 2])
-def test_supports_may_move_nonlinearly_in_time(steps):
+def test_supports_may_move_nonlinearly_in_time():
     """Bounds read supports at more instants than the run. Only motion that is nonlinear along edges is refused."""
     moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")
     scene, mesh = vx.Scene(*LAYER, moved, vx.TrescaFriction(0.5, on="bottom")), vx.meshes.squares(1)
-    history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, steps + 1))
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
     fine = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
     apart = energy_distance(circle_of(fine), history.displacement[-1], fine.displacement[-1])
     assert apart <= vx.error_bound(history).upper[-1]

@@ -1,4 +1,4 @@
-"""Adaptive runs: true errors meet the target, load reversals become instants, wrong arguments are reported."""
+"""Adaptive runs: true errors meet targets, steps end at load reversals, wrong arguments are refused."""
 
 from __future__ import annotations
 
@@ -8,15 +8,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from random_scenes import coarse_mesh, random_scene
-from scenes import paper_scene
+from scenes import mostly_slow, paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.adapt import GAIN, MARGIN, StepLoss, cells_to_refine, split_steps
-from vemcvx.estimate.finer_steps import compare_finer_steps
-from vemcvx.scene import pose_scene
-from vemcvx.stepping import prepare
 
 TARGET = 0.05
+PAD = vx.Scene(
+    vx.Elasticity(100.0, 0.3),
+    vx.PrescribedDisplacement(
+        lambda x, t: np.tile([0.06 * np.sin(np.pi * t), -0.02 * min(t, 1.0)], (len(x), 1)), on="top"
+    ),
+    vx.UnilateralContact(on="bottom"),
+    vx.CoulombFriction(0.3, on="bottom"),
+)
+"""A pad on a rough floor, pressed and rubbed to and fro by its top."""
 
 
 def true_error(found, scene):
@@ -36,27 +42,15 @@ def meets_target(seed):
     return true_error(found, scene) <= TARGET
 
 
+@mostly_slow("seeds, least", [((0, 3, 7, 10), 4), (range(20), 18)])
 @pytest.mark.long
-def test_true_errors_meet_targets():
-    assert all(meets_target(seed) for seed in (0, 3, 7, 10))
-
-
-@pytest.mark.slow
-def test_targets_are_met_in_nine_of_ten_scenes():
-    assert sum(meets_target(seed) for seed in range(20)) >= 18
-
-
-@pytest.mark.long
-def test_a_load_reversal_that_matters_becomes_an_instant():
-    scene, turn = random_scene(3)
-    assert turn < 1.0
-    found = vx.adapt(scene, coarse_mesh(3), [0.0, 1.0], 0.15)
-    assert np.abs(found.history.trajectory.times - turn).min() <= 1e-7
+def test_true_errors_meet_targets_in_nine_of_ten_scenes(seeds, least):
+    assert sum(map(meets_target, seeds)) >= least
 
 
 @pytest.mark.slow
 def test_errors_are_relative_to_the_energy_with_friction_and_obstacles():
-    """Without the floor the bar would bend and store hundreds of times the energy, so errors would look small."""
+    """Without the floor the bar would bend and store much more energy: relative errors would look small."""
 
     def pull(x, t):
         return np.column_stack([np.full(len(x), 4.0 * np.sin(6 * np.pi * t)), np.zeros(len(x))])
@@ -120,34 +114,11 @@ def test_a_scene_without_friction_needs_one_step():
     assert found.budget.time[-1] == 0.0
 
 
-@pytest.mark.long
-def test_steps_are_halved_for_curved_loads():
-    """A target nine times smaller needs three times as many steps, because the error is of second order."""
-
-    def wave(t):
-        return np.sin(2 * np.pi * t)
-
-    scene, mesh = paper_scene(wave, bound=1.0), vx.meshes.squares(3)
-    posed = pose_scene(scene, mesh)
-    run = prepare(posed.system, None, False, True)
-    times = np.linspace(0, 1, 4)
-    counts = []
-    for allowed in (0.09, 0.01):
-        while True:
-            finer = compare_finer_steps(run, times, np.zeros(posed.system.n))
-            split = split_steps(times, StepLoss.from_energy(finer, finer.norm), allowed)
-            if len(split) == len(times):
-                break
-            times = split
-        counts.append(len(times) - 1)
-    assert counts[1] <= 4.5 * counts[0]
-
-
-def test_marked_cells_carry_the_fraction_theta_or_less_if_this_is_enough():
+def test_marked_cells_carry_a_part_theta_of_the_error_unless_less_is_enough():
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
-    # Fewer cells are marked if they suffice: a split of the first cell (4 of 10) removes GAIN * 4 = 3 of 10.
+    # Fewer cells are marked if they suffice: refining the first cell (4 of 10) removes GAIN * 4 = 3 of 10.
     goal = (10.0 - GAIN * 4.0) / MARGIN**2
     assert cells_to_refine(squares, goal, 0.9).tolist() == [True, False, False, False]
 
@@ -155,15 +126,15 @@ def test_marked_cells_carry_the_fraction_theta_or_less_if_this_is_enough():
 def test_steps_with_large_errors_are_split():
     times, none = np.array([0.0, 1.0, 2.0, 3.0]), np.zeros(0)
 
-    def lost(added, bends=none):
+    def loss(added, bends=none):
         return StepLoss(sum(added), np.array(added) ** 2, np.array(bends))
 
-    assert split_steps(times, lost([1.0, 2.0, 0.0]), 4.0).tolist() == times.tolist()
-    assert split_steps(times, lost([0.0, 2.0, 0.0]), 1.0).tolist() == [0.0, 1.0, 1.5, 2.0, 3.0]
-    assert split_steps(times, lost([0.0, 2.0, 0.0], [0.5, 1.2]), 1.0).tolist() == [0.0, 1.0, 1.2, 2.0, 3.0]
+    assert split_steps(times, loss([1.0, 2.0, 0.0]), 4.0).tolist() == times.tolist()
+    assert split_steps(times, loss([0.0, 2.0, 0.0]), 1.0).tolist() == [0.0, 1.0, 1.5, 2.0, 3.0]
+    assert split_steps(times, loss([0.0, 2.0, 0.0], [0.5, 1.2]), 1.0).tolist() == [0.0, 1.0, 1.2, 2.0, 3.0]
     # A tiny step across a jump is not split.
     times = np.array([0.0, 1.0, 1.0 + 1e-12, 3.0])
-    assert split_steps(times, lost([0.0, 2.0, 0.0]), 1.0).tolist() == times.tolist()
+    assert split_steps(times, loss([0.0, 2.0, 0.0]), 1.0).tolist() == times.tolist()
 
 
 @pytest.mark.parametrize(
@@ -184,19 +155,14 @@ def test_wrong_arguments_are_named(name, value):
 
 def test_wrong_types_of_mesh_and_solver_and_runs_without_estimate_are_refused():
     mesh, viscous = vx.meshes.squares(2), paper_scene().with_(vx.Viscosity(shear=1.0))
-    for arguments, solver, said in (
+    for arguments, solver, message in (
         ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 instead of a mesh"),
         ((viscous, mesh, [0.0, 1.0]), None, "^adapt: there is no estimate for scenes with Viscosity"),
         ((paper_scene(), mesh, [1.0]), None, "adapt: found one instant"),
         ((paper_scene(), mesh, [0.0, 1.0]), "newton", "^solver: found 'newton'"),
     ):
-        with pytest.raises(vx.SceneError, match=said):
+        with pytest.raises(vx.SceneError, match=message):
             vx.adapt(*arguments, solver=solver)
-
-
-def cycle(t):
-    """Return the load of a whole cycle, which is zero up to rounding at both ends."""
-    return np.sin(2 * np.pi * t)
 
 
 def pulse(t):
@@ -205,9 +171,8 @@ def pulse(t):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("course", [cycle, pulse])
-def test_loads_that_vanish_at_the_requested_instants_are_found(course):
-    found = vx.adapt(paper_scene(course), vx.meshes.squares(3), [0.0, 1.0], 0.3)
+def test_a_load_that_vanishes_at_the_requested_instants_is_found():
+    found = vx.adapt(paper_scene(pulse), vx.meshes.squares(3), [0.0, 1.0], 0.3)
     assert found.history.inactive == ()
     assert found.history.steps >= 3
     assert found.history.trajectory.norm.max() > 0.1
@@ -232,25 +197,25 @@ def test_every_requested_instant_is_stored():
 
 @pytest.mark.slow
 def test_adaptive_meshes_need_fewer_unknowns():
-    """The study of `problems/adaptive_meshes.py` at half its sizes, with a reference of the same reduced size."""
+    """The study is that of `problems/adaptive_meshes.py` at half its sizes."""
     import adaptive_meshes
 
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
-    # In the limit, refinement by errors reaches N^-1/2. Before this limit errors may fall faster, while singular points
-    # are resolved: the slope is -.551 here.
+    # In the limit, adaptive errors fall as N^-1/2. They may fall faster (here as N^-.551) while singular points are
+    # resolved.
     assert adaptive_meshes.fit_slope(adapted) <= -0.45
     assert adaptive_meshes.fit_slope(equal) > -0.47
-    # The gain grows as errors fall: adapted meshes need .2 of the unknowns here, and .15 at twice the size.
+    # The gain grows as errors fall: adapted meshes need .2 of the unknowns here, and .15 at full size.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("of", ["dissipated", "work"])
 def test_true_errors_of_energies_meet_targets(of):
-    """Under Coulomb's law, with a load that turns smoothly between few instants, mesh and steps have to be refined."""
-    scene, mesh = rubbed_pad(), vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
+    """Under Coulomb's law and a load that reverses smoothly between few instants, both mesh and steps are refined."""
+    scene, mesh = PAD, vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
     target = {"dissipated": 0.08, "work": 0.04}[of]
     found = vx.adapt(scene, mesh, [0.0, 2.0], target, of=of)
     last, aim = found.passes[-1], found.history.quantities[of]
@@ -269,7 +234,7 @@ def test_true_errors_of_energies_meet_targets(of):
 
 
 @pytest.mark.long
-def test_the_target_of_wear_is_met_if_wear_has_a_limit():
+def test_bounded_wear_meets_its_target():
     found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.03, of="wear")
     truth = vx.simulate(paper_scene(), vx.meshes.squares(64), [0.0, 1.0]).contact.wear_second_order[-1].max()
     assert found.met
@@ -277,10 +242,10 @@ def test_the_target_of_wear_is_met_if_wear_has_a_limit():
 
 
 @pytest.mark.slow
-def test_wear_without_a_limit_does_not_meet_its_target_and_the_summary_explains_it():
+def test_unbounded_wear_misses_its_target_and_the_summary_explains_why():
     """The pressure is singular at both ends of a pressed pad."""
     mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
-    found = vx.adapt(rubbed_pad(), mesh, [0.0, 0.5, 1.0], 0.05, of="wear")
+    found = vx.adapt(PAD, mesh, [0.0, 0.5, 1.0], 0.05, of="wear")
     assert not found.met
     assert len(found.passes) < 12
     assert "the error does not fall under refinement" in found.summary()
@@ -288,15 +253,15 @@ def test_wear_without_a_limit_does_not_meet_its_target_and_the_summary_explains_
 
 
 @pytest.mark.long
-def test_files_have_quantities_with_their_errors(tmp_path):
+def test_files_contain_quantities_and_their_errors(tmp_path):
     mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
-    history = vx.adapt(rubbed_pad(), mesh, [0.0, 1.0, 2.0], 0.5, of="dissipated").history
+    history = vx.adapt(PAD, mesh, [0.0, 1.0, 2.0], 0.5, of="dissipated").history
     history.write(tmp_path)
-    told = json.loads((tmp_path / "summary.json").read_text())
-    assert "target" not in told["estimated_energy_errors"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "target" not in summary["estimated_energy_errors"]
     for name, one in history.quantities.items():
         numbers = {"value": one.value, "steps": one.steps, "mesh": one.mesh, "error": one.error}
-        assert told["quantities"][name] == numbers | {"unit": one.unit, "unbounded": one.unbounded or None}
+        assert summary["quantities"][name] == numbers | {"unit": one.unit, "unbounded": one.unbounded or None}
     table = np.genfromtxt(tmp_path / "steps.csv", delimiter=",", names=True)
     for name in ("dissipated", "work"):
         errors, one = table[f"{name}_error"], history.quantities[name]
@@ -309,21 +274,9 @@ def test_files_have_quantities_with_their_errors(tmp_path):
     np.testing.assert_array_equal(again.work_error, history.work_error)
 
 
-def rubbed_pad():
-    def plate(x, t):
-        return np.tile([0.06 * np.sin(np.pi * t), -0.02 * min(t, 1.0)], (len(x), 1))
-
-    return vx.Scene(
-        vx.Elasticity(100.0, 0.3),
-        vx.PrescribedDisplacement(plate, on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(0.3, on="bottom"),
-    )
-
-
 @pytest.mark.long
 def test_a_load_that_begins_and_ends_within_a_step_is_found():
-    """Only the preload acts at the requested instants: estimates at these alone would miss the load between them."""
+    """The preload acts alone at the requested instants, so that errors must be estimated between them, too."""
 
     def shaken(t):
         return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])
@@ -332,6 +285,6 @@ def test_a_load_that_begins_and_ends_within_a_step_is_found():
     assert np.allclose(found.history.times, [0.0, 0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
     assert found.met
     assert found.history.dissipated[-1] > 0.0
-    # Errors of the mesh are estimated also at the instants of the largest load.
-    judged = found.history.trajectory.times[found.budget.steps]
-    assert np.allclose(judged, [0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
+    # Errors of the mesh are also estimated at the instants of the largest load.
+    estimated = found.history.trajectory.times[found.budget.steps]
+    assert np.allclose(estimated, [0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The error budget of several bodies: contact acts on the edges of both, and what is bonded is one body."""
+"""The error budget of several bodies: contact acts on the edges of both bodies, and bonded bodies act as one."""
 
 import numpy as np
 import pytest
@@ -21,29 +21,42 @@ def space_of(scene, mesh):
     return vx.error_budget(vx.simulate(scene, mesh, [0.0, 0.5, 1.0])).space
 
 
+OUTSIDE = [f"lower.{side}" for side in ("bottom", "left", "right")]
+OUTSIDE += [f"upper.{side}" for side in ("top", "left", "right")]
+
+
+def shear(bound):
+    """Return a scene of two blocks in uniform shear, whose joint sticks or slips as a whole."""
+    return vx.Scene(
+        STEEL,
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="upper.top"),
+        vx.PrescribedDisplacement(
+            0.0, on=[side for side in OUTSIDE if side[6:] in ("left", "right")], direction=(0, 1)
+        ),
+        vx.BilateralContact(on=JOINT),
+        vx.TrescaFriction(bound, on=JOINT),
+    )
+
+
+def strained(contact):
+    """Return a scene of two blocks in uniform strain; supports hold the ends of their joint."""
+    gradient = np.array([[0.02, 0.04], [0.01, -0.12]])
+    moved = vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on=OUTSIDE)
+    return vx.Scene(STEEL, moved, contact(on=JOINT), vx.TrescaFriction(10.0, on=JOINT))
+
+
 @pytest.mark.long
-def test_constant_shear_has_no_residual_on_either_body():
-    """In stick and in full slip: the traction on the upper block is minus that on the lower one."""
-    sides = [f"{body}.{side}" for body in ("lower", "upper") for side in ("left", "right")]
-
-    def moved(x, t):
-        return np.tile([t, 0.0], (len(x), 1))
-
-    for bound in (10.0, 1.0):
-        scene = vx.Scene(
-            STEEL,
-            vx.Clamp(on="lower.bottom"),
-            vx.PrescribedDisplacement(moved, on="upper.top"),
-            vx.PrescribedDisplacement(0.0, on=sides, direction=(0, 1)),
-            vx.BilateralContact(on=JOINT),
-            vx.TrescaFriction(bound, on=JOINT),
-        )
-        assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
+@pytest.mark.parametrize(
+    "scene", [shear(10.0), shear(1.0), strained(vx.BilateralContact), strained(vx.UnilateralContact)]
+)
+def test_uniform_strain_leaves_no_residual(scene):
+    assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
 
 
 @pytest.mark.long
-def test_constant_pressure_has_no_residual_where_three_bodies_meet():
-    """The node of the lower body below the joint of the upper ones has two partners along one normal."""
+def test_uniform_pressure_leaves_no_residual_where_three_bodies_meet():
+    """The node of the lower body below the joint of the upper bodies has two partners along one normal."""
     boxes = {"lower": ((0, 2), (0, 1)), "left": ((0, 1), (1, 2)), "right": ((1, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(2, box=box) for name, box in boxes.items()})
     scene = vx.Scene(
@@ -57,24 +70,8 @@ def test_constant_pressure_has_no_residual_where_three_bodies_meet():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
-def test_constant_stress_has_no_residual_where_supports_hold_the_ends_of_an_interface(contact):
-    """They bear what acts there, of which no multiplier tells."""
-    outside = [f"lower.{side}" for side in ("bottom", "left", "right")]
-    outside += [f"upper.{side}" for side in ("top", "left", "right")]
-    gradient = np.array([[0.02, 0.04], [0.01, -0.12]])
-    scene = vx.Scene(
-        STEEL,
-        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on=outside),
-        contact(on=JOINT),
-        vx.TrescaFriction(10.0, on=JOINT),
-    )
-    assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
-
-
-@pytest.mark.long
-def test_pressure_across_a_curve_counts_on_its_chords():
-    """Uniform pressure leaves no residual but for the mean normals at the ends of chords, by their angle's square."""
+def test_uniform_pressure_across_a_curve_leaves_a_residual_of_second_order():
+    """Normals at nodes are means of the normals of two chords, which are off by the square of their angle."""
     found = []
     for sides in (16, 32):
         disc, ring = vx.meshes.ring([0.0, 0.5, 2.0], sides), vx.meshes.ring([2.0, 3.0], sides)
@@ -91,9 +88,9 @@ def test_pressure_across_a_curve_counts_on_its_chords():
 
 @pytest.mark.long
 def test_bonded_blocks_have_the_budget_of_one_body():
-    """Jumps across the joint are boundary residuals, the tangential ones against a multiplier: never less.
+    """Jumps across the joint become boundary residuals, against the multiplier of friction: they may only grow.
 
-    On meshes whose cells are alike on both sides, and what friction adds to them is of higher order.
+    Cells are alike on both sides of the joint; then the growth is of higher order.
     """
     added = []
     for n in (4, 8):
@@ -129,21 +126,15 @@ def pressed_and_pulled(young=(10.0, 30.0), friction=0.3):
     )
 
 
-ALL = ["squares", "voronoi", "triangles"]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("young", "families", "sizes", "fine"),
     [
         ((10.0, 30.0), ["squares"], [(4, 6)], 16),
-        *(
-            pytest.param(young, ALL, [(4, 6), (8, 12)], 48, marks=pytest.mark.slow)
-            for young in ((10.0, 30.0), (1.0, 1000.0), (1000.0, 1.0))
-        ),
+        pytest.param((1.0, 1000.0), ["squares", "voronoi", "triangles"], [(4, 6), (8, 12)], 48, marks=pytest.mark.slow),
     ],
 )
-def test_effectivity_on_two_blocks(young, families, sizes, fine):
+def test_estimates_on_two_blocks_are_one_to_five_times_the_error(young, families, sizes, fine):
     scene, times = pressed_and_pulled(young, 0.1), [0.0, 0.5, 1.0]
     truth = vx.simulate(scene, two_blocks("squares", "squares", (fine, fine)), times)
     for below in families:
@@ -155,10 +146,10 @@ def test_effectivity_on_two_blocks(young, families, sizes, fine):
 
 
 @pytest.mark.long
-def test_a_gap_that_nodes_miss_is_seen_between_bodies():
-    """What is between nodes is measured against the jump, however far both bodies have moved."""
+def test_a_bump_of_the_gap_between_nodes_is_in_the_estimate():
+    """The bump is compared with the jump across the joint, however far both bodies have moved."""
 
-    def data_of(gap, lift):
+    def data_error(gap, lift):
         def ground(x, t):
             return np.tile([0.0, lift * t], (len(x), 1))
 
@@ -175,14 +166,14 @@ def test_a_gap_that_nodes_miss_is_seen_between_bodies():
     def bumpy(x, t):
         return -0.01 * t * np.sin(4 * np.pi * x[:, 0]) ** 2
 
-    assert data_of(0.0, 0.0) == 0.0
-    still = data_of(bumpy, 0.0)
+    assert data_error(0.0, 0.0) == 0.0
+    still = data_error(bumpy, 0.0)
     assert still > 0.0
-    assert data_of(bumpy, 7.0) == pytest.approx(still, rel=1e-8)
+    assert data_error(bumpy, 7.0) == pytest.approx(still, rel=1e-8)
 
 
 @pytest.mark.long
-def test_meshes_of_bodies_adapt():
+def test_meshes_of_two_bodies_are_adapted():
     adapted = vx.adapt(pressed_and_pulled(), two_blocks("squares", "hexagons", (2, 3)), [0.0, 1.0], target=0.2)
     assert adapted.met
     assert len(adapted.passes) > 1

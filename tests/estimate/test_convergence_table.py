@@ -1,4 +1,4 @@
-"""Errors with their orders, as Markdown and CSV: two readers find the numbers that went in."""
+"""Tables of errors and observed orders, as Markdown, CSV and HTML, read back."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def table():
     return vx.measures.convergence_table(H, {"50 % of $h^2$": SECOND, "gap_ped|": GAPPED}, "h = k")
 
 
-def test_orders_are_those_of_the_errors(table):
+def test_orders_follow_from_successive_errors(table):
     assert table.orders["50 % of $h^2$"][1:] == pytest.approx([2.0, 2.0, 2.0], rel=1e-14)
-    # Beside an error that is missing there is no order.
+    # An order needs two successive errors.
     assert np.isnan(table.orders["gap_ped|"][:3]).all()
     assert table.orders["gap_ped|"][3] == pytest.approx(np.log2(10.0), rel=1e-14)
     rough = vx.measures.convergence_table([0.3, 0.1, 0.07], [1.0, 0.2, 0.19])
     assert rough.orders["error"][1:] == pytest.approx(vx.measures.orders([0.3, 0.1, 0.07], [1.0, 0.2, 0.19]).successive)
 
 
-def test_markdown(table):
+def test_markdown_has_four_digits_and_orders(table):
     heads, rule, *rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.markdown().splitlines()]
     assert [head.strip() for head in heads] == ["h = k", "50 % of $h^2$", "order", r"gap_ped\|", "order"]
     assert {cell.strip() for cell in rule} == {"---:"}
@@ -41,7 +41,7 @@ def test_markdown(table):
     assert repr(table) == table.markdown().rstrip()
 
 
-def test_csv_has_every_digit_and_no_name_twice(table):
+def test_csv_has_all_digits_and_unique_names(table):
     rows = list(csv.DictReader(table.csv().splitlines()))
     assert [float(row["h = k"]) for row in rows] == H.tolist()
     assert [float(row["50 % of $h^2$"]) for row in rows] == SECOND.tolist()
@@ -50,18 +50,18 @@ def test_csv_has_every_digit_and_no_name_twice(table):
     assert [float(row["order of 50 % of $h^2$"] or "nan") for row in rows] == pytest.approx(orders, rel=0, nan_ok=True)
 
 
-def test_notebooks_get_a_table(table):
+def test_notebooks_show_a_table(table):
     shown = ET.fromstring(table._repr_html_())
     assert [cell.text for cell in shown[1][0]] == ["1/4", "0.03125", None, "0.01000", None]
 
 
-def test_sizes_that_are_no_fractions_stay_numbers():
+def test_sizes_other_than_unit_fractions_are_decimal_numbers():
     cells = vx.measures.convergence_table([1.0, np.sqrt(2) / 8, 1e-300], [1.0, 0.5, 0.1], "k").markdown().splitlines()
     assert [line.split("|")[1].strip() for line in cells[2:]] == ["1", "0.1768", "1e-300"]
 
 
 @pytest.mark.parametrize(
-    ("h", "errors", "says"),
+    ("h", "errors", "message"),
     [
         (H, {}, "found no errors"),
         (H, {"a": SECOND, "b": SECOND[:2]}, r"b: found \(4,\) sizes and \(2,\) errors"),
@@ -71,6 +71,6 @@ def test_sizes_that_are_no_fractions_stay_numbers():
         (H, {3: SECOND}, "found the name 3; wanted words"),
     ],
 )
-def test_what_makes_no_table_is_said(h, errors, says):
-    with pytest.raises(vx.HistoryError, match=says):
+def test_wrong_sizes_and_errors_are_refused(h, errors, message):
+    with pytest.raises(vx.HistoryError, match=message):
         vx.measures.convergence_table(h, errors)

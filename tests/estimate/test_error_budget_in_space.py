@@ -1,8 +1,6 @@
-"""The error budget in space: nothing where stress is constant, and within a factor of the truth elsewhere."""
+"""The error budget in space: zero if stress is constant, else within a factor of the true error."""
 
 from __future__ import annotations
-
-from functools import cache
 
 import full_slip_in_space as full_slip
 import numpy as np
@@ -13,32 +11,29 @@ from scipy.spatial import cKDTree
 import block_in_space
 import manufactured_full_slip as plane
 import vemcvx as vx
-from vemcvx.bound.skeleton import instant
-from vemcvx.estimate.residual import Residuals
-from vemcvx.scene import pose_scene
 from vemcvx.vem import Space, strains, stresses
 
 pytestmark = pytest.mark.arithmetic
 
 FAMILIES = tuple(vx.meshes.SPACE_FAMILIES)
 LEAST, MOST = 1.2, 2.5
-"""Between these the estimate of the mesh stands to the true error."""
+"""Bounds of the effectivity, the estimated error of the mesh over the true error."""
 STEEL = vx.Elasticity(10.0, 0.3)
 GRADIENT = np.array([[0.02, 0.04, -0.03], [0.01, -0.05, 0.02], [0.03, 0.01, -0.12]])
 SIDES = "left", "right", "front", "back"
 
 
-def ratio_of(poisson, family, n):
+def effectivity(poisson, family, n):
     history = vx.simulate(
         full_slip.scene(poisson, pulled=poisson > 0.4),
         vx.meshes.SPACE_FAMILIES[family](n),
         np.linspace(0, 1, 3),
         store="last",
-        # Rounding leaves steps 3e-8 off there.
+        # Near incompressibility rounding leaves errors of 3e-8.
         solver=vx.Newton(accuracy=1e-6) if poisson > 0.4999 else None,
     )
     budget = vx.error_budget(history)
-    assert budget.time[-1] <= 1e-8, "data grow in proportion: no step loses anything, but the accuracy of steps"
+    assert budget.time[-1] <= 1e-8, "data grow in proportion to time: steps are exact to the accuracy of the solver"
     return budget.largest["total"] / full_slip.energy_error(history, plane.lame(poisson))
 
 
@@ -48,34 +43,34 @@ def ratio_of(poisson, family, n):
     [
         (0.3, "cubes", (3,)),
         (0.3, "tetrahedra", (3,)),
-        # Odd numbers of cubes have a pressure, ten times that of the body, that alternates and moves nothing.
+        # On odd numbers of cubes a spurious pressure alternates, ten times as large as the pressure of the body.
         (0.4999, "cubes", (3, 5)),
         (0.4999, "voronoi3", (4,)),
         *(
             pytest.param(nu, family, (2, 4, 6) if family == "kelvin" else (4, 8, 12), marks=pytest.mark.slow)
             for nu in (0.0, 0.3, 0.4999995)
             for family in FAMILIES
-            # They lock where the body hardly changes its volume; the others are as good there.
+            # Linear tetrahedra lock near incompressibility.
             if family != "tetrahedra" or nu < 0.4
         ),
     ],
 )
 def test_effectivity_on_full_slip(poisson, family, sizes):
-    found = [ratio_of(poisson, family, n) for n in sizes]
+    found = [effectivity(poisson, family, n) for n in sizes]
     assert min(found) >= LEAST
     assert max(found) <= MOST
 
 
 @mostly_long("family", FAMILIES)
-def test_constant_stress_has_no_residual(family):
-    """Pressure, tractions, friction at its bound, pressure of contact, springs and heat balance it on all sides."""
+def test_constant_stress_leaves_no_residual(family):
+    """It is balanced by pressure, tractions, friction at its bound, contact, springs and heat."""
     mesh = vx.meshes.SPACE_FAMILIES[family]((2, 1, 2))
     friction = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.5, on="bottom")
 
     def shear(x, t):
         return t * np.column_stack([np.ones(len(x)), 0 * x[:, 0], 0 * x[:, 0]])
 
-    slides = vx.Scene(
+    sliding = vx.Scene(
         STEEL,
         vx.PrescribedDisplacement(shear, on="top"),
         vx.PrescribedDisplacement(0.0, on=SIDES, direction=(0, 1, 0)),
@@ -96,7 +91,7 @@ def test_constant_stress_has_no_residual(family):
         vx.ElasticFoundation(5.0, on="bottom"),
         vx.Pressure(lambda x, t: t, on="top"),
     )
-    for scene in (slides, pressed, sprung):
+    for scene in (sliding, pressed, sprung):
         budget = vx.error_budget(vx.simulate(scene, mesh, [0.0, 1.0]))
         assert budget.space.max() < 1e-10
 
@@ -110,8 +105,8 @@ def two_blocks(n, family="cubes"):
 
 @pytest.mark.long
 @pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
-def test_constant_stress_has_no_residual_at_an_interface(contact):
-    """Of tilings that are intersected; supports bear what acts where they hold its rim."""
+def test_constant_stress_leaves_no_residual_at_an_interface(contact):
+    """The faces of the bodies differ, and supports hold the rim of the interface."""
     outside = [f"lower.{side}" for side in ("bottom", *SIDES)] + [f"upper.{side}" for side in ("top", *SIDES)]
     scene = vx.Scene(
         STEEL,
@@ -123,33 +118,6 @@ def test_constant_stress_has_no_residual_at_an_interface(contact):
     assert vx.error_budget(history).space.max() < 1e-10
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
-def test_no_other_pressure_leaves_less(contact, monkeypatch):
-    """Also where two bodies, and supports at an angle, bear a part of it."""
-    scene = vx.Scene(
-        vx.Elasticity(10.0, 0.49),
-        vx.Clamp(on="lower.bottom"),
-        vx.PrescribedDisplacement(0.0, on="upper.right", direction=(3, 0, 4)),
-        vx.PrescribedDisplacement(0.0, on="upper.front", direction=(0, 1, 0)),
-        vx.Traction(lambda x, t: t * np.column_stack([0.2 + 0 * x[:, 0], 0 * x[:, 0], x[:, 1] - 1.5]), on="upper.top"),
-        contact(on="lower|upper"),
-        vx.TrescaFriction(0.1, on="lower|upper"),
-    )
-    history = vx.simulate(scene, two_blocks((1, 2)), [0.0, 1.0])
-    residuals, best = Residuals(pose_scene(scene, history.mesh)), Residuals._pressures
-
-    def total(shift):
-        monkeypatch.setattr(Residuals, "_pressures", lambda *state: best(*state) + shift)
-        return sum(part.sum() for part in residuals.indicators(instant(history, 1)).values())
-
-    least, cells = total(0.0), np.eye(history.mesh.n_cells)
-    more, less = (np.array([total(shift) for shift in sign * cells]) for sign in (1.0, -1.0))
-    # Squares of A q + r, least where A'r is zero, the columns of A being of length one: found to 1e-3 |A| |r|.
-    slopes = (more - less) / np.sqrt(8.0 * (more + less - 2.0 * least))
-    assert np.linalg.norm(slopes) <= 1e-3 * np.sqrt(len(cells) * least)
-
-
 def pressed_aside(x, t):
     return t * np.column_stack([0.02 + 0 * x[:, 0], 0.005 + 0.01 * x[:, 0], -0.02 - 0.002 * x[:, 1]])
 
@@ -159,13 +127,11 @@ def scenes():
     coulomb = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
     joint = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(0.3, on="lower|upper")
     soft = vx.Elasticity(200.0, 0.3, on="lower"), vx.Elasticity(100.0, 0.3, on="upper")
-    weight = vx.BodyForce(lambda x, t: t * np.column_stack([x[:, 1], 0 * x[:, 0], np.full(len(x), -3.0)]))
     heat = vx.ThermalStrain(0.01, lambda x, t: t * x[:, 0] * x[:, 2])
     moved = vx.PrescribedDisplacement(pressed_aside, on="top")
     return {
         "block": (block_in_space.scene(), vx.meshes.cubes),
         "coulomb": (vx.Scene(steel, moved, *coulomb), vx.meshes.cubes),
-        "weight": (vx.Scene(steel, vx.Clamp(on="top"), weight), vx.meshes.cubes),
         "heat": (vx.Scene(steel, vx.Clamp(on="bottom"), heat), vx.meshes.cubes),
         "two bodies": (
             vx.Scene(
@@ -179,44 +145,38 @@ def scenes():
     }
 
 
-def apart(history, fine):
-    """Relative energy distance of the strains of a run from those of one on cells inside its cells."""
+def strain_distance(history, fine):
+    """Return the relative energy distance of the strains of a run and of a run on cells inside its cells."""
     one, other = (strains(Space(run.mesh), run.displacement[-1]) for run in (history, fine))
-    missed = one[cKDTree(history.mesh.centroids).query(fine.mesh.centroids)[1]] - other
-    squares = (np.sum(e * stresses(fine.moduli, e), axis=1) @ fine.mesh.volumes for e in (missed, other))
+    difference = one[cKDTree(history.mesh.centroids).query(fine.mesh.centroids)[1]] - other
+    squares = (np.sum(e * stresses(fine.moduli, e), axis=1) @ fine.mesh.volumes for e in (difference, other))
     return np.sqrt(np.divide(*squares))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenes())
 def test_effectivity_on_scenes(name):
-    """Beside the same scene on cubes of a fifth: the distance lacks a twentieth of the error at most."""
+    """The reference has cubes of a fifth of the size, so that the distance is at least .95 of the error."""
     scene, mesh = scenes()[name]
     times = np.linspace(0.0, 1.0, 5)
     history, fine = (vx.simulate(scene, mesh(n), times, store="last") for n in (4, 20))
-    assert LEAST <= vx.error_budget(history).space[-1] / apart(history, fine) <= MOST
+    assert LEAST <= vx.error_budget(history).space[-1] / strain_distance(history, fine) <= MOST
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", [0.3, 0.2])
 @pytest.mark.parametrize("name", ["block", "coulomb", "heat"])
-def test_adaptive_meshes_meet_their_targets_in_truth(name, target):
-    """Beside uniform cubes of 1/24: true errors are within the target."""
-    scene, _ = scenes()[name]
+def test_true_errors_of_adaptive_meshes_meet_the_target(name):
+    """The reference has 24 x 24 x 24 cubes."""
+    (scene, _), target = scenes()[name], 0.2
     found = vx.adapt(scene, vx.meshes.tetrahedra(3), [0.0, 0.5, 1.0], target)
     assert found.met
-    fine = finest(name)
+    fine = vx.simulate(scene, vx.meshes.cubes(24), np.linspace(0.0, 1.0, 9), store="last")
     assert vx.measures.energy_distance(found.history, fine).relative <= target
 
 
-@cache
-def finest(name):
-    return vx.simulate(scenes()[name][0], vx.meshes.cubes(24), np.linspace(0.0, 1.0, 9), store="last")
-
-
 @pytest.mark.long
-def test_friction_work_in_space_has_an_error_of_the_mesh():
+def test_the_mesh_error_of_friction_work_is_one_to_five_times_the_truth():
     scene, _ = scenes()["coulomb"]
-    told = vx.quantities(vx.simulate(scene, vx.meshes.cubes(2), [0.0, 0.5, 1.0]))
+    found = vx.quantities(vx.simulate(scene, vx.meshes.cubes(2), [0.0, 0.5, 1.0]))
     truth = vx.simulate(scene, vx.meshes.cubes(8), [0.0, 0.5, 1.0]).dissipated_second_order[-1]
-    assert 1.0 <= told["dissipated"].mesh / abs(told["dissipated"].value - truth) <= 5.0
+    assert 1.0 <= found["dissipated"].mesh / abs(found["dissipated"].value - truth) <= 5.0

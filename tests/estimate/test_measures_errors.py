@@ -1,4 +1,4 @@
-"""Errors against closed forms by quadrature, observed orders, and the instants and steps that measures are taken at."""
+"""Errors against closed forms by quadrature, observed orders, and the instants of measures."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def field(mesh, values):
 
 
 def along(values):
-    """A vector field along x_1, or the strain e_xx alone."""
+    """Return a vector field along x_1, or the strain e_xx alone."""
     return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
 
 
 def test_polynomials_of_degree_five_are_integrated_exactly(family):
-    """int C x^4 = C / 5 on every family, and int x^4 again: strains and displacements x^2 against a body at rest."""
+    """Strains and displacements x^2, against a body at rest, have int C x^4 = C / 5 and int x^4 = 1 / 5."""
     rest = small(family)
     rest = field(rest, np.zeros_like(rest.points))
     strain = vx.measures.energy_error(rest, lambda x, t: along(x[:, 0] ** 2)(3))
@@ -35,15 +35,15 @@ def test_polynomials_of_degree_five_are_integrated_exactly(family):
     assert odd.absolute == pytest.approx(np.sqrt(1 / 12), rel=1e-12)
 
 
-def test_what_one_square_misses_of_a_parabola():
-    """u_1 = x^2: Pi u = x, so int C (2x - 1)^2 = C / 3 and int (x^2 - x)^2 = 1 / 30; at the centroid none is."""
+def test_the_errors_of_a_parabola_on_one_square_are_exact():
+    """The projection of u_1 = x^2 is x, so that int C (2x - 1)^2 = C / 3 and int (x^2 - x)^2 = 1 / 30."""
     mesh = vx.meshes.squares(1)
     one = field(mesh, along(mesh.points[:, 0] ** 2)(2))
     assert vx.measures.energy_error(one, lambda x, t: along(2 * x[:, 0])(3)).absolute == pytest.approx(np.sqrt(C / 3))
     assert vx.measures.l2_error(one, lambda x, t: along(x[:, 0] ** 2)(2)).absolute == pytest.approx(np.sqrt(1 / 30))
 
 
-def test_affine_fields_have_no_error_and_bodies_at_rest_have_all(family):
+def test_affine_fields_have_no_error_and_bodies_at_rest_have_the_whole_norm(family):
     mesh = small(family)
     G = np.array([[0.3, 0.2], [-0.1, 0.4]])
     linear = field(mesh, mesh.points @ G + 5.0)
@@ -61,8 +61,7 @@ def pulled():
 
 
 @pytest.mark.long
-def test_instants_and_steps(pulled):
-    """Runs with different steps meet at the instants both stored, by time or by number."""
+def test_runs_with_different_steps_are_compared_at_common_instants(pulled):
     coarse, fine = pulled
     same = vx.measures.energy_distance(coarse, fine, time=0.5)
     assert same.reference == vx.measures.energy_distance(coarse, fine, step=2, reference_step=6).reference
@@ -74,7 +73,7 @@ def test_instants_and_steps(pulled):
         vx.measures.energy_distance(coarse, fine, step=3)
 
 
-def test_mistakes(pulled):
+def test_wrong_strains_displacements_and_histories_are_refused(pulled):
     with pytest.raises(vx.SceneError, match=r"energy_error: strain \(e_xx, e_yy, 2 e_xy\).*wanted 3 components"):
         vx.measures.energy_error(pulled[0], lambda x, t: x)
     with pytest.raises(vx.SceneError, match="l2_error: displacement: found NaN"):
@@ -83,7 +82,7 @@ def test_mistakes(pulled):
         vx.measures.l2_error(None, [0.0, 0.0])
 
 
-def test_orders():
+def test_orders_of_powers_are_their_exponents():
     h = np.array([0.4, 0.2, 0.05])
     found = vx.measures.orders(h, 3 * h**1.5)
     assert found.successive == pytest.approx([1.5, 1.5])
@@ -100,8 +99,8 @@ def test_orders():
 
 
 @mostly_long("kind", ["exact", "projected"])
-def test_galerkin_orthogonality(kind):
-    """Linear triangles, nested, one load: |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
+def test_nested_triangles_satisfy_galerkin_orthogonality(kind):
+    """Under one load |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
     scene = vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3), vx.Clamp(on="right"), vx.Traction(paper_load(monotone), on="left")
     )

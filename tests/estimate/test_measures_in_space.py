@@ -1,4 +1,4 @@
-"""Errors and distances in space: closed forms, nested meshes, what is refused."""
+"""Errors and distances in space: closed forms, nested meshes, and refusals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GRADIENT = np.array([[0.3, 0.2, 0.1], [-0.1, 0.4, 0.2], [0.2, 0.0, -0.3]])
 
 
 def field(mesh, displacement):
-    """The nodal interpolant of a displacement f(x) (n, 3)."""
+    """Return the nodal interpolant of a displacement f(x) (n, 3)."""
     moduli = np.array([np.full(mesh.n_cells, LAM), np.full(mesh.n_cells, MU)])
     return vx.measures.Field(mesh, displacement(mesh.points), moduli)
 
@@ -31,20 +31,14 @@ def wavy(x):
     return np.column_stack([np.sin(3 * x[:, 0] + x[:, 2]), x[:, 0] ** 2 * x[:, 1], np.cos(x[:, 1])])
 
 
-def density():
-    """C eps : eps of the affine field."""
-    strain = 0.5 * (GRADIENT + GRADIENT.T)
-    return LAM * np.trace(strain) ** 2 + 2 * MU * np.sum(strain**2)
-
-
 @mostly_long("name", SOLIDS, "tetrahedra", "hanging faces")
-def test_affine_fields_are_no_distance_apart_and_no_error(name):
+def test_affine_fields_have_no_distance_and_no_error(name):
     a, b = field(solid(name, 3, BOX), affine), field(solid("cubes", 2, BOX), affine)
     apart = vx.measures.energy_distance(a, b)
     assert apart.absolute < 1e-12
-    volume = a.mesh.volumes.sum()
-    assert apart.reference == pytest.approx(np.sqrt(density() * volume), rel=1e-12)
     strain = 0.5 * (GRADIENT + GRADIENT.T)
+    density = LAM * np.trace(strain) ** 2 + 2 * MU * np.sum(strain**2)
+    assert apart.reference == pytest.approx(np.sqrt(density * a.mesh.volumes.sum()), rel=1e-12)
     exact = [strain[0, 0], strain[1, 1], strain[2, 2], 2 * strain[0, 1], 2 * strain[1, 2], 2 * strain[0, 2]]
     found = vx.measures.energy_error(a, lambda x, t: np.tile(exact, (len(x), 1)))
     assert found.absolute < 1e-12
@@ -53,7 +47,7 @@ def test_affine_fields_are_no_distance_apart_and_no_error(name):
 
 
 def test_distances_of_nested_meshes_are_exact():
-    """On eighths of cubes: sums over these of what is constant on them."""
+    """Strains are constant on the fine cubes, eighths of the coarse cubes."""
     coarse, fine = field(vx.meshes.cubes(2), wavy), field(vx.meshes.cubes(4), wavy)
     number = (fine.mesh.centroids // 0.5).astype(int)
     own = np.argmin(np.linalg.norm(coarse.mesh.centroids - 0.5 * number[:, None] - 0.25, axis=2), axis=1)
@@ -71,10 +65,9 @@ def test_distances_of_nested_meshes_are_exact():
     assert nodal.reference > 0.0
 
 
-def test_virtual_functions_are_known_on_tetrahedra_alone():
+def test_exact_distances_need_tetrahedra():
     tetrahedra, cubes = field(vx.meshes.tetrahedra(2), wavy), field(vx.meshes.cubes(2), wavy)
-    one, other = (vx.measures.energy_distance(tetrahedra, cubes, kind="projected").absolute for _ in range(2))
-    assert one == other > 0.0
+    assert vx.measures.energy_distance(tetrahedra, cubes, kind="projected").absolute > 0.0
     assert vx.measures.energy_distance(tetrahedra, tetrahedra, kind="exact").absolute == 0.0
     with pytest.raises(
         vx.MeshError, match=r"^energy_distance \(first mesh\): cell 0, of 8 vertices, is no tetrahedron, "
@@ -82,7 +75,7 @@ def test_virtual_functions_are_known_on_tetrahedra_alone():
         vx.measures.energy_distance(cubes, tetrahedra, kind="exact")
 
 
-def test_meshes_of_other_bodies_are_refused():
+def test_meshes_of_different_bodies_are_refused():
     one, other = field(vx.meshes.cubes(2), affine), field(vx.meshes.cubes(2, ((0, 1), (0, 1), (0, 2))), affine)
     sentence = r"^energy_distance: the first mesh has the volume 1, the second 2, and they share 1; both must cover"
     with pytest.raises(vx.MeshError, match=sentence):
@@ -96,7 +89,7 @@ def test_meshes_of_other_bodies_are_refused():
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["cubes", "tetrahedra", "voronoi3"])
 def test_errors_are_of_first_order(family):
-    """And that of the energy norm is as an independent sum over tetrahedra has it."""
+    """The energy error agrees with an independent sum over tetrahedra."""
     lam, energy, l2 = plane.lame(0.3), [], []
     for n in (3, 6):
         mesh = vx.meshes.SPACE_FAMILIES[family](n)

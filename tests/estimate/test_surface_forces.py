@@ -1,4 +1,4 @@
-"""Forces on edges of the boundary, from those at nodes of contact."""
+"""Contact forces on boundary edges, recovered from the forces at nodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SLOPE = np.tan(np.radians(30.0))
 
 
 def block_with_a_slope(n=8):
-    """Its bottom is level on the left half, and rises by 30 degrees on the right one: a curve, as contact sees it."""
+    """Return a block whose bottom is level on the left half, and rises by 30 degrees on the right half."""
     square = vx.meshes.squares(n)
     x, y = square.points.T
     bent = np.column_stack([x, y + (1 - y) * SLOPE * np.maximum(x - 0.5, 0)])
@@ -25,7 +25,7 @@ def block_with_a_slope(n=8):
 
 
 @mostly_long("on", ["level", ["level", "slope"]], 1)
-def test_edges_bear_all_of_contact_and_only_those_in_contact(on):
+def test_contact_edges_alone_bear_the_whole_contact_force(on):
     mesh = block_with_a_slope()
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
@@ -38,7 +38,7 @@ def test_edges_bear_all_of_contact_and_only_those_in_contact(on):
     force = Residuals(posed).contact(instant(history, -1))
     traction = contact.traction[-1] - contact.pressure[-1][:, None] * contact.normals
     assert np.allclose(force.sum(axis=0), contact.lengths @ traction, rtol=1e-12, atol=1e-12)
-    named = np.concatenate([mesh.boundaries[name] for name in np.atleast_1d(on)])
-    inside = np.isin(edges.outer_edges, named).all(axis=1)
+    edges_on = np.concatenate([mesh.boundaries[name] for name in np.atleast_1d(on)])
+    inside = np.isin(edges.outer_edges, edges_on).all(axis=1)
     assert np.abs(force[inside]).max() > 0
     assert not force[~inside].any()

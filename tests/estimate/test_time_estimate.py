@@ -1,4 +1,4 @@
-"""What steps cost, against finer steps still: never less than the truth, nor more than five times as much."""
+"""Estimated errors of steps, compared with finer steps: one to five times the true errors."""
 
 from __future__ import annotations
 
@@ -18,33 +18,31 @@ from vemcvx.stepping.course import sample_course
 
 MOST = 5.0
 NOISE = 1e-6
-"""Relative errors below are the solver's: Coulomb's fixed point is asked for 1e-8 a step."""
-
-
-def finest(times, system, parts):
-    """So many steps in each of the run, and one each where data bend or jump."""
-    equal = [np.linspace(a, b, parts + 1) for a, b in pairwise(times)]
-    return np.union1d(np.concatenate(equal), sample_course(system, times).bends)
+"""Relative errors below this are errors of the solver, which iterates Coulomb's law to 1e-8 per step."""
 
 
 def ratio(scene, mesh, times, initial=None, parts=24):
-    """Estimated over true error of the steps, the largest of the run, and the true one itself."""
+    """Return the estimated over the true error of the steps, each the largest of a run, and the relative true error.
+
+    The reference has `parts` steps in each step of the run, and instants where data bend or jump.
+    """
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
     start = certify_in_full(run, initial_state(run, times, initial)).full
     found = compare_finer_steps(run, times, start)
-    fine = finest(times, posed.system, parts)
+    equal = [np.linspace(a, b, parts + 1) for a, b in pairwise(times)]
+    fine = np.union1d(np.concatenate(equal), sample_course(posed.system, times).bends)
     states = [vx.march(posed.system, t, initial=initial, check=False).state for t in (times, fine)]
     apart = states[0] - states[1][np.searchsorted(fine, times)]
     true = np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (posed.system.K @ apart.T).T), 0.0)).max()
     if found.norm == 0.0:
-        assert true <= 1e-12, "without friction nothing depends on the path"
+        assert true <= 1e-12, "without friction no state depends on its past"
         return 1.0, 0.0
     return found.errors.max() / max(true, NOISE * found.norm), true / found.norm
 
 
 def dips(x, t):
-    """A bound that is next to nothing for a twentieth of the run."""
+    """Return a friction bound that nearly vanishes for a twentieth of the run."""
     return np.full(len(x), 0.02 if 0.43 < t < 0.48 else 4.0)
 
 
@@ -62,7 +60,7 @@ COURSES = {
 
 @pytest.mark.parametrize("steps", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(9, marks=pytest.mark.slow)])
 @mostly_long("name", COURSES, "jump")
-def test_steps_cost_what_the_estimate_says(name, steps):
+def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, steps):
     found, true = ratio(paper_scene(COURSES[name]), vx.meshes.squares(4), np.linspace(0, 1, steps + 1))
     if true > NOISE:
         assert 1.0 <= found <= MOST
@@ -70,33 +68,19 @@ def test_steps_cost_what_the_estimate_says(name, steps):
 
 
 @pytest.mark.long
-def test_loads_in_proportion_cost_nothing_however_they_grow():
-    """What slips goes on slipping: the response is that of the load, and steps of any length are exact."""
-    for grows in (lambda t: t * t, lambda t: 1 - np.exp(-8 * t), lambda t: np.sin(np.pi * t / 2)):
-        history = vx.simulate(paper_scene(grows), vx.meshes.squares(4), [0.0, 0.4, 1.0])
-        assert error_budget(history).time.max() <= 1e-12
-
-
-@pytest.mark.long
-def test_where_a_load_is_smooth_the_estimate_falls_with_the_square_of_the_step():
-    """Odd numbers of steps, each of which misses the top by half a step: the truth is of second order, and so is it."""
+def test_the_estimate_is_of_second_order_for_smooth_loads():
+    """Odd numbers of steps miss the top of the load by half a step."""
     scene, mesh = paper_scene(COURSES["half a wave"], bound=1.0), vx.meshes.squares(4)
     errors = [error_budget(vx.simulate(scene, mesh, np.linspace(0, 1, n + 1))).time.max() for n in (9, 27)]
     assert np.log(errors[0] / errors[1]) / np.log(3.0) == pytest.approx(2.0, abs=0.4)
 
 
 @pytest.mark.long
-def test_a_bound_that_dips_between_two_instants_is_in_the_budget():
-    """The load stays as it is. The steps see nothing, the energy is off by half: `time 0.0000` it once said."""
-    history = vx.simulate(held(dips), vx.meshes.squares(4), [0.0, 1.0], initial="settled")
-    budget = error_budget(history)
-    assert budget.time[-1] > 0.3
-    found, _ = ratio(held(dips), vx.meshes.squares(4), np.array([0.0, 1.0]), "settled")
-    assert 1.0 <= found <= MOST
-
-
-@pytest.mark.long
-def test_steps_go_to_where_a_bound_dips_and_jumps_are_named():
+def test_adapted_steps_meet_a_dip_of_the_bound_and_jumps_are_named():
+    """A single step misses the dip completely."""
+    before = ratio(held(dips), vx.meshes.squares(4), np.array([0.0, 1.0]), "settled")
+    assert 1.0 <= before[0] <= MOST
+    assert before[1] > 0.3
     found = vx.adapt(held(dips), vx.meshes.squares(4), [0.0, 1.0], 0.2, initial="settled")
     times = found.history.trajectory.times
     assert found.met
@@ -111,17 +95,17 @@ def test_steps_go_to_where_a_bound_dips_and_jumps_are_named():
     assert error_budget(vx.simulate(slope, vx.meshes.squares(3), [0.0, 1.0])).jumps == ()
 
 
-def bends_of(scene, times=(0.0, 1.0)):
+def find_course(scene, times=(0.0, 1.0)):
     return sample_course(pose_scene(scene, vx.meshes.squares(3)).system, np.array(times))
 
 
 def bending(t):
-    """Straight pieces, with bends at 1/7 and at 2/3."""
+    """Return a load that is linear but for bends at 1/7 and 2/3."""
     return np.interp(t, [0.0, 1 / 7, 2 / 3, 1.0], [0.0, 2.0, -1.0, 0.5])
 
 
-def test_bends_are_found_to_round_off():
-    known = bends_of(paper_scene(bending))
+def test_bends_are_found_to_rounding():
+    known = find_course(paper_scene(bending))
     assert np.abs(known.bends[:, None] - [1 / 7, 2 / 3]).min(axis=0).max() <= 1e-12
     assert len(known.bends) == 2
     assert known.jumps == ()
@@ -129,17 +113,17 @@ def test_bends_are_found_to_round_off():
 
 @pytest.mark.long
 def test_tops_of_smooth_data_are_found():
-    """Steps that come near the top by chance lose little, and finer ones that come no nearer would show nothing."""
+    """An instant at .4 nearly meets the top at .401, so that halved steps alone would not show the error."""
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
     times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
-    assert np.abs(bends_of(scene, times).bends - top).min() <= 1e-9
+    assert np.abs(find_course(scene, times).bends - top).min() <= 1e-9
     found, lost = ratio(scene, vx.meshes.squares(4), times, "settled", 40)
     assert 1e-8 < lost < 1e-4
     assert found >= 1.0
 
 
 @pytest.mark.long
-def test_moving_obstacles_and_supports_are_followed():
+def test_bends_of_obstacles_and_supports_are_found():
     steel = vx.Elasticity(200.0, 0.3)
     rubbed = vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=2.0, on="bottom")
 
@@ -147,15 +131,15 @@ def test_moving_obstacles_and_supports_are_followed():
         return np.column_stack([np.full(len(x), 0.1 * min(t, 1.2 - t)), np.zeros(len(x))])
 
     scene = vx.Scene(steel, vx.PrescribedDisplacement(carried, on="top"), *rubbed)
-    assert np.abs(bends_of(scene).bends - 0.6).min() <= 1e-12
+    assert np.abs(find_course(scene).bends - 0.6).min() <= 1e-12
     assert 1.0 <= ratio(scene, vx.meshes.squares(4), np.array([0.0, 1.0]))[0] <= MOST
     rises = vx.UnilateralContact(on="bottom", gap=lambda x, t: np.full(len(x), 0.02 + 0.01 * abs(t - 0.3)))
-    assert np.abs(bends_of(vx.Scene(steel, vx.Clamp(on="top"), rises)).bends - 0.3).min() <= 1e-12
+    assert np.abs(find_course(vx.Scene(steel, vx.Clamp(on="top"), rises)).bends - 0.3).min() <= 1e-12
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("lifted", "initial"), [(0.0, None), (1.0, "settled")])
-def test_a_run_that_keeps_its_last_step_alone_knows_where_it_began(lifted, initial):
+def test_the_estimate_does_not_depend_on_the_stored_steps(lifted, initial):
     scene, times = paper_scene(lambda t: np.sin(np.pi * t) + lifted), np.linspace(0, 1, 4)
     kept = [vx.simulate(scene, vx.meshes.squares(3), times, store=store, initial=initial) for store in ("all", "last")]
     assert np.array_equal(*(history.trajectory.initial for history in kept))
@@ -164,7 +148,7 @@ def test_a_run_that_keeps_its_last_step_alone_knows_where_it_began(lifted, initi
 
 
 def effectivity(seed):
-    """Of the whole budget: steps, nodes and quadrature points that miss what happens; and of time alone."""
+    """Return the effectivities of the whole budget and of its error of steps, and the relative true error of steps."""
     scene, initial = declared_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)
@@ -184,7 +168,7 @@ def effectivity(seed):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction")
 @pytest.mark.parametrize("seed", range(40), ids=lambda seed: f"{seed}-{KINDS[seed % len(KINDS)]}")
-def test_no_estimate_of_the_declared_family_is_below_the_truth(seed):
+def test_estimates_of_declared_scenes_are_one_to_five_times_the_true_errors(seed):
     whole, in_steps, lost = effectivity(seed)
     assert 1.0 <= whole <= MOST
     if lost > NOISE:

@@ -70,9 +70,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark long tests `slow`, and tests `quick` that are neither slow nor in one of the longer files."""
+    """Mark long tests `slow`, and tests `quick` that are neither slow nor in one of the longer files.
+
+    A case of a long test that is marked `slow` is not long.
+    """
     for item in items:
-        if item.get_closest_marker("long"):
+        if item.get_closest_marker("slow"):
+            item.own_markers = [mark for mark in item.own_markers if mark.name != "long"]
+        elif item.get_closest_marker("long"):
             item.add_marker("slow")
         if item.get_closest_marker("slow") is None and not longer(item.path):
             item.add_marker("quick")

@@ -160,7 +160,6 @@ def test_bounds_enclose_quantities_in_all_scenes(name, family):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(24))
 def test_bounds_enclose_quantities_in_random_scenes(seed):
-    """Stiffness over six decades, all families of meshes, up to the instant at which loads turn."""
     scene, turn = random_scene(seed)
     for of in (vx.Traction((1.0, 0.5), on="left"), vx.BodyForce((0.3, 1.0))):
         check_against_finer(scene, (coarse_mesh(seed), vx.meshes.squares(24)), of, turn)

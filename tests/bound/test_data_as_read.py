@@ -18,7 +18,7 @@ BAR = (vx.Elasticity(1.0, 0.0), vx.Symmetry(on=["top", "bottom"]))
 
 
 def along(of):
-    """A datum along x that grows in time."""
+    """Return a datum along x, of the size t of(x)."""
     return lambda x, t: t * np.column_stack([of(x), 0.0 * x[:, 0]])
 
 

@@ -48,13 +48,13 @@ def slipped(poisson, family, n, times=(0.0, 1.0)):
     return vx.simulate(slipping(poisson), small(family, n), times)
 
 
-def exact_error(history, poisson, u=None):
+def measure_error(history, poisson, u=None):
     lam, u = full_slip.lame(poisson), history.displacement[-1] if u is None else u
     strain = lambda x: full_slip.strain(x[:, 0], x[:, 1], 1.0, lam)  # noqa: E731
     return error_from(circle_of(history), u, 1.0, strain)
 
 
-def exact_energy(poisson):
+def integrate_energy(poisson):
     """Return 1/2 a(u, u) of the closed form."""
     lam = full_slip.lame(poisson)
     s, w = np.polynomial.legendre.leggauss(12)
@@ -71,7 +71,7 @@ def exact_energy(poisson):
 @mostly_slow("poisson, n", [(0.3, 6), (0.0, 16), (0.49, 16), (0.4999, 16), (0.4999995, 16)])
 def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
     history = slipped(poisson, family, n)
-    bound, error = vx.error_bound(history, step=-1), exact_error(history, poisson)
+    bound, error = vx.error_bound(history, step=-1), measure_error(history, poisson)
     # Near incompressibility all numbers contain the rounding of lambda div u.
     rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
     assert error * (1.0 - rounding) <= bound.upper <= (1.2 if n == 6 else 1.05) * error
@@ -81,7 +81,7 @@ def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
     # Loads are exponentials, so that bounds have a quadrature error, which is small on coarse meshes.
     assert bound.kind == "bound for data as read at points"
     if n == 6:
-        assert bound.energy[0] <= exact_energy(poisson) <= bound.energy[1]
+        assert bound.energy[0] <= integrate_energy(poisson) <= bound.energy[1]
         assert 0.0 < bound.parts["data"] < 0.1 * error
 
 
@@ -97,8 +97,8 @@ def test_bounds_hold_for_wrong_solutions(seed):
     )
     lam = run.multipliers * (1.0 + rng.normal(size=run.multipliers.shape))
     wrong = replace(history, displacement=u, trajectory=replace(run, state=y, multipliers=lam))
-    bound, error = vx.error_bound(wrong, step=-1), exact_error(history, 0.3, u[1])
-    assert error > 3.0 * exact_error(history, 0.3)
+    bound, error = vx.error_bound(wrong, step=-1), measure_error(history, 0.3, u[1])
+    assert error > 3.0 * measure_error(history, 0.3)
     assert error <= bound.upper <= 1.4 * error
     assert bound.lower <= error
 
@@ -309,7 +309,7 @@ def sine(t):
     return np.sin(2.0 * np.pi * t)
 
 
-def effectivities(scene, times, n, finer, parts):
+def measure_effectivities(scene, times, n, finer, parts):
     """Return upper bounds over distances from a finer run, at up to four steps.
 
     Each step of the run, and each interval between bends of the data, has `parts` steps in the finer run.
@@ -350,7 +350,7 @@ def case(scene, steps, most):
 )
 def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, n, finer, parts, most):
     """Loads also reverse inside steps; bounds then contain an estimate of this loss."""
-    found = effectivities(scene, np.linspace(0.0, 1.0, steps + 1), n, finer, parts)
+    found = measure_effectivities(scene, np.linspace(0.0, 1.0, steps + 1), n, finer, parts)
     assert found.min() >= 1.0
     assert found.max() <= most
 
@@ -460,7 +460,7 @@ def test_bounds_of_adapted_meshes_meet_the_target():
     assert np.isclose(found.bound.cells.sum(), found.bound.upper.max() ** 2)
 
 
-def true_distance(found, time):
+def measure_distance(found, time):
     """Return the distance from a run on cells refined twice in halved steps, and the bound of that run."""
     run = found.history
     times = run.trajectory.times
@@ -486,4 +486,4 @@ def test_true_errors_meet_targets_of_bounds(seed):
     assert bounded.passes[-1].unknowns <= 1.05 * other.passes[-1].unknowns
     for time in (0.5, 1.0):
         # The error of the finer run is nearly orthogonal to the distance of both runs.
-        assert np.hypot(*true_distance(bounded, time)) <= 0.08
+        assert np.hypot(*measure_distance(bounded, time)) <= 0.08

@@ -8,30 +8,23 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from scenes import paper_scene
-from test_error_bound import LIFTED, STACKS, STEEL, stacked
+from test_error_bound import LIFTED, STEEL
 
 import vemcvx as vx
-from vemcvx.effects import Contribution, Effect, Friction, Support
+from vemcvx.effects import Contribution, Effect, Friction
 
 pytestmark = pytest.mark.arithmetic
 
 
 @dataclass(frozen=True)
 class Stiffness(Effect):
-    """A user's stiffness: springs to the ground at all nodes, or between nodes of the top."""
-
-    at_nodes: bool
+    """A user's stiffness: springs to the ground at all nodes."""
 
     def contribute(self, space):
-        ends = space.mesh.boundaries["top"].T
-        along = np.concatenate([ends, ends]).reshape(-1), np.concatenate([ends, ends[::-1]]).reshape(-1)
-        entries = 20.0 * np.repeat([1.0, -1.0], ends.size)
-        bar = sp.csr_matrix((entries, along), shape=(space.mesh.n_nodes, space.mesh.n_nodes))
-        springs = sp.eye_array(space.mesh.n_nodes) if self.at_nodes else bar
-        return Contribution(stiffness=sp.csr_matrix(sp.kron(springs, np.eye(2))))
+        return Contribution(stiffness=sp.csr_matrix(20.0 * sp.eye_array(2 * space.mesh.n_nodes)))
 
     def describe(self):
-        return f"Stiffness {self.at_nodes}"
+        return "Stiffness"
 
 
 @dataclass(frozen=True)
@@ -58,8 +51,7 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
         ((STEEL, vx.ElasticFoundation(normal=lambda x: 1.0 + x[:, 0], on="top")), "ElasticFoundation"),
         ((STEEL, vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")), "from a linear one between nodes"),
         # Springs at all nodes state a different problem on each mesh, so that bounds of two meshes would disagree.
-        ((STEEL, Stiffness(True)), "springs to the ground along boundary edges"),
-        ((STEEL, Stiffness(False)), "springs to the ground along boundary edges"),
+        ((STEEL, Stiffness()), "springs to the ground along boundary edges"),
         # The weight is zero, so that the check of active effects would not find this friction.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
         # All nodes are held, so that no cell is strained: a bound would be a ninth of the error.
@@ -81,26 +73,6 @@ def test_coulomb_friction_that_is_zero_at_nodes_is_bounded_as_given_friction():
     scene = vx.Scene(STEEL, vx.Clamp(on="left"), load, vx.UnilateralContact(on="bottom"), between)
     bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0]), step=-1)
     assert bound.kind == "bound for the given friction"
-
-
-@dataclass(frozen=True)
-class Rail(Effect):
-    """A user's support on the second body's side of an interface, where supports of the package are not allowed."""
-
-    def contribute(self, space):
-        nodes = np.unique(space.mesh.interfaces["lower|upper"].partners)
-        points = space.mesh.points[nodes]
-        return Contribution(supports=(Support("Rail", nodes, np.tile([0.6, 0.8], (len(nodes), 1)), points),))
-
-    def describe(self):
-        return "Rail"
-
-
-@pytest.mark.long
-def test_supports_on_the_second_side_of_an_interface_are_refused():
-    history = vx.simulate(STACKS["frictionless"].with_(Rail()), stacked(2), [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match="end the support next to the interface"):
-        vx.error_bound(history, step=-1)
 
 
 @pytest.mark.long

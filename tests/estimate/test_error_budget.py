@@ -19,7 +19,7 @@ LEAST, MOST = 1.0, 5.0
 """Bounds of the effectivity, the estimated total over the true error, on all meshes and scenes."""
 
 
-def effectivity(poisson, family, n):
+def measure_effectivity(poisson, family, n):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
     # Rounding forbids a higher accuracy near incompressibility.
@@ -41,7 +41,7 @@ def test_effectivity_on_manufactured_full_slip(family, poisson, sizes):
     """Near incompressibility linear triangles lock, and are left out."""
     if family in OF_TRIANGLES and poisson > 0.4:
         return
-    found = [effectivity(poisson, family, n) for n in sizes]
+    found = [measure_effectivity(poisson, family, n) for n in sizes]
     assert min(found) >= LEAST
     assert max(found) <= MOST
     # Halving h three times hardly changes the effectivity.

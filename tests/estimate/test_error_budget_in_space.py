@@ -23,7 +23,7 @@ GRADIENT = np.array([[0.02, 0.04, -0.03], [0.01, -0.05, 0.02], [0.03, 0.01, -0.1
 SIDES = "left", "right", "front", "back"
 
 
-def effectivity(poisson, family, n):
+def measure_effectivity(poisson, family, n):
     history = vx.simulate(
         full_slip.scene(poisson, pulled=poisson > 0.4),
         vx.meshes.SPACE_FAMILIES[family](n),
@@ -56,7 +56,7 @@ def effectivity(poisson, family, n):
     ],
 )
 def test_effectivity_on_full_slip(poisson, family, sizes):
-    found = [effectivity(poisson, family, n) for n in sizes]
+    found = [measure_effectivity(poisson, family, n) for n in sizes]
     assert min(found) >= LEAST
     assert max(found) <= MOST
 

@@ -61,7 +61,7 @@ def final_values(history):
     return [run.dissipated_second_order[-1], run.work_second_order[-1], wear]
 
 
-def true_errors(history, truth):
+def measure_errors(history, truth):
     """Return the errors of friction work and of work, and the largest error of wear at a node."""
     one, other = history.trajectory, truth.trajectory
     wear = [run.contact.wear_second_order[-1] for run in (history, truth)]
@@ -81,7 +81,7 @@ def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, c
     truth = final_values(exact)
     assert list(found) == NAMES
     assert [one.value for one in found.values()] == final_values(history)
-    for one, true, off in zip(found.values(), truth, true_errors(history, exact), strict=True):
+    for one, true, off in zip(found.values(), truth, measure_errors(history, exact), strict=True):
         # The solver has errors of at most 1e-8 in the energy norm.
         assert abs(one.value - true) <= off <= one.steps + 1e-8 * abs(true)
         assert one.steps <= 5.0 * off + 1e-8 * abs(true)
@@ -99,7 +99,7 @@ def test_second_order_errors_are_a_small_part_of_first_order_errors():
     for steps in (36, 48, 72, 96):
         history = pad(steps)
         found, first = vx.quantities(history), [history.dissipated[-1], history.work[-1]]
-        for one, off in zip(found.values(), true_errors(history, exact), strict=True):
+        for one, off in zip(found.values(), measure_errors(history, exact), strict=True):
             assert 1.0 <= one.steps / off <= 5.0
         for one, true, coarse in zip(found.values(), truth, first, strict=False):
             assert abs(one.value - true) < 0.1 * abs(coarse - true)

@@ -19,7 +19,7 @@ QUICK = ("block 128x4", "sheared 4x64", "cantilever 10 4", "cantilever 100 4", "
 """With |K|^{1/2} as length of a cell K, estimates were .49, .49, .94, .75, 1.26 and .91 times the true error."""
 
 
-def effectivity(case):
+def measure_effectivity(case):
     truth = simulated(case.scene, case.fine.func, *case.fine.args)
     history = vx.simulate(case.scene(), case.mesh(), TIMES, store="last")
     return error_budget(history).largest["total"] / vx.measures.energy_distance(history, truth).relative
@@ -41,12 +41,12 @@ def clear_references():
 @pytest.mark.long
 @mostly_slow("case", [case for case in cases() if case.name in QUICK], *QUICK[:2], QUICK[5], ids=lambda case: case.name)
 def test_estimates_are_one_to_four_times_the_true_error(case):
-    assert 1.0 <= effectivity(case) <= MOST
+    assert 1.0 <= measure_effectivity(case) <= MOST
 
 
 @pytest.mark.slow
 def test_the_median_effectivity_of_all_cases_is_small():
-    found = {case.name: effectivity(case) for case in cases()}
+    found = {case.name: measure_effectivity(case) for case in cases()}
     assert min(found.values()) >= 1.0, min(found, key=found.get)
     assert np.median(list(found.values())) <= TYPICAL
     assert max(found.values()) <= MOST, max(found, key=found.get)

@@ -21,7 +21,7 @@ NOISE = 1e-6
 """Relative errors below this are errors of the solver, which iterates Coulomb's law to 1e-8 per step."""
 
 
-def ratio(scene, mesh, times, initial=None, parts=24):
+def compare_steps(scene, mesh, times, initial=None, parts=24):
     """Return the estimated over the true error of the steps, each the largest of a run, and the relative true error.
 
     The reference has `parts` steps in each step of the run, and instants where data bend or jump.
@@ -61,7 +61,7 @@ COURSES = {
 @pytest.mark.parametrize("steps", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(9, marks=pytest.mark.slow)])
 @mostly_long("name", COURSES, "jump")
 def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, steps):
-    found, true = ratio(paper_scene(COURSES[name]), vx.meshes.squares(4), np.linspace(0, 1, steps + 1))
+    found, true = compare_steps(paper_scene(COURSES[name]), vx.meshes.squares(4), np.linspace(0, 1, steps + 1))
     if true > NOISE:
         assert 1.0 <= found <= MOST
     assert found <= MOST
@@ -78,7 +78,7 @@ def test_the_estimate_is_of_second_order_for_smooth_loads():
 @pytest.mark.long
 def test_adapted_steps_meet_a_dip_of_the_bound_and_jumps_are_named():
     """A single step misses the dip completely."""
-    before = ratio(held(dips), vx.meshes.squares(4), np.array([0.0, 1.0]), "settled")
+    before = compare_steps(held(dips), vx.meshes.squares(4), np.array([0.0, 1.0]), "settled")
     assert 1.0 <= before[0] <= MOST
     assert before[1] > 0.3
     found = vx.adapt(held(dips), vx.meshes.squares(4), [0.0, 1.0], 0.2, initial="settled")
@@ -117,7 +117,7 @@ def test_tops_of_smooth_data_are_found():
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
     times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
     assert np.abs(find_course(scene, times).bends - top).min() <= 1e-9
-    found, lost = ratio(scene, vx.meshes.squares(4), times, "settled", 40)
+    found, lost = compare_steps(scene, vx.meshes.squares(4), times, "settled", 40)
     assert 1e-8 < lost < 1e-4
     assert found >= 1.0
 
@@ -132,7 +132,7 @@ def test_bends_of_obstacles_and_supports_are_found():
 
     scene = vx.Scene(steel, vx.PrescribedDisplacement(carried, on="top"), *rubbed)
     assert np.abs(find_course(scene).bends - 0.6).min() <= 1e-12
-    assert 1.0 <= ratio(scene, vx.meshes.squares(4), np.array([0.0, 1.0]))[0] <= MOST
+    assert 1.0 <= compare_steps(scene, vx.meshes.squares(4), np.array([0.0, 1.0]))[0] <= MOST
     rises = vx.UnilateralContact(on="bottom", gap=lambda x, t: np.full(len(x), 0.02 + 0.01 * abs(t - 0.3)))
     assert np.abs(find_course(vx.Scene(steel, vx.Clamp(on="top"), rises)).bends - 0.3).min() <= 1e-12
 
@@ -147,7 +147,7 @@ def test_the_estimate_does_not_depend_on_the_stored_steps(lifted, initial):
     assert whole == pytest.approx(last)
 
 
-def effectivity(seed):
+def measure_effectivity(seed):
     """Return the effectivities of the whole budget and of its error of steps, and the relative true error of steps."""
     scene, initial = declared_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
@@ -161,7 +161,7 @@ def effectivity(seed):
         vx.measures.energy_distance(truth, history, step=at[n], reference_step=n).absolute for n in range(1, len(times))
     )
     budget = error_budget(history)
-    in_steps, lost = ratio(scene, mesh, times, initial, 100)
+    in_steps, lost = compare_steps(scene, mesh, times, initial, 100)
     return budget.largest["total"] * (budget.scale or 1.0) / true, in_steps, lost
 
 
@@ -169,7 +169,7 @@ def effectivity(seed):
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction")
 @pytest.mark.parametrize("seed", range(40), ids=lambda seed: f"{seed}-{KINDS[seed % len(KINDS)]}")
 def test_estimates_of_declared_scenes_are_one_to_five_times_the_true_errors(seed):
-    whole, in_steps, lost = effectivity(seed)
+    whole, in_steps, lost = measure_effectivity(seed)
     assert 1.0 <= whole <= MOST
     if lost > NOISE:
         assert 1.0 <= in_steps <= MOST

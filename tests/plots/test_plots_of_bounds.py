@@ -66,20 +66,6 @@ def pull(*effects):
 
 
 @pytest.mark.long
-def test_given_bounds_of_a_force_are_bars_in_the_loop():
-    """All meshes have the uniaxial stress exactly."""
-    history = vx.simulate(pull(vx.Symmetry(on="bottom")), vx.meshes.squares(2), TIMES)
-    force = vx.PrescribedDisplacement(1.0, on="right", direction=(1.0, 0.0))
-    found = [vx.error_bound(history, n, force) for n in range(1, 5)]
-    between = np.array([[np.nan, np.nan], *((one.low, one.high) for one in found)])
-    ends, _ = find_bars(hysteresis_loop(history, between=between).axes[0])
-    assert np.allclose(ends, between[1:])
-    assert np.allclose(between[1:].mean(axis=1), history.reaction("right")[1:, 0], atol=1e-9)
-    with pytest.raises(vx.SceneError, match="between"):
-        hysteresis_loop(history, between=[1.0, 2.0])
-
-
-@pytest.mark.long
 def test_bounds_of_the_driving_force_are_bars_and_in_files(tmp_path):
     """The exact force, computed on squares of 1/24, is within the bounds of squares of 1/4."""
     scene = pull(vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom"))

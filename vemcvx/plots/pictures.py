@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
-from vemcvx.base.arrays import Floats, as_shaped_array, brief, choice
+from vemcvx.base.arrays import Floats, brief, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.owned_files import path_of
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
@@ -166,7 +166,6 @@ def hysteresis_loop(
     history: Results,
     on: str | None = None,
     *,
-    between: ArrayLike | None = None,
     ax: Axes | None = None,
     limits: ArrayLike | None = None,
     units: Units | None = None,
@@ -182,22 +181,18 @@ def hysteresis_loop(
     on : str, optional
         The boundary; by default the one whose prescribed displacement has the longest path, or else the boundary of
         the load whose total changes most along an axis.
-    between : (S, 2) array, optional
-        Bounds on the force at the stored instants, drawn as bars: `low` and `high` of ``vx.error_bound(history, step,
-        of=...)`` with the PrescribedDisplacement of the boundary along this axis; NaN if unknown. By default
-        `force_bounds` of the history, if they belong to this boundary and axis.
     limits : (low, high), optional
         Ends of the axis of forces.
 
     Returns
     -------
     matplotlib Figure
-        The loop, with marks at its first and last instant.
+        The loop, with marks at its first and last instant, and bars for `history.force_bounds` on this force.
 
     Raises
     ------
     HistoryError
-        `between` is no such array; or `on` is None, and nothing is driven: no support moves and no load changes.
+        `on` is None, and nothing is driven: no support moves and no load changes.
 
     Examples
     --------
@@ -213,11 +208,8 @@ def hysteresis_loop(
     name, axis, u, force = loop.on, loop.axis, loop.motion, loop.force
     ax = canvas.axes_or_new(ax, 6.0, 4.4)
     ax.plot(u, force, ".-", color=style.DISSIPATED, linewidth=1.4, markersize=4)
-    if between is None and history.force_bounds is not None and history.bounded_force == {name: axis}:
-        between = history.force_bounds[history.stored]
-    if between is not None:
-        wanted = "bounds, two per stored instant"
-        _bars(ax, u, as_shaped_array(between, "hysteresis_loop: between", wanted, (len(u), 2)), style.NUMERICAL)
+    if history.force_bounds is not None and history.bounded_force == {name: axis}:
+        _bars(ax, u, history.force_bounds[history.stored], style.NUMERICAL)
     for row, mark in ((0, "o"), (-1, "s")):
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)

@@ -378,8 +378,8 @@ def in_words(history: Results) -> Outline:
     run, touch = history.trajectory, history.contact
     row, at_end = history.row(None), history.peak == history.stored[-1]
     sticks, slips, opened = (int(count[row]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
-    rubs = touch.bound.any() or touch.traction.any()
-    did = f"{sticks} nodes stick, {slips} slip" if rubs else f"{sticks + slips} nodes touch, without friction"
+    touching = f"{sticks + slips} nodes touch, without friction"
+    did = f"{sticks} nodes stick, {slips} slip" if touch.has_friction else touching
     did += f", {opened} are open" if opened else ""
     title = f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
     title += f"{len(touch.nodes)} contact nodes, {count_steps(history.steps)}"

@@ -22,13 +22,13 @@ from vemcvx.cli.collection.benchmark import (
     LATE,
     REFUSED,
     Trial,
-    fate,
     geometric_mean,
     journal,
     measure,
+    outcome_at,
     profile,
     remaining_work,
-    scores,
+    score_table,
     seconds_to,
     select_common,
 )
@@ -70,14 +70,14 @@ def test_means_are_shifted_and_geometric():
 
 
 def test_outcomes_are_distinguished_and_counted():
-    assert fate(ENTRIES["quick"]["a"], 1e-3) == "reached"
-    assert fate(ENTRIES["false"]["a"], 1e-3) == "missed"
-    assert fate([make_trial(1e-2, 1.0, 1e-2), make_trial(1e-4, outcome=LATE)], 1e-3) == LATE
-    assert fate([make_trial(1e-2, outcome=FAILED)], 1e-3) == FAILED
+    assert outcome_at(ENTRIES["quick"]["a"], 1e-3) == "reached"
+    assert outcome_at(ENTRIES["false"]["a"], 1e-3) == "missed"
+    assert outcome_at([make_trial(1e-2, 1.0, 1e-2), make_trial(1e-4, outcome=LATE)], 1e-3) == LATE
+    assert outcome_at([make_trial(1e-2, outcome=FAILED)], 1e-3) == FAILED
     instances = [make_instance()]
     assert select_common(ENTRIES, instances, "plane", 1e-6)[1] == ["a"]
     assert select_common(ENTRIES, instances, "plane", 1e-8)[1] == []
-    rows = scores(ENTRIES, instances, kind="plane", limit=10.0).rows
+    rows = score_table(ENTRIES, instances, kind="plane", limit=10.0).rows
     # Columns: solver; reached 1e-3, 1e-6 and 1e-9, for which the optimum is too uncertain; certified; missed.
     assert [row[:6] for row in rows] == [
         ["quick", "1/1", "1/1", "0/0", "0", "0"],
@@ -87,7 +87,9 @@ def test_outcomes_are_distinguished_and_counted():
     # A solver that refuses an instance does not get a better mean by that.
     both = {**ENTRIES, "picky": {"a": ENTRIES["quick"]["a"], "b": [make_trial(None, outcome=REFUSED)]}}
     both["sure"] = {**ENTRIES["sure"], "b": [make_trial(1e-2, 9.0, 1e-10)]}
-    found = {row[0]: row[8:] for row in scores(both, [*instances, make_instance("b")], kind="plane", limit=10.0).rows}
+    found = {
+        row[0]: row[8:] for row in score_table(both, [*instances, make_instance("b")], kind="plane", limit=10.0).rows
+    }
     assert found["sure"] == [".4000", ".4000", "-"]
     assert found["picky"] == [".1000", ".3000", "-"]
 

@@ -18,7 +18,7 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import plane_mesh
 from vemcvx.plots import style
-from vemcvx.plots.style import Units, amount, idle, instant, label, label_axes, units_of, value_range
+from vemcvx.plots.style import Units, amount, instant, is_idle, label, label_axes, units_of, value_range
 from vemcvx.results import Contact, Results, contact_path
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class ContactLine:
 def contact_line(history: Results, picture: str) -> ContactLine:
     """Return the contact nodes of a plane history along a line; raise HistoryError if there are none."""
     mesh = plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
-    contact = with_nodes(history, picture)
+    contact = require_contact(history, picture)
     path = contact_path(mesh, contact)
     sides, order = path.sides, path.rows
     length = np.linalg.norm(mesh.points[sides[:, 1]] - mesh.points[sides[:, 0]], axis=1)
@@ -99,7 +99,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     return ContactLine(order[turn], position[turn], owned[turn], (sign * tangents)[turn], f"$x_{axis + 1}$")
 
 
-def with_nodes(history: Results, picture: str) -> Contact:
+def require_contact(history: Results, picture: str) -> Contact:
     """Return the contact of a history; raise HistoryError if it has no nodes."""
     if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
@@ -149,7 +149,7 @@ def friction_traction(
     row, contact = history.row(step), history.contact
     line = contact_line(history, "friction_traction")
     traction = line.along(contact.traction[row])
-    touches, still = ~idle(history)[row, line.order], contact.sticking[row, line.order]
+    touches, still = ~is_idle(history)[row, line.order], contact.sticking[row, line.order]
     sticks, slips = touches & still, touches & ~still
     kinds = (sticks, style.STICK, "o", "stick"), (slips, style.SLIP, "s", "slip")
     ax = canvas.axes_or_new(ax, 6.4, 3.6)
@@ -170,7 +170,11 @@ def friction_traction(
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **marks)
     gone = "" if touches.all() else f", {(~touches).sum()} are open"
     canvas.light_grid(ax)
-    did = f"{sticks.sum()} contact nodes stick, {slips.sum()} slip" if rubs(history) else "there is no friction"
+    did = (
+        f"{sticks.sum()} contact nodes stick, {slips.sum()} slip"
+        if history.contact.has_friction
+        else "there is no friction"
+    )
     title = f"{instant(history.times[row], units)}: {did}{gone}"
     words = label("friction on the body\n", "force per length", units)
     return line.finish(ax, words, title, units, ends, size="large")
@@ -183,12 +187,6 @@ def _reach(contact: Contact) -> float:
     # Friction is still visible in a fifth of the axis; friction at the level of rounding should not fill it.
     far = 1e-8 * bound < friction < 0.2 * bound
     return 1.2 * (friction if far else max(bound, friction)) or 1.0
-
-
-def rubs(history: Results) -> bool:
-    """Return True if friction, or its bound, is nonzero at some stored instant."""
-    contact = history.contact
-    return bool(contact.bound.any() or contact.traction.any())
 
 
 STATES = (
@@ -264,7 +262,7 @@ def directions(history: Results, line: ContactLine) -> Floats:
     moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)
     way = np.sign(np.where(against == 0.0, moved, -against))
     way = np.where(contact.sticking[:, line.order], 0.0, way)
-    return np.where(idle(history)[:, line.order], np.nan, way)[history.stored > 0]
+    return np.where(is_idle(history)[:, line.order], np.nan, way)[history.stored > 0]
 
 
 def pressures(history: Results) -> Floats:

@@ -17,8 +17,8 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints, array_fields, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
-from vemcvx.plots.contact import pressures, with_nodes
-from vemcvx.plots.style import Units, Window, amount, idle, instant, label, label_axes, units_of, value_range, within
+from vemcvx.plots.contact import pressures, require_contact
+from vemcvx.plots.style import Units, Window, amount, instant, is_idle, label, label_axes, units_of, value_range, within
 from vemcvx.results import ALONG, Contact, Results
 from vemcvx.scene import pair_numbers
 from vemcvx.vem import Part, Space
@@ -62,7 +62,7 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
-    contact, number = with_nodes(history, picture), mesh.n_nodes
+    contact, number = require_contact(history, picture), mesh.n_nodes
     rigid, pairs = contact.partners < 0, pair_numbers(contact.nodes, contact.partners, number)
     joints = {name: found.pairs for name, found in mesh.interfaces.items()}
     rows = {name: np.isin(pairs, pair_numbers(two[:, 0], two[:, 1], number)) for name, two in joints.items()}
@@ -229,7 +229,7 @@ def _panels(
 def _states(face: ContactFace, row: int) -> Ints:
     """Return the state of each contact node (m,), a number in `AREAS`."""
     contact = face.history.contact
-    return np.where(idle(face.history)[row], 2, np.where(contact.sticking[row], 0, 1))
+    return np.where(is_idle(face.history)[row], 2, np.where(contact.sticking[row], 0, 1))
 
 
 def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:

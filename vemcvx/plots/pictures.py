@@ -23,7 +23,7 @@ from vemcvx.base.owned_files import path_of
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
-from vemcvx.plots.contact import pressures, rubs, slips, wear
+from vemcvx.plots.contact import along_contact, pressures, slips, wear
 from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, units_of, value_range
 from vemcvx.results import Results, loop_of
 
@@ -70,7 +70,7 @@ def energy_ledger(
     given = canvas.new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
     panels = list(given) if isinstance(given, Iterable) else [given]
     energy = unit(units, "energy")
-    words = "energy" if energy == "energy" else f"energy ({energy})" + ", per thickness" * _plane(history)
+    words = "energy" if energy == "energy" else f"energy ({energy})" + ", per thickness" * _is_plane(history)
     _energies(panels[0], history, words)
     if limits is not None:
         panels[0].set_ylim(value_range(limits, ()))
@@ -219,7 +219,7 @@ def hysteresis_loop(
         ax.set_ylim(value_range(limits, ()))
     canvas.legend_below(ax)
     x = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units)
-    y = label(loop.kind, "force", units) + ", per thickness" * _plane(history)
+    y = label(loop.kind, "force", units) + ", per thickness" * _is_plane(history)
     return label_axes(ax, x, y, f"{loop.kind.capitalize()} of {name} along $x_{axis + 1}$ against its motion")
 
 
@@ -264,7 +264,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
         ax.plot(history.times, curves[name], marker=mark, color=colour, linewidth=1.4, markersize=3, label=name)
     canvas.light_grid(ax)
     canvas.legend_under(ax, columns=2)
-    y = label("force", "force", units) + ", per thickness" * _plane(history)
+    y = label("force", "force", units) + ", per thickness" * _is_plane(history)
     return label_axes(ax, label("t", "time", units), y, "Forces on boundaries")
 
 
@@ -273,37 +273,37 @@ def _draw_stress(history: Results, units: Units | None = None) -> Figure:
     return stressed_body(history, stress="shear" if history.out_of_plane is None else "von_mises", units=units)
 
 
-def _plane(history: Results) -> bool:
+def _is_plane(history: Results) -> bool:
     return not isinstance(history.mesh, PolyhedralMesh)
 
 
-def _moves(history: Results) -> bool:
+def _has_steps(history: Results) -> bool:
     return bool((history.stored > 0).any())
 
 
-def _faces(history: Results) -> bool:
-    return not _plane(history) and len(history.contact.nodes) > 0 and bool(faces.contact_faces(history))
+def _has_faces(history: Results) -> bool:
+    return not _is_plane(history) and len(history.contact.nodes) > 0 and bool(faces.contact_faces(history))
 
 
-def _along(history: Results) -> bool:
-    return _plane(history) and len(history.contact.nodes) > 0 and _moves(history)
+def _has_line(history: Results) -> bool:
+    return _is_plane(history) and len(history.contact.nodes) > 0 and _has_steps(history)
 
 
 PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.bool_]]] = {
-    "deformed_mesh": (deformed_mesh, _plane),
-    "stressed_body": (_draw_stress, _plane),
-    "contact_pressure": (partial(contact.along_contact, show="pressure"), lambda h: _along(h) and pressures(h).any()),
-    "contact_slip": (partial(contact.along_contact, show="slip"), lambda h: _along(h) and slips(h).any()),
-    "friction_traction": (contact.friction_traction, lambda h: _plane(h) and rubs(h)),
-    "stick_slip_map": (contact.stick_slip_map, _along),
-    "wear": (wear, lambda h: _plane(h) and _moves(h) and h.contact.wear.any()),
-    "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
-    "contact_face": (faces.contact_face, _faces),
-    "friction_disc": (faces.friction_disc, lambda h: _faces(h) and (h.contact.bound[h.row(None)] > 0).any()),
-    "error_map": (error_map, lambda h: _plane(h) and h.cell_bounds is not None),
-    "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and loop_of(h) is not None),
-    "forces_over_time": (forces_over_time, lambda h: _moves(h) and any(f.any() for f in h.resultants.values())),
-    "energy_ledger": (energy_ledger, _moves),
+    "deformed_mesh": (deformed_mesh, _is_plane),
+    "stressed_body": (_draw_stress, _is_plane),
+    "contact_pressure": (partial(along_contact, show="pressure"), lambda h: _has_line(h) and pressures(h).any()),
+    "contact_slip": (partial(along_contact, show="slip"), lambda h: _has_line(h) and slips(h).any()),
+    "friction_traction": (contact.friction_traction, lambda h: _is_plane(h) and h.contact.has_friction),
+    "stick_slip_map": (contact.stick_slip_map, _has_line),
+    "wear": (wear, lambda h: _is_plane(h) and _has_steps(h) and h.contact.wear.any()),
+    "deformed_body": (deformed_body, lambda h: not _is_plane(h) and has_pyvista()),
+    "contact_face": (faces.contact_face, _has_faces),
+    "friction_disc": (faces.friction_disc, lambda h: _has_faces(h) and (h.contact.bound[h.row(None)] > 0).any()),
+    "error_map": (error_map, lambda h: _is_plane(h) and h.cell_bounds is not None),
+    "hysteresis_loop": (hysteresis_loop, lambda h: _has_steps(h) and loop_of(h) is not None),
+    "forces_over_time": (forces_over_time, lambda h: _has_steps(h) and any(f.any() for f in h.resultants.values())),
+    "energy_ledger": (energy_ledger, _has_steps),
 }
 """Name of a picture's file -> the function that draws it, and a test that a history has content for it."""
 MARKS = {
@@ -316,9 +316,9 @@ MARKS = {
 
 def omissions(history: Results) -> dict[str, str]:
     """Return name -> reason for the pictures that cannot be drawn."""
-    if _plane(history):
+    if _is_plane(history):
         return {}
-    around = len(history.contact.nodes) > 0 and not _faces(history)
+    around = len(history.contact.nodes) > 0 and not _has_faces(history)
     unseen = {name: f"{name}: {faces.HIDDEN}" for name in ("contact_face", "friction_disc") if around}
     return ({} if has_pyvista() else {"deformed_body": MISSING}) | unseen
 
@@ -380,13 +380,13 @@ def draw_pictures(history: Results, units: Units | None) -> dict[str, Figure]:
 def check_pictures(folder: Path, suffix: str = ".png") -> None:
     """Raise HistoryError if a file has the name of a picture, but was not drawn by this package."""
     for path in (folder / f"{name}{suffix}" for name in PICTURES):
-        if os.path.lexists(path) and not _ours(path):
+        if os.path.lexists(path) and not _is_own(path):
             raise HistoryError(
                 f"{path}: not drawn by this version, so it is not replaced. Choose another folder, or move it away."
             )
 
 
-def _ours(path: Path) -> bool:
+def _is_own(path: Path) -> bool:
     try:
         return MARKS[path.suffix][1] in path.read_bytes()
     except OSError:
@@ -458,7 +458,7 @@ def animate(
 
 
 def _frames(history: Results, figure: Figure, **how: Any) -> Iterator[None]:
-    draw = deformed_mesh if _plane(history) else deformed_body
+    draw = deformed_mesh if _is_plane(history) else deformed_body
     for step in history.stored:
         figure.clear()
         draw(history, int(step), ax=figure.add_subplot(), **how)

@@ -149,7 +149,7 @@ def within(points: Floats, window: Window | None) -> Bools:
     return np.all((points >= low) & (points <= high), axis=1)
 
 
-def idle(history: Results) -> Bools:
+def is_idle(history: Results) -> Bools:
     """Return True (S, m) where contact is open and friction is zero to rounding: the node neither sticks nor slips."""
     contact = history.contact
     friction = np.linalg.norm(contact.traction, axis=2)

@@ -129,6 +129,11 @@ class Contact(ArrayRecord):
         return np.where(at >= 0, at, reversed_at)
 
     @property
+    def has_friction(self) -> bool:
+        """True if friction, or its bound, is nonzero at some stored instant."""
+        return bool(self.bound.any() or self.traction.any())
+
+    @property
     def stick_count(self) -> Ints:
         """The number (S,) of nodes that touch and stick; `stick_count + slip_count + open_count` is m."""
         return (self.closed & self.sticking).sum(axis=1)

@@ -472,12 +472,12 @@ def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> 
     return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
 
-def takes(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
+def is_accepted(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
     """Return True if a solver was tried on an instance and accepts it."""
     return name in own and all(one.outcome != REFUSED for one in own[name])
 
 
-def fate(trials: Sequence[Trial], error: float) -> str:
+def outcome_at(trials: Sequence[Trial], error: float) -> str:
     """Return the outcome of an instance at an error: "reached", "missed", FAILED or LATE."""
     if np.isfinite(seconds_to(trials, error)):
         return "reached"
@@ -491,8 +491,8 @@ def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: 
     An instance is valid if its optimum is certified to a tenth of the error.
     """
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
-    some = {label: own for label, own in entries.items() if any(takes(own, name) for name in names)}
-    return some, [name for name in names if some and all(takes(own, name) for own in some.values())]
+    some = {label: own for label, own in entries.items() if any(is_accepted(own, name) for name in names)}
+    return some, [name for name in names if some and all(is_accepted(own, name) for own in some.values())]
 
 
 def geometric_mean(seconds: Sequence[float], limit: float) -> float:
@@ -509,7 +509,7 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
     for kind, title in KINDS.items():
         if select_common(entries, instances, kind, max(ERRORS))[0]:
             heading = f"{title}: {sum(kind_of(one) == kind for one in instances)} instances"
-            table = scores(entries, instances, kind, limit)
+            table = score_table(entries, instances, kind, limit)
             text += f"{heading}\n{table.text()}\n\n"
             markdown += f"## {heading}\n\n{table.markdown()}\n"
     remark = (
@@ -522,7 +522,7 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
     return f"{text}{remark}", f"{markdown}{remark}\n"
 
 
-def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
+def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
     """Return a table with one row per solver, the fastest solver to 1e-6 first.
 
     Means are over the instances that all these solvers accept. Names are wrapped to 16 of 80 columns.
@@ -532,12 +532,12 @@ def scores(entries: Entries, instances: Sequence[Row], kind: str, limit: float) 
         counts, means = [], []
         for error in ERRORS:
             mine, common = (select_common(some, instances, kind, error)[1] for some in ({label: own}, entries))
-            fates = Counter(fate(own[name], error) for name in mine)
-            counts.append((f"{fates['reached']}/{len(mine)}", fates, mine))
+            outcomes = Counter(outcome_at(own[name], error) for name in mine)
+            counts.append((f"{outcomes['reached']}/{len(mine)}", outcomes, mine))
             means.append(geometric_mean([seconds_to(own[name], error) for name in common], limit))
-        _, fates, mine = counts[1]
+        _, outcomes, mine = counts[1]
         sure = sum(np.isfinite(seconds_to(own[name], ERRORS[1], "certified")) for name in mine)
-        ends = [str(count) for count in (sure, *(fates[one] for one in ("missed", FAILED, LATE)))]
+        ends = [str(count) for count in (sure, *(outcomes[one] for one in ("missed", FAILED, LATE)))]
         seconds = ["-" if np.isnan(m) else f"{m:.4f}"[1:] if m < 1 else f"{m:.3g}" for m in means]
         name = "\n".join(wrap(label, 16))
         rows.append((means[1], [name, *(count for count, *_ in counts), *ends, *seconds]))

@@ -1,4 +1,4 @@
-"""Elastoplastic bars: loading, unloading, reverse yielding, residual stress, dissipation; a girder."""
+"""Elastoplastic bars: loading, unloading, reverse yielding, residual stress, dissipation."""
 
 from __future__ import annotations
 

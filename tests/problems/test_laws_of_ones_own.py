@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import pytest
-from solids import SOLIDS, solid
 
 import cohesive_interface as glued
 import slip_weakening as weakening
@@ -60,92 +57,3 @@ def test_glue_that_softens_follows_its_closed_form(solver):
     assert np.abs(contact.traction).max() < force
     assert sigma[np.searchsorted(times, 1.75)] < 0 < sigma.max()
     assert sigma[-1] == 0 < a[-1]
-
-
-# In space slip is a vector: laws read the length of its path, and friction opposes the slip of the step.
-
-PATH = np.array([(0, 0), (0.05, 0.02), (0.15, 0.05), (0.2, 0.2), (0.05, 0.25), (-0.15, 0.05), (0.0, -0.1)])
-
-
-def solve_in_space(height, mu, law):
-    """Return slips a, forces q and lengths of the path of slip of a block whose top moves along `PATH`, step by step.
-
-    q = mu (U - a) / H has the direction of the trial force; in steps that slip by s, |trial| - mu s / H = g(A + s).
-    """
-    a, q, path, stiff = [np.zeros(2)], [np.zeros(2)], [0.0], mu / height
-    for U in PATH[1:]:
-        trial = stiff * (U - a[-1])
-        size = np.linalg.norm(trial)
-        slip = max(size - law.at(path[-1]), 0.0) / (stiff - law.fall)
-        if law.peak - law.fall * (path[-1] + slip) < law.residual:
-            slip = max(size - law.residual, 0.0) / stiff
-        a.append(a[-1] + slip * trial / size)
-        path.append(path[-1] + slip)
-        q.append(stiff * (U - a[-1]))
-    return np.array(a), np.array(q), np.array(path)
-
-
-@dataclass(frozen=True)
-class LinearWeakening:
-    """g(A) = max(peak - fall A, residual); negative falls harden."""
-
-    peak: float
-    residual: float
-    fall: float
-
-    def at(self, path):
-        return max(self.peak - self.fall * path, self.residual)
-
-
-@dataclass(frozen=True)
-class SlipFriction(vx.Effect):
-    """Friction on the floor by the law `LinearWeakening`."""
-
-    law: LinearWeakening
-
-    def contribute(self, space):
-        rows = space.part("bottom", "SlipFriction", contact=True).node_normals
-
-        def weights(t, p, past, slip):
-            return rows.lengths * np.maximum(self.law.peak - self.law.fall * (past + slip), self.law.residual)
-
-        law = vx.effects.Law(weights, softening=max(self.law.fall, 0.0) * rows.lengths)
-        friction = replace(vx.effects.Friction.from_rows(rows, "SlipFriction"), law=law)
-        return vx.effects.Contribution(frictions=(friction,), surfaces=(vx.effects.ContactSurface.from_rows(rows),))
-
-    def describe(self):
-        return "SlipFriction: on bottom"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("fall", [6.25, 0.5, -2.0])
-@pytest.mark.parametrize("name", SOLIDS)
-def test_friction_that_weakens_or_hardens_in_space_follows_its_closed_form(name, fall):
-    height, mu = 0.8, 10.0
-    law = LinearWeakening(1.0, 0.4, fall)
-    a, q, path = solve_in_space(height, mu, law)
-
-    def side(axis, sign):
-        return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]
-
-    sides = ("left", 0, -1), ("right", 0, 1), ("front", 1, -1), ("back", 1, 1)
-    scene = vx.Scene(
-        vx.Elasticity(2 * mu, 0.0),
-        vx.PrescribedDisplacement(lambda x, t: [*PATH[round(t)], 0.0], on="top"),
-        *(vx.Traction(side(axis, sign), on=on) for on, axis, sign in sides),
-        vx.BilateralContact(on="bottom"),
-        SlipFriction(law),
-    )
-    mesh = solid(name, 2, ((0.0, 1.0), (0.0, 1.2), (0.0, height)))
-    history = vx.simulate(scene, mesh, np.arange(float(len(PATH))), solver=vx.Newton(1e-9))
-    assert history.certificate_kind == "for the given friction"
-    contact = history.contact
-    slip, force = bound_errors(history, scene, abs(fall) * height / mu, turns=len(PATH) - 1)
-    assert slip < 1e-6 * path[-1]
-    assert np.abs(contact.slip[:, :, :2] - a[:, None]).max() < slip
-    assert np.abs(contact.accumulated_slip - path[:, None]).max() < slip
-    assert np.abs(contact.traction[:, :, :2] + q[:, None]).max() < force
-    # The path is longer than the distance of its ends; only the steepest law reaches its residual value.
-    assert path[-1] > 2 * np.linalg.norm(a[-1])
-    assert contact.bound[-1] == pytest.approx(law.at(path[-1]), abs=abs(fall) * slip + 1e-12)
-    assert (law.at(path[-1]) == law.residual) == (fall == 6.25)

@@ -135,14 +135,6 @@ def test_a_flange_unscrews_when_its_base_shakes(n):
     assert 0.85 < turned[-1] / final < 1
 
 
-@pytest.mark.long
-def test_a_flange_at_rest_holds_its_torque():
-    history = simulate(flange, 1, 4, shaking=0.0)
-    final = 0.75 * flange.FRICTION_TORQUE / (flange.SPRINGS * flange.SECOND_MOMENT)
-    assert flange.angle(history)[-1] < 0.1 * final
-    assert np.ptp(flange.angle(history)) < 1e-6 * final
-
-
 @pytest.mark.slow
 def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
     n = 6

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from texts import CONTRIBUTING, PAGES, README, ROOT, SITE, cells, file, is_made, page, prose
+from texts import PAGES, ROOT, SITE, TEXTS, cells, file, is_made, page, prose
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -34,8 +34,8 @@ def test_the_cells_of_a_page_run(path, tmp_path, monkeypatch):
         exec(compile(cell, f"{name(path)}, cell {i}", "exec"), known)
 
 
-@pytest.mark.parametrize("path", PAGES, ids=name)
-def test_links_and_files_of_a_page_exist(path):
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
+def test_links_and_files_of_a_text_exist(path):
     text = prose(path.read_text())
     for target in re.findall(r"\]\(([^)#\s]+?\.\w+)(?:#[^)]*)?\)", text):
         if target.startswith("/pictures/"):
@@ -60,9 +60,9 @@ def test_headings_follow_in_order(path):
 
 
 def test_no_sentence_of_twelve_words_occurs_twice():
-    """Texts include each other instead."""
+    """A text that needs a sentence of another text includes it."""
     said = Counter()
-    for path in (README, CONTRIBUTING, *PAGES):
+    for path in TEXTS:
         text = re.sub(r"\s+", " ", prose(path.read_text()))
         said.update(sentence for sentence in re.split(r"(?<=[.:;]) |\| ", text) if len(sentence.split()) >= 12)
     assert [sentence for sentence, times in said.items() if times > 1] == []

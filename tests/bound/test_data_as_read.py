@@ -227,14 +227,3 @@ def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog
         # If nothing moves, both numbers are rounding errors of stresses of about one.
         assert apart <= bound.upper[n] * (1.0 + 1e-9) + 1e-16
     assert bound.kind == "bound for data as read at instants"
-
-
-@pytest.mark.long
-def test_supports_may_move_nonlinearly_in_time():
-    """Bounds read supports at more instants than the run. Only motion that is nonlinear along edges is refused."""
-    moved = vx.PrescribedDisplacement(uniform(lambda t: t**2), on="top")
-    scene, mesh = vx.Scene(*LAYER, moved, vx.TrescaFriction(0.5, on="bottom")), vx.meshes.squares(1)
-    history = vx.simulate(scene, mesh, [0.0, 1.0])
-    fine = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 65))
-    apart = energy_distance(circle_of(fine), history.displacement[-1], fine.displacement[-1])
-    assert apart <= vx.error_bound(history).upper[-1]

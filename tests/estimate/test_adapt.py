@@ -165,19 +165,6 @@ def test_wrong_types_of_mesh_and_solver_and_runs_without_estimate_are_refused():
             vx.adapt(*arguments, solver=solver)
 
 
-def pulse(t):
-    """Return a load that is nonzero only between t = .25 and .75."""
-    return max(0.0, 2 - abs(8 * t - 4))
-
-
-@pytest.mark.long
-def test_a_load_that_vanishes_at_the_requested_instants_is_found():
-    found = vx.adapt(paper_scene(pulse), vx.meshes.squares(3), [0.0, 1.0], 0.3)
-    assert found.history.inactive == ()
-    assert found.history.steps >= 3
-    assert found.history.trajectory.norm.max() > 0.1
-
-
 @pytest.mark.long
 def test_data_are_not_evaluated_outside_the_run():
     def late(t):

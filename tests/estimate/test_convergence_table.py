@@ -30,7 +30,7 @@ def test_orders_follow_from_successive_errors(table):
     assert rough.orders["error"][1:] == pytest.approx(vx.measures.orders([0.3, 0.1, 0.07], [1.0, 0.2, 0.19]).successive)
 
 
-def test_markdown_has_four_digits_and_orders(table):
+def test_markdown_and_html_have_four_digits_and_orders(table):
     heads, rule, *rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.markdown().splitlines()]
     assert [head.strip() for head in heads] == ["h = k", "50 % of $h^2$", "order", r"gap_ped\|", "order"]
     assert {cell.strip() for cell in rule} == {"---:"}
@@ -39,6 +39,8 @@ def test_markdown_has_four_digits_and_orders(table):
     assert cells[1] == ["1/8", "0.007812", "2.00", "", ""]
     assert cells[3] == ["1/32", "0.0004883", "2.00", "1.000e-06", "3.32"]
     assert repr(table) == table.markdown().rstrip()
+    shown = ET.fromstring(table._repr_html_())
+    assert [cell.text for cell in shown[1][0]] == ["1/4", "0.03125", None, "0.01000", None]
 
 
 def test_csv_has_all_digits_and_unique_names(table):
@@ -48,11 +50,6 @@ def test_csv_has_all_digits_and_unique_names(table):
     assert [float(row["gap_ped|"] or "nan") for row in rows] == pytest.approx(GAPPED, rel=0, nan_ok=True)
     orders = table.orders["50 % of $h^2$"]
     assert [float(row["order of 50 % of $h^2$"] or "nan") for row in rows] == pytest.approx(orders, rel=0, nan_ok=True)
-
-
-def test_notebooks_show_a_table(table):
-    shown = ET.fromstring(table._repr_html_())
-    assert [cell.text for cell in shown[1][0]] == ["1/4", "0.03125", None, "0.01000", None]
 
 
 def test_sizes_other_than_unit_fractions_are_decimal_numbers():

@@ -1,8 +1,8 @@
 """Calls of functions in separate processes: a crash does not stop the caller.
 
 A separate process measures the peak memory of one run. BLAS uses one thread in it, so that the seconds of parallel runs
-are comparable. Each run has a new process, not one of a pool, so that a run that crashes or exhausts the memory stops
-no other run. If the parent process ends, for whatever reason, the new process ends, too.
+are comparable. Each run has a new process, not one of a pool. So a run that crashes or exhausts the memory stops no
+other run. If the parent process ends, for whatever reason, the new process ends, too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vemcvx.base.errors import NotCertified, VemcvxError
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 """Status of a run: answered; answered, but outside the accuracy; refused, because the problem is invalid; crashed."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-STARTING = threading.Lock()  # A new process copies the environment of this one, so one starts at a time.
+STARTING = threading.Lock()  # A new process copies our environment, so processes start one at a time.
 Result = TypeVar("Result")
 
 

@@ -1,7 +1,7 @@
 """The interface of linear solvers: :class:`LinearSolver` makes a :class:`Factor` of K, which solves K x = b.
 
-If the unknowns c come last in K = L L', the Schur complement onto c is S = L_cc L_cc', with the trailing block L_cc of
-L. Its cost is included in the cost of the factorisation.
+If the unknowns c come last in K = L L', the Schur complement onto c is S = L_cc L_cc'; L_cc is the trailing block of L.
+The cost of S is part of the cost of the factorisation.
 """
 
 from __future__ import annotations

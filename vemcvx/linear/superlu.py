@@ -98,8 +98,8 @@ def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
 def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     """Return an order (n,) of the vertices of `graph` (n, n), symmetric, at `points` (n, dim), separators last.
 
-    On each level, each part is halved along its longest axis; `part` has one bit per level. A vertex belongs to the
-    separator of the first level at which it is in the upper half and has a neighbour in the lower half.
+    On each level, each part is halved along its longest axis; `part` has one bit per level. The separator of a level
+    contains the upper vertices with lower neighbours that no earlier separator contains.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)
@@ -112,7 +112,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut are above it, so that separators of meshes in rows are rows, unless none would be below.
+        # Vertices at the cut are above it, so that separators of meshes in rows are rows, unless no vertex is below.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]

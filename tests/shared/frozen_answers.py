@@ -18,7 +18,6 @@ ignores rigid motions: where a body floats, its place is not unique.
 
 from __future__ import annotations
 
-import time
 import warnings
 from dataclasses import dataclass, field
 
@@ -36,7 +35,7 @@ ROUNDING = 1e-10
 LOSS = 30.0
 """Factor from relative errors of states to relative errors of losses, which are sums of forces times slips."""
 ARRAYS = ("displacement", "energy", "dissipated", "error")
-SCALARS = ("refused", "message", "seconds", "kind", "certified")
+SCALARS = ("refused", "message", "kind", "certified")
 
 
 @dataclass
@@ -45,8 +44,6 @@ class FrozenAnswer:
 
     refused: str = ""
     message: str = ""
-    seconds: float = 0.0
-    """CPU time"""
     kind: str = ""
     """`History.certificate_kind`"""
     certified: float = 0.0
@@ -64,19 +61,18 @@ class FrozenAnswer:
 
 def answer(run):
     """Return the answer of run(), and its history, or None where it was refused."""
-    began = time.process_time()
     with warnings.catch_warnings(), limit_log(0):
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:
             history = run()
         except vx.VemcvxError as error:
-            return FrozenAnswer(type(error).__name__, str(error), time.process_time() - began), None
+            return FrozenAnswer(type(error).__name__, str(error)), None
         except Exception as error:
-            return FrozenAnswer(f"crash {type(error).__name__}", str(error), time.process_time() - began), None
-    seconds, path = time.process_time() - began, history.trajectory
+            return FrozenAnswer(f"crash {type(error).__name__}", str(error)), None
+    path = history.trajectory
     # If nothing has moved, the error and its unit are zero.
     error = np.where(path.unit > 0, path.certified * np.where(path.unit > 0, path.unit, 1.0), 0.0)
-    kept = FrozenAnswer("", "", seconds, path.certificate_kind, float(path.certified.max()), history.displacement[-1])
+    kept = FrozenAnswer("", "", path.certificate_kind, float(path.certified.max()), history.displacement[-1])
     kept.energy, kept.dissipated, kept.error = path.energy, path.dissipated, error
     return kept, history
 

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# The names stand in __init__.pyi: units, colours and marks are used where nothing is drawn.
+# Pictures, listed in __init__.pyi, are imported when first used: modules that draw nothing use colours and units.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

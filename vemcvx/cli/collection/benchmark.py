@@ -137,7 +137,7 @@ class Benchmark:
         names = () if self.solvers is None else parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
         options, out = read_options(self.options, names), self.out or self.folder / "benchmark"
         entrants = [Entrant(name, tuple(options.get(name, {}).items())) for name in names]
-        labels = [entrant.label for entrant in entrants]  # An unknown name is an error here.
+        labels = [entrant.label for entrant in entrants]  # An unknown name raises an error here.
         with Owned(out) as files, progress_bar("benchmark") as show:
             for entrant, label in zip(entrants, labels, strict=True):
                 kept = files.take(re.sub(r"[^\w.=+ -]+", "_", label).replace(" ", "_") + ".jsonl")
@@ -418,7 +418,7 @@ def _call_own(prepared: Prepared, program: StepProgram, unit: float) -> Call:
 
 
 def _unit(programs: Sequence[StepProgram]) -> float:
-    """Return the largest |d*|_K; 1 if it is zero, or without any optimum d*."""
+    """Return the largest |d*|_K; 1 if it is zero, or if no optimum d* is known."""
     return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
 
 

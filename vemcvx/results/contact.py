@@ -124,9 +124,10 @@ class Contact(ArrayRecord):
     def rows_of(self, rows: ContactRows) -> Ints:
         """Return the contact node (k,) of each of `rows`, whichever body comes first; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
-        pairs = pair_numbers(self.nodes, self.partners, largest)
-        at, reversed_at = (find_in(pairs, pair_numbers(*two, largest)) for two in _both_ways(rows))
-        return np.where(at >= 0, at, reversed_at)
+        pairs, joined = pair_numbers(self.nodes, self.partners, largest), rows.partners >= 0
+        swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
+        at = find_in(pairs, pair_numbers(rows.nodes, rows.partners, largest))
+        return np.where(at >= 0, at, find_in(pairs, pair_numbers(*swapped, largest)))
 
     @property
     def has_friction(self) -> bool:
@@ -152,13 +153,6 @@ class Contact(ArrayRecord):
     def open_count(self) -> Ints:
         """The number (S,) of nodes that do not touch their obstacle."""
         return (~self.closed).sum(axis=1)
-
-
-def _both_ways(rows: ContactRows) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:
-    """Return nodes and partners, then the same two with nodes and partners swapped in rows with a partner."""
-    joined = rows.partners >= 0
-    swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
-    return (rows.nodes, rows.partners), swapped
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:

@@ -56,7 +56,8 @@ class ContactTiles:
             tile, away = other, 1.0 - np.einsum("qd,qd->q", normals[owner], mesh.face_normals[other])
             sharp = away > 1.0 - np.cos(0.5 * CURVE_ANGLE)
         else:
-            tile, along = _number_edges(node, other, mesh.n_nodes), mesh.points[other] - mesh.points[node]
+            tile = pair_numbers(np.minimum(node, other), np.maximum(node, other), mesh.n_nodes)
+            along = mesh.points[other] - mesh.points[node]
             slope = np.einsum("qd,qd->q", normals[owner], along) / np.linalg.norm(along, axis=1)
             sharp = np.abs(slope) > np.sin(0.5 * CURVE_ANGLE)
         known, tile = np.unique(tile, return_inverse=True)
@@ -129,10 +130,6 @@ def find_unmatched(mesh: Mesh) -> Bools:
             if len(np.unique(own)) < len(own):
                 found[interface.pairs] = True
     return found
-
-
-def _number_edges(node: Ints, other: Ints, largest: int) -> Ints:
-    return pair_numbers(np.minimum(node, other), np.maximum(node, other), largest)
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:

@@ -43,9 +43,9 @@ HEAVY = {
 """Heavy packages, and the only files that may import them."""
 
 LINES = {"program": 2_321, "solvers": 1_433, "stepping": 1_800, "linear": 939, "scene": 2_015, "effects": 2_403}
-LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_172}
-LINES |= {"bound": 3_273, "results": 2_849, "estimate": 2_286, "plots": 2_122}
-LINES |= {"cost": 682, "cli": 3_753}
+LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_142}
+LINES |= {"bound": 3_273, "results": 2_837, "estimate": 2_286, "plots": 2_112}
+LINES |= {"cost": 682, "cli": 3_711}
 LINES |= {"meshes": 7_563, "meshes/io": 1_548, "vem": 2_585}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_807

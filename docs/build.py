@@ -2,7 +2,8 @@
 
 Lessons and the code of pages are run first; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
 MyST-NB takes notebooks and code in pages alike, and a reference without a target fails the build (MkDocs lacks both).
-All have BSD or MIT licences; MathJax, which is shipped inside, has Apache 2.0. `README.md` has the conventions.
+These packages have BSD or MIT licences; MathJax, which is shipped inside, has Apache 2.0. `README.md` has the
+conventions.
 
 With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
 """
@@ -38,7 +39,7 @@ def report(task: str) -> None:
 
 
 def collect_sources(sources: Path) -> None:
-    """Fill Sphinx's folder of sources with the pages of `docs` and with those written from lessons and problems."""
+    """Fill Sphinx's folder of sources with the pages of `docs`, and with pages written from lessons and problems."""
     from generator import gallery, lessons
 
     report("collects pages and pictures")
@@ -58,7 +59,10 @@ def collect_sources(sources: Path) -> None:
 
 
 def write_kernel(folder: Path) -> None:
-    """Give the cells this Python, one thread, and no log but errors: Jupyter finds this kernel before any other."""
+    """Write the kernel of the cells: this Python, one thread, a log of errors only.
+
+    Jupyter finds it before other kernels.
+    """
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}
@@ -69,7 +73,7 @@ def write_kernel(folder: Path) -> None:
 
 
 def run_code(sources: Path, folder: Path) -> None:
-    """Write the live pages, and run the cells that are not in the cache, from which Sphinx takes them."""
+    """Write the live pages, and run the cells that are not in the cache; Sphinx takes all results from the cache."""
     from generator.gallery import LIVE
     from jupyter_cache import get_cache
     from jupyter_cache.executors.utils import create_cache_bundle, single_nb_execution

@@ -33,10 +33,10 @@ myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-nb_output_stderr = "remove"  # notices of the log, such as that of `vemcvx.simulate` about few steps
+nb_output_stderr = "remove"  # such as the notice of `vemcvx.simulate` about few steps
 
 autodoc_typehints = "none"
-autodoc_inherit_docstrings = False  # the method of a base class is described there
+autodoc_inherit_docstrings = False  # methods of a base class are described in its entry
 autodoc_member_order = "bysource"
 autodoc_mock_imports = [] if find_spec("pytest") else ["pytest"]  # `vemcvx.testing` is described without it
 autosummary_generate = False

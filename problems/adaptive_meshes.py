@@ -108,9 +108,9 @@ def match_error(run_study, beside, truth):
 
 
 def optimal_fraction(beside, run):
-    """Return the number of cells of the best mesh of equal-sided cells over that of uniform ones with the same error.
+    """Return the ratio of cell counts, best mesh of equal-sided cells over uniform mesh, at the same error.
 
-    The density of the error is that of the adaptive run, which resolves the singular points.
+    The error density is taken from the adaptive run, which resolves the singular points.
     """
     return float(run.true.cells.sum() ** 2 / beside.true.absolute**2 / beside.history.mesh.n_cells)
 
@@ -180,7 +180,7 @@ def run_studies(sizes):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
-    parser.add_argument("--picture", type=Path, help="draw convergence and meshes there")
+    parser.add_argument("--picture", type=Path, help="where to draw convergence and meshes (PNG)")
     given = parser.parse_args(arguments)
     results = run_studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))
     console = Console(width=150)

@@ -6,8 +6,8 @@ by a growing displacement. When uphill motion impends, the horizontal force F sa
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371, $$
 
-whatever the shape, the material or the mesh: friction is mu times the pressure at every point, so that the sum of all
-forces is that on a rigid point mass. No equilibrium exists beyond that load; therefore the displacement is prescribed
+whatever the shape, the material or the mesh: friction is mu times the pressure at every point, so that all forces add
+up to the forces on a rigid point mass. No equilibrium exists beyond that load; therefore the displacement is prescribed
 and not the force. Before the block slides, it creeps up from its pushed end; its lower edge may lift off.
 
     vemcvx run problems/block_on_incline.py --steps 20 --plot

@@ -80,7 +80,7 @@ def picture(history):
     vx.plots.stressed_body(history, ax=body, stress="xx", window=((-2.5, 2.5), (-2.5, 2.5)), units=UNITS)
     x, sigma = history.mesh.centroids, history.stress(-1)
     angle, far = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x, axis=1)
-    ray = angle[(angle > 1e-6) & (far > RADIUS)].min()  # that of the first row of cells
+    ray = angle[(angle > 1e-6) & (far > RADIUS)].min()  # the ray of the first row of cells
     row = np.abs(angle - ray) < 1e-6
     r, inside = np.linspace(RADIUS, REACH, 200), constants()[3]
     exact = outside(np.column_stack([r * np.cos(ray), r * np.sin(ray)]))[1]

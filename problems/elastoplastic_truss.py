@@ -15,7 +15,7 @@ $$
 
 The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite: it is the assumption of ellipticity.
 (Isotropic hardening adds the accumulated plastic strain k with |p'| <= k'. Then j is a seminorm on a cone and infinite
-elsewhere, which no sum of norms w_i |B_i v| is.)
+elsewhere, and not a sum of norms w_i |B_i v|.)
 
 **One bar.** p = E/(E+H) play_r(e) with r = sigma_y / E (see `spring_slider_chain.py`), that is sigma = E_t e +
 (E - E_t) stop_r(e) with the tangent E_t = E H/(E+H). After loading to sigma_1 > sigma_y it yields backwards at

@@ -9,7 +9,7 @@ This folder has two kinds of problem:
 - A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery it also defines a setting that runs
   in seconds, SMALL = {"n": .., "steps": ..} (with "accuracy" if 1e-8 cannot be reached). Its picture(history) returns a
   matplotlib figure of the history in this setting. The defaults are 8 cells, 8 steps and the deformed mesh.
-- A *program* has a function main(path) that draws its own picture: those of `PROGRAMS`.
+- A *program* has a function main(path) that draws its own picture; `PROGRAMS` lists the quick ones.
 
 A picture is PROBLEM.png, drawn by plain matplotlib in the style `STYLE`: in it C0, C1, ... are the colours of
 vemcvx.plots, which stay apart for colour-blind readers.

@@ -81,7 +81,7 @@ def count_rows(rows: Sequence[Row]) -> str:
     asked = {name: sum(f.solver == name for f in findings) for name in able}
     wrong = sum(bool(f.complaint) for f in findings)
     words = ", ".join(f"{name} does {able[name]} of {asked[name]}" for name in able)
-    return f"{len(rows)} cases; {words} and says where it cannot; {wrong} findings are wrong"
+    return f"{len(rows)} cases; {words} and reports where it cannot; {wrong} findings are wrong"
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -93,7 +93,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     for axes, part in zip(panels, (answered[:half], answered[half:]), strict=True):
         draw_cases(axes, part, half)
     figure.supxlabel("certified relative energy error of the worst step", fontsize="medium")
-    hollow = "hollow: the solver says that it misses its accuracy"
+    hollow = "hollow: the solver reports that it misses its accuracy"
     panels[0].plot([], [], "o", color="0.3", markerfacecolor="none", markersize=6, label=hollow)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
     figure.savefig(path, dpi=120)

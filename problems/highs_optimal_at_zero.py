@@ -1,7 +1,7 @@
 """HiGHS 1.15.1 reports "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
 
-The program in the .mps file of the same name is a step of friction with two unknowns. With the implied t >= 0 in it
-HiGHS is right; 1.16.0 is right without.
+The program in the .mps file of the same name is a step of friction with two unknowns. With the implied bounds
+t >= 0 in the file HiGHS 1.15.1 is right; 1.16.0 is right without them.
 """
 
 from pathlib import Path
@@ -13,4 +13,4 @@ highs.setOptionValue("output_flag", False)
 highs.readModel(str(Path(__file__).with_suffix(".mps")))
 highs.run()
 print(highs.version(), highs.modelStatusToString(highs.getModelStatus()), list(highs.getSolution().col_value))
-print(f"value {highs.getInfo().objective_function_value}; that of d = t = (7/6, 1/3) is {-13 / 12}")
+print(f"value {highs.getInfo().objective_function_value}; the value at d = t = (7/6, 1/3) is {-13 / 12}")

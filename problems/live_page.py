@@ -47,7 +47,7 @@ with app.setup:
     GIVEN = os.environ.get("VEMCVX_APP", "")  # the problem file that `vemcvx app FILE` was asked for
     if GIVEN and GIVEN not in [name for name, _ in SCENES.values()]:
         SCENES = {Path(GIVEN).stem: (GIVEN, None)} | SCENES
-    FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]  # those that fill a box
+    FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]  # families that fill a box
     PATHS = {
         "as in the problem file": None,
         "up": (0, 1),
@@ -75,14 +75,14 @@ def settings_of(problem):
 
 @app.function
 def paths_of(problem):
-    """Return the load paths of a problem: all if its scene takes a `course`, else that of its file alone."""
+    """Return the load paths of a problem: all if its scene takes a `course`, else the path of its file alone."""
     takes = "course" in inspect.signature(problem.module.scene).parameters and hasattr(problem.module, "course")
     return list(PATHS) if takes else list(PATHS)[:1]
 
 
 @app.function
 def course_of(path, problem):
-    """Return the load in time over the largest load: piecewise linear along a path, or that of the problem file.
+    """Return the load in time over the largest load: piecewise linear along a path, or the course of the problem file.
 
     It is None if the problem file has no `course`.
     """
@@ -327,7 +327,7 @@ def _(drawing_time, history, meshing, solving, step):
 
 @app.cell
 def _(drawn, numbers, problem):
-    # Buttons of marimo float over what has no room above it.
+    # Buttons of marimo cover text that has no room above it.
     _title = f'<h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
     mo.Html(_title + format_numbers(numbers) + drawn)
     return

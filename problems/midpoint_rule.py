@@ -13,7 +13,7 @@ $$
 \qquad = 2 \min_e \; a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e).
 $$
 
-So it is one convex program per step, too: that of backward Euler to the middle, and then a reflection,
+So it is one convex program per step, too: backward Euler to the middle, and then a reflection,
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
@@ -33,8 +33,8 @@ dissipation, are of second order in either case (`dissipated_second_order`).
 
     python problems/midpoint_rule.py [--picture FILE]
 
-The slider is the block of `circular_hysteresis.py`: u is the place of its sole, u_l that of its top, and C the disc
-about zero whose radius is the unit of length. There are three experiments, in which slips begin inside of steps: a
+The slider is the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C the
+disc about zero whose radius is the unit of length. There are three experiments, in which slips begin inside of steps: a
 straight pull there and back; a slip that turns, from the exact state; and a pull from rest that turns afterwards.
 """
 
@@ -186,7 +186,7 @@ def picture(found, steps=STEPS):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--picture", type=Path, help="draw the errors there")
+    parser.add_argument("--picture", type=Path, help="where to draw the errors (PNG)")
     given, found = parser.parse_args(arguments), table()
     for name, both in found.items():
         rules = dict(zip(("backward Euler", "midpoint rule"), both, strict=True))

@@ -225,10 +225,10 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
         "the run; consistent: its first part, without S_K. (In the a^h of 2 mu the nodal distances of unit runs are "
         f"{of_ours}.)",
         f"k alone: {in_time:.0e} at most, the distance to as many steps as the reference takes, on the same mesh. The "
-        "load is proportional and nothing that slips sticks again: backward Euler makes no error here, and all that is "
-        "measured is h.",
-        f"printed: {' '.join(nearest_to_print(every, sizes))} No reading of the text that we tried gives the print, "
-        "nor the rise of its order to 1.17.",
+        "load is proportional and no slipping node sticks again: backward Euler makes no error here, and only the mesh "
+        "makes an error.",
+        f"printed: {' '.join(nearest_to_print(every, sizes))} No reading of the text that we tried gives the printed "
+        "numbers, nor the rise of their order to 1.17.",
     ]
 
 
@@ -309,8 +309,8 @@ def table_4(rows: Sequence[tuple[int, int, int, int, int, float]]) -> Table:
 
 
 NOTE_4 = (
-    "n polygons that meet three at a node have 2 n + 2 nodes; every short edge that is collapsed takes one. The print "
-    "has 3, 2, 1 and 16 fewer; ours vary with the seeds. Triangles are n/2 squares cut in two, to the node."
+    "n polygons that meet three at a node have 2 n + 2 nodes; every collapsed short edge removes one. The paper has "
+    "3, 2, 1 and 16 nodes fewer; ours vary with the seeds. The triangles, n/2 squares cut in two, have as many nodes."
 )
 
 

@@ -9,7 +9,7 @@ p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
 $$
 
 Beyond e = a / 2 it lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2. The
-half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a part of a / depth. The
+half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a fraction O(a / depth). The
 infinite pressure at the edges makes errors of nodal forces O(h / a).
 
     vemcvx run problems/rigid_punch.py --n 6 --steps 8 --plot

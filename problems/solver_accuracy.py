@@ -12,7 +12,7 @@ Every solution u is compared with Newton's u*, which is certified to rounding:
 $$ |u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}, \text{ of } u, \text{ plus the same of } u^*, $$
 
 relative to the largest |u_m*|_K so far, K the full stiffness. A row that violates this is printed as WRONG, and the
-exit code of the command is 1. Seconds, of processor time in one thread, are those of a step in the middle of a run.
+exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run.
 Before each step the solver solves the step before it, because OSQP and SCS start from their last solution. The median
 is taken. Set-up is factorisation and condensation, and the additional time of the first step (compilation by cvxpy).
 For each solver the accuracy is increased until it misses one; a miss takes up to three attempts.
@@ -261,7 +261,7 @@ def draw(rows, path):
     for axes, what in zip(panels[:, 0], ("certified", "true"), strict=True):
         axes.set_ylabel(f"{what} relative error, energy norm")
     keys = [panels[0, 0].plot([], [], MARKERS[k] + "-", color=SERIES[k], label=name)[0] for k, name in enumerate(names)]
-    keys += panels[0, 0].plot([], [], "kx", markersize=9, label="missed what was asked")
+    keys += panels[0, 0].plot([], [], "kx", markersize=9, label="missed the requested accuracy")
     figure.legend(handles=keys, loc="outside lower center", ncols=len(keys), fontsize="small", frameon=False)
     figure.savefig(path, dpi=120)
 

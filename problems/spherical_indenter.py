@@ -15,7 +15,7 @@ once the block is pressed, from t = 1 on. One half of the block is computed. Cel
 contact, and downwards from the start. The top is pressed down and then dragged without rotation; P and Q are measured.
 
 With n = 8 the radius agrees with Hertz within 2 % and the peak within 5 %, or 2 % where cells are also even downwards
-(`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, which is that of
+(`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, judged by
 single nodes, is .94 of the closed form.
 
     vemcvx run problems/spherical_indenter.py --n 8 --steps 8 --plot

@@ -122,7 +122,7 @@ def picture(found):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--picture", type=Path, help="draw the errors there")
+    parser.add_argument("--picture", type=Path, help="where to draw the errors (PNG)")
     given, found = parser.parse_args(arguments), {}
     names = f"{'voronoi: errors':<24} {'order':>5} {'hexagons':>9} {f'nu = {NEAR}':>13}"
     print(f"{'stabilisation':<22} {'patch':>8}  {names}")

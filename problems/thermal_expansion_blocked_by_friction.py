@@ -15,7 +15,7 @@ stress -E alpha T. The end moves by
 
 $$ u_1 = \alpha T l - g l^2 / (2 E H) = E H (\alpha T)^2 / (2 g). $$
 
-Cooled: near the end the slip reverses, N = -g s, over the length l / 2, where this is E H alpha T below the previous
+Cooled: near the end the slip reverses, N = -g s, over the length l / 2, where N is E H alpha T below the previous
 force g s. The change of N over this length is -2 g s, and the end returns by
 
 $$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2. $$

@@ -1,1 +1,1 @@
-"""Pages that are written from where their matter lives: lessons, problem files, docstrings."""
+"""Pages that are written from lessons, problem files and docstrings."""

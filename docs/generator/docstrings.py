@@ -44,7 +44,7 @@ def _refer(words: str, is_role: bool) -> str:
     target = words if words in OBJECTS else SHORT.get(first, SHORT.get(words.rpartition(".")[2] if is_role else ""))
     if target is None:
         return f"``{words}``"
-    fields = getattr(OBJECTS[target], "__dataclass_fields__", ())  # which are described in the entry of their class
+    fields = getattr(OBJECTS[target], "__dataclass_fields__", ())  # fields are described in the entry of their class
     is_entry = member and hasattr(OBJECTS[target], member) and member not in fields
     return f":py:obj:`{words} <{target}{f'.{member}' if is_entry else ''}>`"
 
@@ -66,7 +66,7 @@ def describe_pictures(app: Sphinx, tree: nodes.document) -> None:
 class Entries(Autosummary):
     """The directive `entries`: a table of names with their first sentences, and below it the entry of each name.
 
-    Methods that a class inherits from a class of the reference are described there only.
+    Methods that a class inherits from a class of the reference are described only in the entry of the latter class.
     """
 
     def run(self) -> list[nodes.Node]:

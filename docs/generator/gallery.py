@@ -23,7 +23,7 @@ STEP_BY_STEP = """## Step by step
 
 <iframe class="live" loading="lazy" title="{0}, step by step" src="../_static/live/{0}.html"></iframe>
 
-`vemcvx app {0} --html PAGE` wrote this page; `vemcvx app {0}` has sliders for all else, too."""
+`vemcvx app {0} --html PAGE` wrote this page; `vemcvx app {0}` also has controls for scene, load and mesh."""
 
 
 @dataclass(frozen=True)

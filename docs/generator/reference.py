@@ -10,5 +10,5 @@ from pkgutil import resolve_name
 PAGES = Path(__file__).resolve().parents[1] / "reference"
 ENTRY = re.compile(r"^(?: {3}|\.\. (?:py:data|automodule):: )(vemcvx(?:\.\w+)+)$", re.MULTILINE)
 OBJECTS = {name: resolve_name(name) for page in sorted(PAGES.glob("*.md")) for name in ENTRY.findall(page.read_text())}
-"""What has an entry on a page of the reference, by its full name."""
+"""The objects with an entry on a page of the reference, by their full names."""
 SHORT = {name.rpartition(".")[2]: name for name, thing in OBJECTS.items() if not inspect.ismodule(thing)}

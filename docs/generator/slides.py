@@ -1,7 +1,7 @@
 """Slides of the lessons: each shows a formula or a picture of the lesson's page, with at most five lines of text.
 
-The slides of a lesson are one HTML page without a framework. Space, arrow and page keys go on, CSS stops at each slide,
-and a printer puts one slide on a sheet. The slides of nbconvert would load reveal.js from another host.
+The slides of a lesson are one HTML page without a framework. Space, arrow and page keys go to the next slide, CSS stops
+at each slide, and a printer puts one slide on a sheet. The slides of nbconvert would load reveal.js from another host.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ def first_block(separate):
 
 
 disc, box = first_block(separate=False), first_block(separate=True)
-# The gap of 1e-8 allows errors of 4e-4 in positions and 4 times that in forces (section 1 of the lesson).
+# The gap of 1e-8 allows errors of 4e-4 in positions and of 16e-4 in forces (section 1 of the lesson).
 assert abs(disc - 0.5) < 2e-3
 assert abs(box - 0.5 * np.sqrt(2)) < 2e-3
 print(f"friction on block 1: {disc:.4f} with the disc, {box:.4f} with the square")

@@ -39,7 +39,7 @@ def cell_stiffness(x, Lambda, mu, eta):
 
 
 # %% [markdown]
-# **1.** On a triangle the six vertex values are those of exactly one linear field. This field satisfies the definition
+# **1.** On a triangle exactly one linear field has the six given vertex values. This field satisfies the definition
 # of $v$, and $v$ is unique, so $v$ is linear and $\Pi v = v$. The method is P1 finite elements, as the paper's Remark
 # 4.1 says. We allow 1e-13 for rounding, as in the lesson.
 

@@ -246,7 +246,7 @@ body_picture(histories[40])
 # ## 5. Memory fades or stays, it never grows
 #
 # Two bodies with different pasts carry the same load from some instant on. Their states are $u_n$ and $\bar u_n$. Take
-# $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and the reverse in that of the second. If
+# $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and exchange the roles for the second. If
 # we add both inequalities, the terms in $j$ cancel, and
 #
 # $$\begin{gathered} a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1}) \\

@@ -37,7 +37,7 @@ assert error(peak=3.0, seen=0.5) == w / K
 # %% [markdown]
 # **2.** For one slider a growing load means $u_n = \max(u_{n-1}, (f_n - w)/K)$, and the last load determines the end.
 # The same holds for the chain. If one block moves forward, it pulls the others forward, because no entry of $K$ off the
-# diagonal is positive. So no block ever turns back, and the friction of the last step is that of the whole path. A
+# diagonal is positive. So no block ever turns back, and the last step has the friction of the whole path. A
 # stiffness matrix of elasticity also has positive entries. Then a node may turn back while the load grows, and the
 # number of steps matters.
 

@@ -1,5 +1,5 @@
 # %% [markdown]
-"""# Solutions to the exercises of lesson 6, on a chain of eight blocks: run it, or read it cell by cell"""
+"""# Solutions to the exercises of lesson 6, on a chain of eight blocks: run the file, or read it cell by cell"""
 
 # %%
 import numpy as np

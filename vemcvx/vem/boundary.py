@@ -328,7 +328,7 @@ class MirrorPlanes:
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
         # Planes of two bodies that differ by half a degree count as one; along the bisector the mean of their
         # projections has this eigenvalue.
-        along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * 1e-2**2))
+        along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
 

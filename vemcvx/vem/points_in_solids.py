@@ -121,7 +121,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
     """Return barycentric coordinates (k, 3) of the point of each triangle nearest to the origin, and its distance.
 
-    They are correct for triangles (k, 3, 3) close to the origin.
+    The coordinates are correct for triangles (k, 3, 3) close to the origin.
     """
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)

@@ -1,15 +1,14 @@
-"""Materials by region, and Orthotropic: closed forms, the isotropic path, invariance, locking, errors."""
+"""Materials by region and plane Orthotropic materials: closed forms, and no locking."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from scenes import any_family, mostly_long, paper_scene, small
+from scenes import any_family, mostly_long, small
 from test_effects_loads_and_supports import Pin, near
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
-from vemcvx.vem import Space
 
 BOX = ((0.0, 2.0), (0.0, 1.0))
 
@@ -21,8 +20,8 @@ def halves(mesh, at=1.0):
 
 class TestRegions:
     @pytest.mark.parametrize("family", ["squares", "triangles"])
-    def test_a_bar_of_two_materials_in_a_row(self, family):
-        """Between rollers, pulled: sigma_xx = s, e_i = s / M_i with M = lam + 2 mu, sigma_yy = lam_i e_i."""
+    def test_a_bar_of_two_materials_has_two_strains(self, family):
+        """A bar between rollers is pulled: sigma_xx = s, e_i = s / M_i with M = lam + 2 mu, sigma_yy = lam_i e_i."""
         mesh = halves(small(family, 4, box=BOX))
         s, E, nu = 3.0, (100.0, 400.0), (0.2, 0.4)
         materials = [vx.Elasticity(E[i], nu[i], on=on) for i, on in enumerate(("west", "east"))]
@@ -38,8 +37,8 @@ class TestRegions:
         assert near(history.reaction("left")[-1, 0], -s, s)
 
     @any_family
-    def test_regions_are_the_body_with_moduli_a_cell(self, family):
-        """Sums over cells that share nodes may differ in the last bits, nothing else."""
+    def test_regions_equal_one_material_with_moduli_per_cell(self, family):
+        """Stiffness matrices differ by the rounding of sums over cells only."""
         mesh = halves(small(family, 4), at=0.4)
         west = mesh.cell_data["west"]
         one = pose_scene(vx.Scene(vx.Elasticity(np.where(west, 5.0, 80.0), 0.3), vx.Clamp("left")), mesh)
@@ -50,32 +49,11 @@ class TestRegions:
         assert np.array_equal(one.material.moduli, two.material.moduli)
         assert np.array_equal(one.material.thermal_stress_moduli, two.material.thermal_stress_moduli)
 
-    def test_moduli_are_read_on_their_own_cells_only(self):
-        mesh = halves(small("squares", 4), at=0.5)
-        mesh = mesh.with_cell_data("young", np.where(mesh.cell_data["west"], 50.0, -1.0))
-        whole = vx.Elasticity("young", 0.3, on="west"), vx.Elasticity(50.0, 0.3, on="east")
-        assert np.unique(pose_scene(vx.Scene(*whole, vx.Clamp("left")), mesh).material.moduli[1]) == 50 / 2.6
-
-    @pytest.mark.long
-    def test_two_kinds_of_material_share_a_body(self, tmp_path):
-        """Isotropic constants written both ways: the answer of the isotropic scene, through files too."""
-        mesh, times = halves(small("voronoi", 5), at=0.5), np.linspace(0, 1, 5)
-        plain = vx.simulate(paper_scene(), mesh, times)
-        E, nu = 200.0, 0.3
-        mixed = [effect for effect in paper_scene().effects if not isinstance(effect, vx.Elasticity)]
-        same = vx.Orthotropic((E, E, E), (nu, nu, nu), E / (2 * (1 + nu)), 0.7, plane="strain", on="west")
-        history = vx.simulate(vx.Scene(*mixed, vx.Elasticity(E, nu, on="east"), same), mesh, times)
-        assert np.abs(history.displacement - plain.displacement).max() < 1e-12 * np.abs(plain.displacement).max()
-        assert np.abs(history.stress(-1) - plain.stress(-1)).max() < 1e-10 * np.abs(plain.stress(-1)).max()
-        assert history.moduli.shape == (6, mesh.n_cells)
-        again = vx.read_history(history.write(tmp_path))
-        assert np.array_equal(again.stress(-1), history.stress(-1))
-
 
 class TestOrthotropic:
     @any_family
     @mostly_long("degrees", [0.0, 25.0, 90.0], 1)
-    def test_pulled_off_its_axes(self, family, degrees):
+    def test_a_plate_pulled_off_its_axes_stretches_and_shears(self, family, degrees):
         """Jones (2.97): 1 / E_x = c^4 / E1 + (1 / G - 2 nu12 / E1) c^2 s^2 + s^4 / E2; shear couples with the pull."""
         E1, E2, nu, G, s = 140.0, 10.0, 0.3, 5.0, 2.0
         a = np.radians(degrees)
@@ -105,7 +83,7 @@ class TestOrthotropic:
 
     @pytest.mark.long
     def test_the_stabilisation_does_not_lock_on_stiff_fibres(self):
-        """Fibres along x that do not stretch, held at both ends: u = (0, b x (1 - x) / (2 G)), energy b^2 / (24 G)."""
+        """With inextensible fibres along x, clamped at both ends, u = (0, b x (1 - x) / (2 G)), energy b^2 / (24 G)."""
         G, b, mesh = 5.0, 1.0, small("voronoi", 8)
         stiff = vx.Orthotropic((1e9, 10.0), 0.0, G)
 
@@ -119,23 +97,6 @@ class TestOrthotropic:
             energy = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", check=False).energy[-1]
             return energy / (b**2 / (24 * G))
 
-        # Measured 1.037; the error falls with h. By the trace, and by the mean of the two shears, less than 1e-3.
+        # Measured: 1.037, with an error that falls with h. The trace as stabilisation gives less than 1e-3.
         assert share("shear") == pytest.approx(1.0, abs=0.06)
         assert share(Trace()) < 0.01
-
-
-@pytest.mark.parametrize("angle", [2 * np.pi, -2 * np.pi])
-def test_a_whole_turn_is_an_angle(angle):
-    space = Space(vx.meshes.squares(2))
-    turned = [vx.Orthotropic((2, 1), 0.3, 1, a).contribute(space).material for a in (angle, 0.0)]
-    one, other = (material.stiffness(space).whole() for material in turned)
-    # Sines of 2 pi are 2.4e-16, in entries of size one.
-    assert abs(one - other).max() < 1e-14
-
-
-def test_angles_of_other_materials_are_not_asked_for():
-    """Data of cells may hold anything where the cells are another's."""
-    mesh = halves(vx.meshes.squares(4), at=0.5)
-    east = mesh.cell_data["east"]
-    wood = vx.Orthotropic((2, 1), 0.3, 1, np.where(east, 0.4, 999.0), on="east")
-    assert wood.contribute(Space(mesh)).material.cells.sum() == np.count_nonzero(east)

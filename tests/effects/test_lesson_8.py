@@ -1,4 +1,4 @@
-"""The effect of lesson 8 does what every effect must do."""
+"""The conformance suite of effects for the dashpots of lesson 8."""
 
 import contextlib
 import importlib

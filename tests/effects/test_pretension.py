@@ -1,4 +1,4 @@
-"""A bolt that is tightened and locked: the joint diagram, and what holds the length of a bolt."""
+"""A bolt is tightened and locked: the joint diagram, forces in files, and refusals."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def tightened(x, t):
 
 
 def joint(**of):
-    """A bolt and a sleeve, three times as stiff, under a rigid cap that is pulled."""
+    """Simulate a bolt and a sleeve, which is three times as stiff, under a rigid cap that is pulled."""
     mesh = vx.meshes.bodies({**JOINT, "cap": column(0, 5, 3, 4, (1, 1))})
     scene = vx.Scene(
         STEEL,
@@ -38,20 +38,20 @@ def joint(**of):
 
 
 @pytest.mark.parametrize(("solver", "near"), [(None, 1e-12), pytest.param(vx.Clarabel(), 1e-5, marks=pytest.mark.long)])
-def test_the_joint_diagram(solver, near):
-    """A quarter of the pull on the bolt until the joint opens, then all of it; at last the tension it had."""
+def test_the_bolt_follows_the_joint_diagram(solver, near):
+    """The bolt bears a quarter of the pull until the joint opens, then the whole pull; finally its first tension."""
     history = joint(solver=solver)
     wanted = np.maximum(TENSION * np.minimum(TIMES, 1.0) + PULL * BOLT / (BOLT + SLEEVE), PULL)
     for cause in ("shank|head", vx.Pretension):
         assert history.force(cause)[:, 1] == pytest.approx(wanted, abs=near)
     assert history.force("sleeve|cap")[:, 1] == pytest.approx(PULL - wanted, abs=near)
     assert history.force(vx.Pretension)[:, 0] == pytest.approx(np.zeros(7), abs=1e-12)
-    # The bolt is shorter by what the tension has pulled out of it and of the sleeve, and keeps that.
+    # Tightening shortens the bolt by its own stretch and the sleeve's squeeze; locking keeps this length.
     up, down = (np.unique(history.mesh.boundaries["shank|head"]), history.mesh.interfaces["shank|head"].partners)
     jump = history.displacement[:, up, 1].mean(axis=1) - history.displacement[:, np.unique(down), 1].mean(axis=1)
     shorter = TENSION * 3.0 / 300.0 * (1 / BOLT + 1 / SLEEVE)
     assert jump == pytest.approx(shorter * np.minimum(TIMES, 1.0), abs=near)
-    # What locks the bolt is no place of contact.
+    # The cut of the bolt has no contact nodes.
     assert np.array_equal(history.contact.nodes, joint_nodes(history))
 
 
@@ -60,17 +60,17 @@ def joint_nodes(history):
     return np.unique(np.concatenate([history.mesh.boundaries[name].ravel() for name in names]))
 
 
-def test_files_keep_the_forces_of_a_bolt_and_no_format_its_program(tmp_path):
+def test_files_keep_the_forces_of_a_bolt_and_refuse_its_program(tmp_path):
     history = joint()
     read = vx.read_history(history.write(tmp_path / "run"))
     assert read.force("shank|head") == pytest.approx(history.force("shank|head"), abs=1e-12)
     vx.write_program(history.program(1), tmp_path / "step.npz")
-    with pytest.raises(vx.ProgramError, match="1 of its terms have infinite weights, as they always stick"):
+    with pytest.raises(vx.ProgramError, match="1 norm terms have infinite weights"):
         vx.write_program(history.program(2), tmp_path / "step.npz")
 
 
 def test_a_bolt_in_space_bears_shear_and_tension():
-    """Tightened between fixed ends, then sheared and pulled at one: tension is 2 + E A u / L, and the cut is bonded."""
+    """A bolt is tightened between fixed ends; then one end is pulled and sheared. Its tension is 2 + E A u / L."""
     cubes = vx.meshes.cubes
     behind, ahead = vx.meshes.cut(cubes((1, 1, 4), box=((0, 1), (0, 1), (0, 2))), (0, 0, 1), (0, 0, 1))
     mesh = vx.meshes.bodies({"a": behind, "b": ahead})
@@ -99,7 +99,7 @@ def test_a_bolt_that_is_never_locked_keeps_its_force():
     assert history.force("a|b")[:, 1] == pytest.approx([2.0] * 3, abs=1e-12)
 
 
-def test_what_is_no_cut_and_no_instant_is_refused():
+def test_a_boundary_that_is_no_cut_and_a_wrong_instant_are_refused():
     with pytest.raises(
         vx.SceneError, match="found a boundary that is no interface. Cut the mesh of the bolt in two by"
     ):
@@ -108,7 +108,7 @@ def test_what_is_no_cut_and_no_instant_is_refused():
         vx.simulate(vx.Scene(STEEL, vx.Pretension(on="a|b", force=1.0, until=[1.0, 2.0])), BAR, [0.0, 1.0])
 
 
-def test_a_cut_has_no_contact_of_its_own_and_until_is_an_instant():
+def test_contact_on_a_cut_and_an_instant_between_steps_are_refused():
     bolt = vx.Pretension(on="a|b", force=2.0, until=0.8)
     ends = vx.Clamp(on="a.bottom"), vx.PrescribedDisplacement(lambda x, t: (0.0, 0.01 * t), on="b.top")
     with pytest.raises(vx.SceneError, match="until = 0.8, which is no instant of the run: .* locked at 0.5"):

@@ -1,4 +1,4 @@
-"""Effects that cannot be: each is refused in a sentence that names it, and what was found."""
+"""Impossible effects: each error names the effect and what was found. whole/messages.txt has more refusals."""
 
 from dataclasses import dataclass, replace
 
@@ -30,37 +30,23 @@ def solid(*constants, **changes):
 
 
 PLANE = {
-    "a place": (vx.PointLoad((1.0, 0.0), at=(0.6, 0.5)), r"PointLoad: .* node at \[0\.6 0\.5\]; .* node 12"),
     "one of two": (vx.PointLoad((1.0, 0.0), at=[(0, 0), (2, 1)]), r"PointLoad: .* no node at \[2\. 1\.\]"),
-    "a point far away": (vx.PointLoad((1.0, 0.0), at=(1e200, 0)), r"PointLoad: there is no node at \[1\.e\+200"),
-    "a point in space": (vx.PointLoad((1.0, 0.0), at=(0, 0, 0)), r"PointLoad: found at = \(0, 0, 0\)"),
-    "no points": (vx.PointLoad((1.0, 0.0), at=[]), r"PointLoad: found at = \[\]"),
     "a scalar force": (vx.PointLoad(3.0, at=(0.5, 0.5)), "PointLoad: found the single number 3; wanted 2 components"),
     "a vector pressure": (vx.Pressure((1, 0), "left"), r"Pressure on left: found an array of shape \(2,\)"),
-    "a spring": (vx.ElasticFoundation(-1.0, 2.0, on="left"), "ElasticFoundation .* normal = -1"),
-    "a spring in time": (vx.ElasticFoundation(1.0, lambda x, t: t, on="left"), r"ElasticFound.* called as f\(x\)"),
-    "stresses": (vx.Prestress((1.0, 2.0)), r"Prestress: found .*\(2,\); wanted 3 components \(xx, yy, xy\)"),
     "a stress NaN": (vx.Prestress((1.0, 2.0, np.nan)), "Prestress: found NaN or infinity in 16 of 48 values"),
     "no such datum": (vx.ThermalStrain("alpha", 1.0), "ThermalStrain: expansion: .*no cell datum named 'alpha'"),
-    "hot vectors": (vx.ThermalStrain(1.0, (1.0, 2.0)), r"ThermalStrain: temperature: found an array of shape \(2,\)"),
     "hot at the start": (vx.ThermalStrain(1.0, 1.0), r"initial: the state at t = 0 is not in equilibrium"),
     "a direction": (vx.TrescaFriction(1.0, "bottom", direction=(1.0, 0.0), across=2.0), "TrescaFriction .* in space"),
     "a gap NaN": (vx.UnilateralContact("bottom", np.nan), "UnilateralContact on bottom: gap: found NaN"),
-    "a soft floor": (vx.NormalCompliance(0.0, "bottom"), "NormalCompliance on bottom: found stiffness = 0 at"),
-    "no pressure": (vx.CoulombFriction(0.1, "top"), "CoulombFriction on top: no pressure is known at"),
     "no touch": (vx.TrescaFriction(1.0, "bottom", while_closed=True), "TrescaFriction on bottom: no pressure is known"),
-    "viscosity": (vx.Viscosity(-1.0), "Viscosity: found shear = -1 in cell 0"),
 }  # fmt: skip
 MATERIALS = {
     "no material somewhere": ([EAST], "materials: .* 8 have no material .first: cell 0 .*Elasticity on east"),
-    "two everywhere": ([STEEL, STEEL], "materials: .* 16 have more than one .first: cell 0 "),
-    "two somewhere": ([STEEL, EAST], "materials: .* 8 have more than one .first: cell 2 "),
     "strain beside stress": ([WEST, wood(on="east")], "materials: found plane strain in Elas.*plane stress in Ortho"),
     "no region": ([vx.Elasticity(1.0, 0.3, on="north")], "Elasticity: on= .* found 'north', .* has 'west', 'east'"),
     "an empty region": ([vx.Elasticity(1.0, 0.3, on="none")], "Elasticity: on='none' names no cell"),
     "two moduli": ([wood(plane="strain")], r"Orthotropic: .*plane strain takes \(E1, E2, E3\)"),
     "one ratio": ([wood(young=E, plane="strain")], r"Orthotropic: found poisson = 0\.3; .* takes \(nu12, nu13, nu23\)"),
-    "one modulus": ([wood(young=1.0)], r"Orthotropic: found young = 1\.0; plane stress takes \(E1, E2\)"),
     "young": ([wood(young=(1.0, lambda x: x[:, 0] - 0.375))], r"Orthotropic: found young \(E2\) = -0\.25 in"),
     "shear": ([wood(shear=-1)], r"Orthotropic: found shear \(G12\) = -1 in cell 0"),
     "no energy": ([wood(young=(1.0, 4.0), poisson=0.5)], r"Orthotropic: found poisson \(nu12\) = 0\.5 .*nu12\^2 < E1"),
@@ -68,12 +54,10 @@ MATERIALS = {
     "no plane": ([wood(plane="foo")], "Orthotropic: found plane 'foo'"),
     "an angle's datum": ([wood(angle="grain")], "Orthotropic: angle: .*no cell datum named 'grain'"),
     "degrees": ([wood(angle=45)], "Orthotropic: found angle = 45 in cell 0; it is in radians"),
-    "degrees somewhere": ([wood(angle=np.arange(16.0))], "Orthotropic: found angle = 7 in cell 7; it is in radians"),
     "axes": ([wood(axes=((1, 0, 0), (0, 1, 0)))], "Orthotropic: found axes .* bodies in space; give angle="),
 }  # fmt: skip
 GROUNDS = {
     "a constant": ((0.5, 0.0), r"found \(0\.5, 0\.0\)"),
-    "a number": (0.5, r"found the single number 0\.5"),
     "one component": (lambda x, t: t * x[:, 0], r"found an array of shape \(5,\)"),
     "NaN": (lambda x, t: (np.nan, t), "found NaN or infinity in 5 of 10"),
 }  # fmt: skip
@@ -82,23 +66,16 @@ SPACE = {
     "one shear": ([solid(E, NU, 1.0)], r"Orthotropic: .*shear = 1\.0; a body in space takes \(G12, G13, G23\)"),
     "two moduli": ([solid(E[:2], NU, G)], r"Orthotropic: .*young = .*; a body in space takes \(E1, E2, E3\)"),
     "a plane": ([solid(plane="strain")], f"Orthotropic: plane=: {ONLY}"),
-    "a plane of steel": ([vx.Elasticity(1.0, 0.3, plane="strain")], f"Elasticity: plane=: {ONLY}"),
-    "angle and axes": ([solid(angle=0.1, axes=((1, 0, 0), (0, 1, 0)))], "Orthotropic: .* and angle = 0.1; give one"),
-    "one axis": ([solid(axes=[(1, 0, 0)])], "Orthotropic: .*give two vectors"),
     "parallel axes": ([solid(axes=((1, 0, 0), (2, 0, 0)))], "Orthotropic: axes: .* in cell 0; .* zero nor parallel"),
     "no energy": ([solid(E, (0.9, 0.9, 0.9), G)], "Orthotropic: .* must leave the energy positive"),
-    "no shear": ([solid(E, NU, (1.0, -1.0, 1.0))], r"Orthotropic: found shear \(G13\) = -1 in cell 0"),
     "the tangent": ([STEEL, vx.PrescribedDisplacement(0.0, "left", "tangent")], f"Pre.* on left: .*tangent': {ONLY}"),
     "stresses of the plane": ([STEEL, vx.Prestress((1.0, 0.0, 0.0))], r"Prestress: .*wanted 6 components"),
     "forces of the plane": ([STEEL, vx.BodyForce((1.0, 0.0))], r"BodyForce: .*wanted 3 components"),
-    "no such side": ([STEEL, vx.Clamp(on="floor")], "Clamp: .*no boundary named 'floor'; .*'front', 'back'"),
 }  # fmt: skip
 DIRECTIONS = {
     "across alone": (vx.TrescaFriction(1.0, on="bottom", across=2.0), "TrescaFriction .* takes both direction="),
     "direction alone": (vx.CoulombFriction(1.0, **BELT), "CoulombFriction .* takes both direction="),
     "upright": (vx.TrescaFriction(1.0, "bottom", direction=(0, 0, 2), across=2.0), r"Tresca.*\[0\. 0\. 2\.\]"),
-    "none": (vx.TrescaFriction(1.0, "bottom", direction=(0, 0, 0), across=2.0), r"Tresca.*\[0\. 0\. 0\.\]"),
-    "plane": (vx.TrescaFriction(1.0, "bottom", direction=(1.0, 0.0), across=2.0), "TrescaFriction .* 3 components"),
     "a negative bound": (vx.TrescaFriction(1.0, across=-2.0, **BELT), "TrescaFriction on bottom: found across = -2 at"),
     "no bound along": (vx.TrescaFriction(0.0, across=2.0, **BELT), "Tresca.*bound = 0 and across = 2 .*> 0 where"),
     "a ratio that changes": (
@@ -115,7 +92,7 @@ DIRECTIONS = {
 
 @dataclass(frozen=True)
 class Mine(vx.Effect):
-    """A rigid obstacle with friction, some of it changed."""
+    """A rigid obstacle with friction, with changes of single fields."""
 
     friction: object = None
     stop: object = None
@@ -168,7 +145,7 @@ CASES = (
 
 
 @pytest.mark.parametrize(("family", "effects", "says"), CASES.values(), ids=CASES)
-def test_what_cannot_be_is_refused_by_name(family, effects, says):
+def test_an_impossible_effect_is_refused_by_name(family, effects, says):
     mesh = halves(vx.meshes.squares(4) if family == "squares" else vx.meshes.cubes(2))
     own = any(isinstance(effect, Mine) for effect in effects)
     with pytest.raises(vx.SceneError, match=f"(?s)^{says}"):
@@ -185,7 +162,7 @@ def test_what_cannot_be_is_refused_by_name(family, effects, says):
         ([0.0, 1.0], np.zeros((2, 1, 1)), "wanted 2 finite values"),
     ],
 )
-def test_tables_that_are_none(times, values, says):
+def test_wrong_tables_are_refused(times, values, says):
     with pytest.raises(vx.SceneError, match=f"^Tabulated: .*{says}"):
         vx.Tabulated(times, values)
     covers = vx.Tabulated([0.0, 1.0], [[0.0, 0.0], [1.0, 0.0]])
@@ -194,6 +171,6 @@ def test_tables_that_are_none(times, values, says):
 
 
 @pytest.mark.parametrize("mesh", [vx.meshes.triangles(2), vx.meshes.tetrahedra(1)], ids=["plane", "space"])
-def test_simplices_near_incompressibility_are_warned_of(mesh):
+def test_simplices_near_incompressibility_cause_a_warning(mesh):
     with pytest.warns(vx.SceneWarning, match=r"^Elasticity: poisson = 0\.4999 on a mesh of .*, which lock near 1/2"):
         vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.4999), vx.Clamp(on="bottom")), mesh, [0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Data given by a table are those of the function that interpolates it."""
+"""Tabulated data equal the function that interpolates them."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import vemcvx as vx
 INSTANTS, PULLS = [0.0, 1.0, 3.0], [0.0, 4.0, -2.0]
 
 
-def test_a_table_is_the_function_that_interpolates_it():
+def test_a_table_equals_the_function_that_interpolates_it():
     times = np.linspace(0.0, 3.0, 7)
     vector, scalar = vx.Tabulated(INSTANTS, np.outer(PULLS, [1.0, 0.5])), vx.Tabulated(INSTANTS, PULLS)
     assert [scalar(None, t) for t in times] == np.interp(times, INSTANTS, PULLS).tolist()
@@ -23,7 +23,7 @@ def test_a_table_is_the_function_that_interpolates_it():
     assert "Tabulated(3 instants from 0 to 3)" in "".join(one.effects)
 
 
-def test_a_table_is_its_own():
+def test_a_table_copies_its_values():
     values = np.array(PULLS)
     table = vx.Tabulated(INSTANTS, values)
     values[:] = 7.0

@@ -1,4 +1,4 @@
-"""Bodies that nothing holds: solved where their loads balance, without their mean rigid motion; else refused."""
+"""Bodies without supports: solved without mean rigid motion if their loads balance, and refused otherwise."""
 
 import re
 
@@ -18,14 +18,14 @@ def settled(mesh, *effects, times=(0.0, 1.0)):
 
 
 def rests(history):
-    """No support takes a force, loads balance forces of contact, and the mean displacement vanishes."""
+    """Check that there are no reactions, and that the mean displacement vanishes."""
     assert np.abs(history.reaction("boundary")).max() == 0.0
     assert np.abs(history.mean("displacement")).max() <= 1e-13 * np.abs(history.displacement).max()
     assert any(words.startswith("the motion of the whole body: nothing holds it") for words in history.inactive)
 
 
 @pytest.mark.parametrize(("family", "n"), [("squares", (8, 2)), ("voronoi", 5), ("cubes", (4, 1, 1))])
-def test_a_bar_pulled_at_both_ends(family, n):
+def test_a_bar_pulled_at_both_ends_stretches_about_its_middle(family, n):
     """u = (F/E x, -nu F/E y) about the middle, in plane stress and in space."""
     dim = 3 if family == "cubes" else 2
     mesh = FAMILIES[family](n, box=BAR[:dim])
@@ -40,7 +40,7 @@ def test_a_bar_pulled_at_both_ends(family, n):
 
 
 def test_heat_alone_leaves_a_body_without_stress():
-    """In plane strain it grows by (1 + nu) alpha T about its middle."""
+    """In plane strain a body grows by (1 + nu) alpha T about its middle."""
     mesh = vx.meshes.voronoi(5)
     history = settled(mesh, STEEL, vx.ThermalStrain(1e-3, 10.0))
     assert np.abs(history.stress(-1)).max() <= 1e-12 * E
@@ -56,8 +56,8 @@ def tube(angle, sectors, *held):
     return vx.Scene(STEEL, *pressures, *held), mesh
 
 
-def test_a_tube_under_pressure_without_planes_of_symmetry():
-    """Lame's u_r, to O(h^2); bounds and estimates are those of four quarters."""
+def test_a_whole_tube_under_pressure_has_lames_displacement():
+    """The error of u_r is O(h^2); bounds and estimates equal those of four quarters."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))
@@ -74,7 +74,7 @@ def test_a_tube_under_pressure_without_planes_of_symmetry():
     assert four == pytest.approx(one, rel=1e-6)
 
 
-def test_a_run_goes_on_from_another_and_from_any_place():
+def test_a_run_continues_from_a_run_and_from_any_rigid_motion_of_its_state():
     scene, mesh = tube(2 * np.pi, 12)
     first = vx.simulate(scene, mesh, [0.0, 1.0])
     whole = vx.simulate(scene, mesh, [0.0, 1.0, 2.0])
@@ -84,8 +84,8 @@ def test_a_run_goes_on_from_another_and_from_any_place():
         assert then.displacement == pytest.approx(whole.displacement[1:], abs=1e-13)
 
 
-def test_what_friction_joins_is_one_body():
-    """Two blocks that are pressed together: force and pressure are those of the load."""
+def test_bodies_joined_by_friction_float_together():
+    """Two blocks are pressed together: the joint transmits the load; without friction they are refused."""
     box = {"low": (-1.0, 0.0), "up": (0.0, 1.0)}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(3, box=((0, 1), high)) for name, high in box.items()})
     rub = vx.UnilateralContact(on="low|up"), vx.CoulombFriction(0.5, on="low|up")

@@ -1,11 +1,10 @@
-"""Contact between bodies: what passes through an interface of meshes that do not match, and what it does to both."""
+"""Contact between bodies whose meshes do not match: patch tests, action and reaction, curved interfaces."""
 
 import itertools
 
 import numpy as np
 import pytest
 from scenes import mostly_long, moved, rotation
-from tubes import ring
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, bodies
@@ -20,7 +19,7 @@ SHEAR = YOUNG / (2 * (1 + POISSON))
 
 
 def two_blocks(below, above, n=(2, 3), height=1.0, angle=0.0):
-    """Blocks on one another; if turned about the upright axis, the upper one stands on a part of the face below."""
+    """Return two stacked blocks; if rotated by `angle`, the upper block covers a part of the face below."""
     families = FAMILIES if below in PLANE else SPACE_FAMILIES
     foot = [(-0.5, 0.5)] * (1 if below in PLANE else 2)
     lower, upper = families[below](n[0], box=(*foot, (-1, 0))), families[above](n[1], box=(*foot, (0, height)))
@@ -44,7 +43,7 @@ def nodes_of_body(mesh, name):
 
 
 def pressed(pressure, shear):
-    """The gradient of a field that is stretched along planes z = const, and has these stresses on them."""
+    """Return the gradient of a field with these stresses on planes z = const and given stretches along them."""
     lame, along = 2 * SHEAR * POISSON / (1 - 2 * POISSON), [0.02, 0.01][: len(shear)]
     gradient = np.diag([*along, -(pressure + sum(along) * lame) / (lame + 2 * SHEAR)])
     gradient[:-1, -1] = shear / SHEAR
@@ -60,7 +59,7 @@ CONTACTS = {
     "stuck by Coulomb": ([PRESSED, COULOMB], 0.3, 0.0),
     "sliding": ([PRESSED, COULOMB], COEFFICIENT, 0.05),
 }
-"""Effects, the shear stress that they bear, and how far the upper body slides"""
+"""Effects, the shear stress at the joint, and the displacement by which the upper body slides."""
 
 
 def assert_patch(mesh, kind):
@@ -102,36 +101,11 @@ def test_constant_stress_passes_in_space(family, kind):
     assert_patch(two_blocks(family, NEXT[family], n, angle=0.4 if kind == "sliding" else 0.0), kind)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("below", "above"), [*itertools.product(PLANE, PLANE), *itertools.product(SPACE, SPACE)])
-def test_constant_stress_passes_between_all_families(below, above):
-    for kind in CONTACTS:
-        assert_patch(two_blocks(below, above, (7, 5)), kind)
-        assert_patch(two_blocks(below, above, (4, 3), angle=0.4 if below in SPACE else 0.0), kind)
-
-
-@pytest.mark.long
-def test_constant_stress_passes_through_a_curved_joint():
-    """A pin bonded in a hole, both of sixteen sides: any linear displacement is that of one body."""
-    mesh = bodies({"pin": ring([0.4, 1.0], 16, 2), "lug": ring([1.0, 2.0], 16, 3)})
-    mesh = mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool))
-    gradient = np.array([[0.02, 0.01, -0.03], [0.02, -0.04, 0.01], [0.0, 0.03, 0.01]])
-    scene = vx.Scene(
-        vx.Elasticity(YOUNG, POISSON),
-        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on="outside"),
-        vx.BilateralContact(on="pin|lug"),
-        vx.TrescaFriction(1e3, on="pin|lug"),
-    )
-    history = vx.simulate(scene, mesh, [0.0, 1.0])
-    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
-    assert np.ptp(history.stress(-1), axis=0).max() < 1e-11 * mesh.n_nodes
-
-
-# Action and reaction, and bonds.
+# Action and reaction.
 
 
 def dragged_over(*contact):
-    """The upper block is pressed by its weight, and pulled; nothing but the lower one holds it."""
+    """Return the scene of an upper block that is pressed and pulled, and that only the lower block holds."""
     return vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
         vx.Clamp(on="lower.bottom"),
@@ -151,14 +125,14 @@ EFFECTS = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", EFFECTS)
-def test_action_is_reaction(kind):
+def test_contact_forces_on_two_bodies_are_opposite(kind):
     mesh = two_blocks("voronoi3", "tetrahedra", (2, 2), angle=0.3)
     history = vx.simulate(dragged_over(*EFFECTS[kind]), mesh, np.linspace(0, 1, 4))
     contact, forces = history.contact, history.forces[-1]
     assert (contact.partners >= 0).all()
     assert len(contact.nodes) == len(mesh.interfaces[JOINT].pairs)
     assert contact.points == pytest.approx(mesh.points[contact.partners], abs=0)
-    # Nothing but contact and the load acts on the nodes of the interface.
+    # Only contact acts on these nodes.
     free = ~np.isin(contact.partners, nodes_of(mesh, ["upper.left"]))
     i, j = contact.nodes[free], contact.partners[free]
     size = np.abs(forces).max() * mesh.n_nodes
@@ -169,25 +143,6 @@ def test_action_is_reaction(kind):
     assert np.abs(shown[-1]).max() > 0
 
 
-@pytest.mark.long
-def test_bonded_blocks_are_one_body():
-    mesh = two_blocks("voronoi3", "cubes", (2, 3))
-    place = np.arange(mesh.n_nodes)
-    pairs = mesh.interfaces[JOINT].pairs
-    place[pairs[:, 1]] = pairs[:, 0]
-    kept, number = np.unique(place, return_inverse=True)
-    whole = vx.PolyhedralMesh(mesh.points[kept], [[number[face] for face in cell] for cell in mesh.cells])
-    effects = vx.Elasticity(YOUNG, POISSON), vx.Clamp(on="foot"), vx.Traction(lambda x, t: t * x, on="head")
-    bonds = vx.BilateralContact(on=JOINT), vx.TrescaFriction(1e3, on=JOINT)
-
-    def answer(mesh, *more):
-        mesh = mesh.with_boundary("foot", lambda x: x[:, 2] < -1 + 1e-9)
-        mesh = mesh.with_boundary("head", lambda x: x[:, 2] > 1 - 1e-9)
-        return vx.simulate(vx.Scene(*effects, *more), mesh, [0.0, 1.0]).displacement[-1]
-
-    assert np.abs(answer(mesh, *bonds) - answer(whole)[number]).max() < 1e-12
-
-
 @pytest.mark.parametrize(
     ("layers", "friction"),
     [
@@ -196,8 +151,8 @@ def test_bonded_blocks_are_one_body():
         pytest.param(2, True, marks=pytest.mark.slow),
     ],
 )
-def test_blocks_meet_at_an_edge_or_a_point(layers, friction):
-    """Where twelve pairs of nodes join eight, forces are not unique; of Coulomb's, Clarabel finds some."""
+def test_constant_stress_passes_where_blocks_meet_at_an_edge_or_a_point(layers, friction):
+    """Where twelve pairs join eight nodes, forces are not unique; with Coulomb's law, Clarabel finds a solution."""
     corners = list(itertools.product((0, 1), (0, 1), range(layers)))
     kinds = zip(corners, itertools.cycle(SPACE[:4]), itertools.cycle((2, 1, 3)), strict=False)
     mesh = bodies(
@@ -221,7 +176,7 @@ def test_blocks_meet_at_an_edge_or_a_point(layers, friction):
 
 
 def turned_in(sides):
-    """A ring turned inside another that is held, both with so many sides; only the contact joins them."""
+    """Simulate a polygonal ring that turns inside a fixed one with equally many sides."""
     mesh = bodies({"a": vx.meshes.ring([1.0, 2.0], sides), "b": vx.meshes.ring([2.0, 3.0], sides)})
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),
@@ -233,7 +188,7 @@ def turned_in(sides):
 
 
 def test_bodies_slide_along_a_curve_but_not_around_corners():
-    """Nodes of a curve have the mean of the normals of their sides; a square peg does not turn in a square hole."""
+    """Nodes of a curve have the mean normal of their sides; a square peg does not turn in a square hole."""
     history = turned_in(24)
     mesh = history.mesh
     turned = 0.1 * np.column_stack([-mesh.points[:, 1], mesh.points[:, 0]])
@@ -244,7 +199,7 @@ def test_bodies_slide_along_a_curve_but_not_around_corners():
 
 
 def test_constant_pressure_passes_a_curve():
-    """A disc in a ring, pressed uniformly: as much passes each node as pushes its chords; nothing rubs."""
+    """A ring presses a disc uniformly: strains are uniform, and there is no friction."""
     disc, rim = vx.meshes.ring([0.0, 0.5, 2.0], 16), vx.meshes.ring([2.0, 3.0], 16)
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),
@@ -257,22 +212,7 @@ def test_constant_pressure_passes_a_curve():
     assert np.abs(history.contact.traction).max() < 1e-12
 
 
-# What else knows of interfaces.
-
-
-@pytest.mark.long
-def test_partners_are_stored_and_probes_tell_the_first_body(tmp_path):
-    mesh = two_blocks("cubes", "tetrahedra")
-    history = vx.simulate(dragged_over(*EFFECTS["Coulomb"]), mesh, np.linspace(0, 1, 3))
-    history.write(tmp_path)
-    read = vx.read_history(tmp_path)
-    np.testing.assert_array_equal(read.contact.partners, history.contact.partners)
-    np.testing.assert_array_equal(read.mesh.interfaces[JOINT].partners, mesh.interfaces[JOINT].partners)
-    assert read.mesh.interfaces[JOINT].bodies == ("lower", "upper")
-    pairs = mesh.interfaces[JOINT].pairs
-    found = history.probe(mesh.points[pairs[:, 1]])[-1]
-    np.testing.assert_allclose(found, history.displacement[-1][pairs[:, 0]], atol=1e-15)
-    assert np.abs(found - history.displacement[-1][pairs[:, 1]]).max() > 1e-3
+# Refusals.
 
 
 @pytest.mark.parametrize(
@@ -291,6 +231,6 @@ def test_partners_are_stored_and_probes_tell_the_first_body(tmp_path):
         ([vx.TrescaFriction(1.0, on=JOINT, ground=lambda x, t: (t, 0.0, 0.0))], "found ground= on an interface"),
     ],
 )
-def test_what_is_refused_between_bodies(effects, says):
+def test_wrong_effects_between_bodies_are_refused(effects, says):
     with pytest.raises(vx.SceneError, match=says):
         vx.simulate(dragged_over(*effects), two_blocks("cubes", "cubes", (1, 2)), [0.0, 1.0])

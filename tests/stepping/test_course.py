@@ -1,4 +1,4 @@
-"""Where the data of a run turn and bend: the same instants on every mesh."""
+"""`vx.instants` finds where data reverse and bend, at the same instants on every mesh."""
 
 import numpy as np
 import pytest
@@ -16,8 +16,8 @@ import vemcvx as vx
         pytest.param(lambda x, t: (np.minimum(t, 0.3), max(0.0, min(t - 0.3, 0.3))), [0.3, 0.6], id="round corners"),
     ],
 )
-def test_turns_and_bends_on_every_mesh(pull, turning, n):
-    """Vertices of parabolas through samples h apart are off by f''' h^2 / (24 f'')."""
+def test_instants_are_where_data_turn_and_bend(pull, turning, n):
+    """The vertex of a parabola through samples at a distance h has the error f''' h^2 / (24 f'')."""
     load = vx.Traction(lambda x, t: np.broadcast_to(np.stack(pull(x, t), axis=-1), x.shape), on="top")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom"), load)
     found = np.setdiff1d(vx.instants(scene, vx.meshes.squares(n), [0.0, 1.0]), [0.0, 1.0])

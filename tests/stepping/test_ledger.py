@@ -15,7 +15,7 @@ TIMES = np.linspace(0.0, 1.0, 17) ** 1.3
 
 
 def scene(moving):
-    """Friction, a body force, and a right side that is clamped or moves."""
+    """Return a scene with friction, a body force, and a right side that is clamped or moves."""
 
     def motion(x, t):
         return np.column_stack([0.02 * np.sin(3 * t) * (1 + x[:, 1]), -0.01 * t * x[:, 1]])
@@ -32,14 +32,14 @@ def scene(moving):
 
 
 def on_a_belt(moving):
-    """The scene, with a ground that moves below the friction."""
+    """Return the scene with friction on a moving ground."""
     belt = vx.TrescaFriction(2.0, on="bottom", ground=lambda x, t: (0.05 * np.sin(4 * t), 0.0))
     return scene(moving).without(vx.TrescaFriction).with_(belt)
 
 
 @cache
 def run(of, family, moving, condense):
-    """A run that several tests look at."""
+    """Simulate a scene once for several tests."""
     return vx.simulate(of(moving), small(family, 5), TIMES, solver=vx.Newton(), condense=condense)
 
 
@@ -47,7 +47,7 @@ def run(of, family, moving, condense):
 @mostly_long("condense", [True, False])
 @mostly_long("moving", [False, True], 1)
 @pytest.mark.parametrize("of", [scene, on_a_belt])
-def test_ledger_closes(family, of, moving, condense):
+def test_the_ledger_closes(family, of, moving, condense):
     history = run(of, family, moving, condense)
     A = pose_scene(history.scene, history.mesh).A
     u = history.displacement.reshape(len(TIMES), -1)
@@ -65,14 +65,14 @@ def test_ledger_closes(family, of, moving, condense):
 @few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_reactions_and_friction_balance_the_loads(family, moving):
-    """Of all supports, and of contact: friction force and pressure per length, times length."""
+    """The sum includes all supports, friction forces and contact pressures."""
     history = run(scene, family, moving, True)
     posed, contact = pose_scene(history.scene, history.mesh), history.contact
     for row, t in enumerate(TIMES):
         load = posed.force(t).reshape(-1, 2)
         size = np.abs(load).sum() + np.abs(history.forces[row]).sum()
         assert np.abs(load.sum(axis=0) + history.forces[row].sum(axis=0)).max() <= 1e-11 * size
-    # The corner, which the side moves while it rubs on the floor, counts in each with the force that is its own.
+    # At the moving corner, the side and the floor each count their own force.
     supported = history.reaction("right") + history.force("bottom")
     assert np.abs(supported - history.forces.sum(axis=1)).max() < 1e-11 * np.abs(history.forces).sum(axis=(1, 2)).max()
     if not moving:
@@ -82,12 +82,12 @@ def test_reactions_and_friction_balance_the_loads(family, moving):
 
 
 def rising(x, t):
-    """A floor that comes up, unevenly, goes down beyond reach, and comes again."""
+    """Return the gap to a floor that rises unevenly, sinks out of reach, and rises again."""
     return 0.03 * (1.02 + np.sin(9 * t + 1.5)) * (1 + 0.3 * x[:, 0])
 
 
 def on_a_moving_floor(obstacle, *more):
-    """A block that hangs from its top and is pushed up from below, also while the top moves."""
+    """Return the scene of a block whose top moves, over an obstacle that pushes it from below."""
     return vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: [0.01 * t, -0.02 * t], on="top"),
@@ -108,8 +108,8 @@ FLOORS = {
 
 @few_families
 @mostly_long("floor", FLOORS, "rigid", "soft", "with Coulomb's friction")
-def test_ledger_closes_while_obstacles_move(family, floor):
-    """work - dE - loss = 1/2 a(du, du) + p . dz with z = u . n - gap, and what soft limits store taken off p . dz."""
+def test_the_ledger_closes_while_obstacles_move(family, floor):
+    """work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2) / 2, with z = u . n - gap and the compliance c."""
     history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
     posed, p = pose_scene(history.scene, history.mesh, TIMES), history.trajectory.pressures
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
@@ -121,12 +121,12 @@ def test_ledger_closes_while_obstacles_move(family, floor):
     rest = np.append(0.0, np.cumsum(rest)) - spring
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
     size = np.abs(history.work).max() + history.energy.max()
-    # The identity is that of balanced answers: what is left of the balance, at most the certified error, does work too.
+    # The identity holds for exact answers: the residual, at most the certified error, does work too.
     slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
     assert slack <= 1e-7 * size
     assert np.abs(remainder - rest).max() < 1e-12 * size + slack
     assert (np.diff(rest) >= -1e-14 * size).all()
-    # The floor pushes, leaves and comes again, and what it does counts.
+    # The floor pushes, leaves and pushes again, and does work.
     pushed = (p > 0).any(axis=1)
     assert len(np.flatnonzero(np.diff(pushed))) >= 3
     assert np.abs(np.einsum("nj,nj->n", p[1:], np.diff(gaps, axis=0))).max() > 1e-2 * size
@@ -135,8 +135,8 @@ def test_ledger_closes_while_obstacles_move(family, floor):
 @few_families
 @pytest.mark.parametrize("stiffness", [None, 500.0])
 @mostly_long("damped", [False, True])
-def test_work_of_a_floor_that_rises(family, stiffness, damped):
-    """Nothing else moves: all the work is the floor's, pressure times way, of uniaxial strain."""
+def test_a_rising_floor_does_the_work_of_its_pressure(family, stiffness, damped):
+    """Only the floor moves, so work is pressure times displacement in uniaxial strain."""
     H, L, way = 0.5, 2.0, 0.05
     mesh = small(family, 4, box=((0, L), (0, H)))
 
@@ -160,7 +160,7 @@ def test_work_of_a_floor_that_rises(family, stiffness, damped):
     give, strain = 0.0 if stiffness is None else 1.0 / (stiffness * H), np.zeros(9)
     rate = tau * 8
     for n in range(1, 9):
-        # modulus (strain + rate (strain - before)) = pressure, and the floor's own yield is give * pressure.
+        # modulus (strain + rate (strain - before)) = pressure, and the floor yields by give * pressure.
         strain[n] = (way * times[n] / H + give * modulus * rate * strain[n - 1]) / (1 + give * modulus * (1 + rate))
     pressure = modulus * (strain + rate * np.diff(strain, prepend=0.0))
     work = np.append(0.0, np.cumsum(pressure[1:] * L * way / 8))

@@ -1,4 +1,4 @@
-"""The programs of a run's steps in public: each is the program that the step solved, whatever the scene holds."""
+"""`History.program` and `vx.programs` return the programs that the steps solved, for every kind of scene."""
 
 from dataclasses import replace
 
@@ -61,7 +61,7 @@ SCENES = {
 
 
 def holds(program, history, n):
-    """The certificate of the run's own answer to the program is no worse than the run's, but for rounding."""
+    """Check that the run's answer solves the program as accurately as certified; return the certificate."""
     trajectory, (lam, p) = history.trajectory, (program.answer.lam, program.answer.p)
     stored = np.abs(trajectory.state[-1]).max() + np.abs(program.answer.d).max(initial=0.0)
     B, D = (abs(rows).sum(axis=1) for rows in (program.operators.B, program.operators.D))
@@ -81,8 +81,8 @@ def holds(program, history, n):
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction")
 @pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("name", SCENES)
-def test_the_answer_of_the_run_answers_the_program(name, condense):
-    """From the stored states, on the unknowns of contact or on all; and as the run goes on, one after the other."""
+def test_the_answer_of_a_run_solves_its_programs(name, condense):
+    """Programs from stored states equal programs that are yielded step by step, condensed or of full size."""
     scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.squares(4)
     history = vx.simulate(scene, mesh, TIMES)
     scale = history.trajectory.norm.max()
@@ -101,8 +101,8 @@ def test_the_answer_of_the_run_answers_the_program(name, condense):
 
 
 @pytest.mark.parametrize("name", ["Tresca", "moving supports", "soft"])
-def test_other_solvers_answer_it_as_the_run_did(name):
-    """Through cvxpy and Clarabel's defaults: within both certificates of each other."""
+def test_cvxpy_solves_a_program_within_both_certificates(name):
+    """Clarabel has its default settings."""
     program = list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(4), TIMES))[2]
     posed = program.to_cvxpy()
     posed.problem.solve(solver="CLARABEL")
@@ -115,7 +115,7 @@ def test_other_solvers_answer_it_as_the_run_did(name):
 
 
 @pytest.mark.long
-def test_states_that_are_needed_must_be_stored():
+def test_a_program_needs_the_stored_state_before_its_step():
     scene, mesh = vx.Scene(*SCENES["Tresca"]), vx.meshes.squares(2)
     history = vx.simulate(scene, mesh, TIMES, store=[2, 3])
     assert history.program(3).step == 3
@@ -130,12 +130,3 @@ def test_states_that_are_needed_must_be_stored():
         replace(history, scene=None).program(3)
     with pytest.raises(vx.SceneError, match="instead of a mesh"):
         next(vx.programs(scene, scene, TIMES))
-
-
-def test_without_checks_programs_go_on_where_accuracy_is_missed():
-    """Nobody reaches 1e-18; asked to go on regardless, every step is there, with what it is certified to."""
-    scene, mesh = vx.Scene(*SCENES["Tresca"]), vx.meshes.squares(4)
-    with pytest.raises(vx.NotCertified):
-        list(vx.programs(scene, mesh, TIMES, solver=vx.Newton(accuracy=1e-18)))
-    found = list(vx.programs(scene, mesh, TIMES, solver=vx.Newton(accuracy=1e-18), check=False))
-    assert [program.step for program in found] == [1, 2, 3, 4]

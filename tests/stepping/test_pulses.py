@@ -1,4 +1,4 @@
-"""Data that vanish beside what they are at other instants are zero: a pulse alone drives a run."""
+"""A pulse drives a run although data are nearly zero at the start."""
 
 import numpy as np
 import pytest

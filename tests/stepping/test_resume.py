@@ -1,4 +1,4 @@
-"""Runs that are interrupted, killed or too large for memory: what was completed stays, and can be gone on with."""
+"""Runs that are interrupted or killed keep their completed steps and can be resumed."""
 
 import os
 import subprocess
@@ -20,7 +20,7 @@ SERIES = ("displacement", "forces", "energy", "dissipated", "work", "certificate
 @pytest.mark.long
 @pytest.mark.parametrize("store", ["all", 5])
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
-def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, solver):
+def test_a_resumed_run_equals_an_uninterrupted_run(tmp_path, store, solver):
     scene, mesh = paper_scene(cyclic), small("voronoi", 5)
     options = {"solver": solver, "store": store}
     whole = vx.simulate(scene, mesh, TIMES, **options)
@@ -30,7 +30,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, sol
     resumed = vx.simulate(
         scene, mesh, TIMES, stream=tmp_path, resume=True, progress=lambda n, _: steps.append(n), **options
     )
-    # The stored steps before the interruption are not computed again.
+    # Stored steps before the interruption are not computed again.
     assert steps[0] == {"all": 14, 5: 11}[store]
     for name in SERIES:
         one, two = getattr(whole, name), getattr(resumed, name)
@@ -47,7 +47,7 @@ OTHERS = {
 
 
 @pytest.mark.long
-def test_a_finished_run_resumes_to_itself_and_another_one_not_or_begins_anew(tmp_path):
+def test_resuming_a_finished_run_returns_it_and_refuses_other_runs(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     first = vx.simulate(scene, mesh, TIMES, stream=tmp_path)
     again = vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True, progress=stop_at(1))
@@ -63,7 +63,7 @@ def test_a_finished_run_resumes_to_itself_and_another_one_not_or_begins_anew(tmp
 
 
 @pytest.mark.long
-def test_a_damaged_checkpoint_is_a_clear_error(tmp_path):
+def test_a_damaged_checkpoint_is_refused(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     vx.simulate(scene, mesh, TIMES, stream=tmp_path)
     checkpoint = tmp_path / "checkpoint.npy"
@@ -72,7 +72,7 @@ def test_a_damaged_checkpoint_is_a_clear_error(tmp_path):
         vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True)
 
 
-def test_a_full_disk_is_an_error_before_the_first_step(tmp_path, monkeypatch):
+def test_a_full_disk_raises_an_error_before_the_first_step(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -82,8 +82,8 @@ def test_a_full_disk_is_an_error_before_the_first_step(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_killed_run_goes_on(tmp_path):
-    """kill -9 in the middle of a run; what was stored is readable, and the rest is added to it."""
+def test_a_killed_run_can_be_resumed(tmp_path):
+    """After kill -9, stored steps are readable and the run continues behind them."""
     code = (
         "import sys, time; sys.path.insert(0, sys.argv[1]); import numpy as np, vemcvx as vx\n"
         "from scenes import cyclic, paper_scene, small\n"

@@ -1,4 +1,4 @@
-"""Friction work and work of second order: beside the ledger of backward Euler, which is of first."""
+"""Friction work and work of second order, beside the ledger of backward Euler, which is of first order."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ TIMES = np.linspace(0.0, 2.0, 25)
 
 
 def pressed_and_rubbed(steps, coefficient=0.3):
-    """A pad that is pressed on a rough floor while it is rubbed to and fro: bounds of friction follow pressures."""
+    """Simulate a pad that is pressed on a rough floor and rubbed to and fro."""
 
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
@@ -32,8 +32,8 @@ def test_friction_work_and_work_are_of_second_order():
             best = getattr(truth, f"{name}_second_order")[-1]
             errors[kind] = [abs(getattr(runs[steps], kind)[-1] - best) / best for steps in (24, 48)]
         first, second = errors[name], errors[f"{name}_second_order"]
-        # Of first order: halved at best. Of second: a quarter is left; a third allows for the steps in which a place
-        # begins to slip.
+        # Half of the step leaves half of an error of first order, and a quarter of one of second order; a third
+        # allows for the steps in which nodes begin to slip.
         assert first[1] > 0.4 * first[0]
         assert second[1] < 0.34 * second[0]
         assert second[0] < 0.2 * first[0]
@@ -42,7 +42,7 @@ def test_friction_work_and_work_are_of_second_order():
 
 
 @pytest.mark.long
-def test_energies_balance_and_wear_sums_to_what_is_dissipated():
+def test_work_of_second_order_balances_and_wear_sums_to_dissipation():
     history = pressed_and_rubbed(24)
     contact = history.contact
     assert history.work_second_order == pytest.approx(
@@ -52,8 +52,8 @@ def test_energies_balance_and_wear_sums_to_what_is_dissipated():
     assert lost == pytest.approx(history.dissipated_second_order, rel=1e-12, abs=1e-15)
 
 
-def test_where_bounds_are_constant_both_friction_works_are_one():
-    """Whatever the slips: w |s| has no other end of the step to look at."""
+def test_both_friction_works_agree_for_constant_bounds():
+    """The friction work of a step is w |s| in both ledgers."""
     pull = vx.Traction(lambda x, t: [8.0 * np.sin(2.0 * t), -1.0 * t], on="left")
     held = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.BilateralContact(on="bottom")
     history = vx.simulate(vx.Scene(*held, pull, vx.TrescaFriction(2.0, on="bottom")), vx.meshes.squares(6), TIMES)
@@ -62,13 +62,13 @@ def test_where_bounds_are_constant_both_friction_works_are_one():
 
 
 @mostly_long("viscous", [False, True])
-def test_friction_that_reads_the_slip_before_the_step_is_of_second_order(viscous):
-    """A block that slides as a whole by a given way a: it loses int exp(-A / d) dA = d (1 - exp(-a / d)) a length."""
+def test_friction_work_under_a_law_of_earlier_slip_is_of_second_order(viscous):
+    """A block that slides by a loses int exp(-A / d) dA = d (1 - exp(-a / d)) per length."""
     d, way = 0.3, 0.2
     wears = Law(lambda t, p, past, slip: np.exp(-past / d), softening=0.0)
     move = vx.PrescribedDisplacement(lambda x, t: [way * t, 0.0], on="top")
     level = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
-    # So stiff that it slips all the way but for 1e-6 of it.
+    # The block is so stiff that its slip equals its displacement up to 1e-6.
     steel = (vx.Elasticity(1e6, 0.3), *([vx.Viscosity(1e-3, 1e-3)] if viscous else []))
     scene = vx.Scene(*steel, move, level, vx.BilateralContact(on="bottom"), wears)
     truth, errors = d * (1 - np.exp(-way / d)), []
@@ -76,6 +76,6 @@ def test_friction_that_reads_the_slip_before_the_step_is_of_second_order(viscous
         history = vx.simulate(scene, vx.meshes.squares(2), np.linspace(0.0, 1.0, steps + 1))
         errors.append(abs(history.dissipated_second_order[-1] - truth))
         assert abs(history.dissipated[-1] - truth) > 10 * errors[-1]
-    # The trapezoidal rule: a / 12 (a / steps)^2 max |g''|.
+    # The error of the trapezoidal rule is at most a / 12 (a / steps)^2 max |g''|.
     assert errors[0] < way**3 / (12 * d**2 * 8**2) + 1e-5
     assert errors[1] < way**3 / (12 * d**2 * 16**2) + 1e-5

@@ -1,4 +1,4 @@
-"""Soft contact beside weak springs: K is all but singular, contact holds the body, and no answer is wrong."""
+"""Soft contact beside weak springs: K is nearly singular, and certificates stay true."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def squares(n):
 
 
 def pressed(k, *effects, push=0.05):
-    """A block on soft ground, with springs of stiffness k at its left side."""
+    """Return the scene of a block on soft ground, with springs of stiffness k at its left side."""
 
     def traction(x, t):
         return np.column_stack([np.full(len(x), push * t), -0.5 * (1 + t) * (1 + 0.3 * x[:, 0])])
@@ -44,24 +44,24 @@ def settled(scene, mesh, **options):
 
 @mostly_long("linear", LINEAR, ids=str)
 @mostly_long("k", [1e-2, 1e-4, 1e-6], 2)
-def test_weak_springs_beside_soft_contact(k, linear):
-    """Springs 1e-4 of E left an error of 3e-5 of the energy norm, those of 1e-8 one of 40: S lost the body's weight."""
+def test_soft_contact_and_weak_springs_balance_the_load(k, linear):
+    """The condensed matrix once lost the load: with springs of 1e-8 E, errors were 40 times the energy norm."""
     scene, mesh = pressed(k, push=0.0), squares(8)
     history = settled(scene, mesh, linear=linear, condense=False)
     assert history.certificate.max() <= 1e-8
     left = np.unique(mesh.boundaries["left"])
-    # The springs' force is k times the displacement, by the trapezoidal rule.
+    # The force of the springs is k times the displacement, by the trapezoidal rule.
     share = np.ones(len(left))
     share[[np.argmin(mesh.points[left, 1]), np.argmax(mesh.points[left, 1])]] = 0.5
     spring = -k * float(share @ history.displacement[1, left, 1]) / (len(left) - 1)
     carried = float(history.contact.pressure[1] @ history.contact.lengths) + spring
     load = 1.0 * 2 * 1.3
-    # Sums of n terms of size one at most: a pressure, a force, and y to relative rounding each.
+    # Pressures, forces and displacements each have relative rounding errors.
     assert abs(carried - load) <= 64 * EPS * load
 
 
 def joint(k):
-    """A body on another, matched nowhere, held by soft contact and weak springs; its mesh."""
+    """Return the scene and mesh of a body that soft contact and weak springs hold on another body."""
     lower, upper = vx.meshes.squares(3, box=((0, 2), (0, 1))), vx.meshes.squares(2, box=((0.3, 1.6), (1, 1.7)))
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
@@ -78,8 +78,8 @@ def joint(k):
 @pytest.mark.parametrize("kind", [*FRICTION, "inclined", "joint"])
 @pytest.mark.parametrize("k", [1e-4, 1e-6])
 @pytest.mark.parametrize("condense", [True, False])
-def test_against_steps_in_512_bits(k, kind, condense):
-    """Certificate and floor bound the distance to the exact step."""
+def test_certificates_bound_the_distance_to_exact_steps(k, kind, condense):
+    """Exact steps have 512 bits."""
     mesh = small("voronoi", 3, box=((0, 2), (0, 1)))
     if kind == "joint":
         scene, mesh = joint(k)

@@ -1,17 +1,16 @@
-"""Stages: a run that begins where another one ended goes on as one run would, for another scene on the same mesh."""
+"""Stages: a run continues where another one ended, perhaps with another scene on the same mesh."""
 
 import numpy as np
 import pytest
 from scenes import mostly_long
 
 import pressed_then_sheared as pressed
-import slip_weakening as weak
 import vemcvx as vx
 from vemcvx.results import loop_of
 
 
 def blocks(n):
-    """Two blocks, one on the other."""
+    """Return two stacked blocks."""
     boxes = {"low": ((0, 1), (0, 0.5)), "up": ((0, 1), (0.5, 1))}
     return vx.meshes.bodies({name: vx.meshes.squares(n, box=box) for name, box in boxes.items()})
 
@@ -20,7 +19,7 @@ MESH, SIDES = blocks(2), ["left", "right"]
 
 
 def pulled(law, out=(0.0, 0.02)):
-    """A block on a block: pressed, and pulled along by `out` of its way, which is one at t = 1 and two at t = 2."""
+    """Return a scene: a block is pressed on a block; its side moves from out[0] at t = .5 to out[1] at t = 2."""
     return vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.Clamp(on="low.bottom"),
@@ -35,7 +34,7 @@ LAWS = {"Tresca": [vx.TrescaFriction(1.0, on="low|up")], "Coulomb": [vx.CoulombF
 
 
 @mostly_long("name", LAWS, "Coulomb")
-def test_two_stages_are_one_run(name, tmp_path):
+def test_two_stages_equal_one_run(name, tmp_path):
     scene, times = pulled(LAWS[name]), np.linspace(0.0, 2.0, 9)
     whole = vx.simulate(scene, MESH, times)
     first = vx.simulate(scene, MESH, times[:5])
@@ -57,42 +56,7 @@ def test_two_stages_are_one_run(name, tmp_path):
             )
 
 
-@pytest.mark.long
-def test_a_law_of_slip_reads_the_way_of_both_stages():
-    """In the closed form of the problem file friction weakens with the whole way: it turns after the first stage."""
-    scene, mesh, times = weak.scene(), weak.mesh(3), weak.times(40)
-    first = vx.simulate(scene, mesh, times[:17])
-    second = vx.simulate(scene, mesh, times[16:], initial=first)
-    q, _ = weak.exact_solution(times)
-    moved = -second.contact.traction[1:, :, 0]
-    np.testing.assert_allclose(np.abs(moved), np.abs(q[17:])[:, None] * np.ones(moved.shape[1]), rtol=1e-6)
-
-
-@pytest.mark.long
-def test_the_second_scene_may_have_other_effects():
-    """A pad is pressed by a load; then the load stays, and its side is pulled: one run with both would do the same."""
-    press = lambda t: 5.0 * min(2 * t, 1.0)  # noqa: E731
-    pad, times = vx.meshes.squares(4), np.linspace(0, 1, 9)
-    common = (
-        vx.Elasticity(1000.0, 0.3),
-        vx.Clamp(on="left"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(0.3, on="bottom"),
-    )
-
-    def scene(*more):
-        return vx.Scene(*common, vx.Pressure(lambda x, t: press(t), on="top"), *more)
-
-    pull = vx.Traction(lambda x, t: [2.0 * max(t - 0.5, 0.0), 0.0], on="right")
-    whole = vx.simulate(scene(pull), pad, times)
-    first = vx.simulate(scene(), pad, times[:5])
-    second = vx.simulate(scene(pull), pad, times[4:], initial=first)
-    size = np.abs(whole.displacement).max()
-    np.testing.assert_allclose(second.displacement, whole.displacement[4:], rtol=0, atol=1e-6 * size)
-    np.testing.assert_allclose(second.dissipated, whole.dissipated[4:], rtol=0, atol=1e-6 * whole.energy.max())
-
-
-def test_what_cannot_go_on_is_refused():
+def test_wrong_continuations_are_refused():
     scene, times = pulled(LAWS["Coulomb"]), np.linspace(0.0, 1.0, 5)
     first = vx.simulate(scene, MESH, times)
     with pytest.raises(vx.SceneError, match="another mesh"):
@@ -105,8 +69,8 @@ def test_what_cannot_go_on_is_refused():
 
 
 @pytest.mark.filterwarnings("ignore:supports")
-def test_stages_joined_are_one_run_in_closed_form(tmp_path):
-    """Pressed, then sheared: fields, energies, losses, forces and tables of both are those of the closed form."""
+def test_joined_stages_follow_the_closed_form(tmp_path):
+    """A block is pressed, then sheared: fields, energies, forces and tables of the joined history are exact."""
     mesh, ((press, before), (shear, after)) = pressed.mesh(2), pressed.stages()
     first = vx.simulate(press, mesh, before)
     second = vx.simulate(shear, mesh, after, initial=first)
@@ -138,8 +102,8 @@ def test_stages_joined_are_one_run_in_closed_form(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:supports")
-def test_an_effect_acts_in_its_own_stage_and_wear_stays_where_friction_ends():
-    """A pad is pressed on a smooth floor, rubbed by it, and then lies on a smooth one again, held where it is."""
+def test_an_effect_acts_in_its_own_stage_and_its_wear_remains():
+    """A pad is pressed on a smooth floor, slides with friction, and rests on a smooth floor again."""
     pad, common = vx.meshes.squares(2), (vx.Elasticity(1000.0, 0.0), vx.UnilateralContact(on="bottom"))
     press = vx.Pressure(lambda x, t: 5.0 * min(t, 1.0), on="top")
     move = vx.PrescribedDisplacement(lambda x, t: np.interp(t, [1, 2], [0, 0.1]), on=SIDES, direction=(1, 0))
@@ -161,7 +125,7 @@ def test_an_effect_acts_in_its_own_stage_and_wear_stays_where_friction_ends():
     assert both.contact.slip[-1, :, 0] == pytest.approx(0.1)
 
 
-def test_histories_that_are_no_stages_of_one_run_are_not_joined():
+def test_histories_that_do_not_continue_each_other_are_not_joined():
     scene, times = pulled(LAWS["Tresca"]), np.linspace(0.0, 2.0, 5)
     first = vx.simulate(scene, MESH, times[:3])
     with pytest.raises(vx.HistoryError, match="joined: stage 2 does not continue stage 1: it begins at t = 0, but"):
@@ -177,17 +141,6 @@ def test_histories_that_are_no_stages_of_one_run_are_not_joined():
         vx.joined([finer, vx.simulate(scene, MESH, times[2:], initial=first)])
     with pytest.raises(vx.HistoryError, match="joined: found .*wanted a list of histories, one for each stage"):
         vx.joined([first, "second"])
-
-
-def test_errors_of_a_stage_alone_are_refused():
-    """The runs beside it would begin without what the first stage lost."""
-    scene, times = pulled(LAWS["Tresca"]), np.linspace(0.0, 2.0, 5)
-    first = vx.simulate(scene, MESH, times[:3])
-    second = vx.simulate(scene, MESH, times[2:], initial=first)
-    with pytest.raises(vx.HistoryError, match="quantities: the run continues another run"):
-        vx.quantities(second)
-    with pytest.raises(vx.HistoryError, match="read from files or joined, so it has no scene"):
-        vx.quantities(vx.joined([first, second]))
 
 
 LOADS = (
@@ -209,7 +162,7 @@ KINDS = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_joined_is_what_one_run_gives(kind):
+def test_a_joined_history_equals_one_run(kind):
     mesh = vx.meshes.cubes(2) if kind == "in space" else vx.meshes.squares(4)
     scene = vx.Scene(vx.Elasticity(1000.0, 0.3), vx.Clamp(on="left"), *LOADS, *KINDS[kind])
     times = np.linspace(0.0, 2.0, 9)

@@ -1,4 +1,4 @@
-"""Several runs at once: in threads of a process, which share streams and filters, and in processes, by pickles."""
+"""Several runs at once, in threads and in processes."""
 
 import pickle
 import sys
@@ -28,8 +28,8 @@ def _missed(_):
 
 
 @pytest.mark.long
-def test_a_pool_of_processes_hands_errors_over():
-    """Without a pickle of its own the error killed the pool's reader, and the parent waited for ever."""
+def test_errors_reach_the_parent_of_a_process_pool():
+    """An error that cannot be unpickled would block the parent for ever."""
     with get_context("spawn").Pool(1) as pool, pytest.raises(vx.NotCertified, match="missed") as caught:
         pool.map_async(_missed, [0]).get(timeout=120)
     assert caught.value.reached == 1e-3
@@ -41,7 +41,7 @@ def simulated(solver):
 
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
-def test_threads_share_nothing(solver):
+def test_runs_in_threads_do_not_affect_each_other(solver):
     alone = simulated(solver)
     with ThreadPoolExecutor(4) as threads:
         together = list(threads.map(simulated, [solver] * 8))
@@ -50,8 +50,8 @@ def test_threads_share_nothing(solver):
 
 
 @mostly_long("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
-def test_streams_and_filters_of_the_process_are_left_alone(solver, monkeypatch):
-    """Also while a solver runs: another thread that prints or warns meanwhile must not notice."""
+def test_solvers_leave_streams_and_warning_filters_unchanged(solver, monkeypatch):
+    """Even while a solver runs, as other threads may print or warn."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
     called = type({**SOLVER_MAP_QP, **SOLVER_MAP_CONIC}[solver.solver])

@@ -169,7 +169,7 @@ def contributed(tmp_path_factory):
 @pytest.mark.parametrize(
     "options",
     [
-        ["-k", "Robin or missing or permutation or valid", "tests/effects", "tests/whole/test_wrong_kinds.py"],
+        ["-k", "Robin or missing or valid", "tests/effects", "tests/whole/test_wrong_kinds.py"],
         ["-m", "slow", "-k", "Robin", "tests/whole/test_wrong_kinds.py"],
         ["-k", "bricks or missing", "tests", "--ignore", "tests/whole"],
         ["-m", "slow", "-k", "bricks", "tests/estimate", "tests/problems", "tests/meshes"],

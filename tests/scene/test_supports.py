@@ -70,19 +70,6 @@ def test_a_clamp_wins_at_shared_nodes(degrees):
     assert not np.isin(shared, history.contact.nodes).any()
 
 
-def test_a_prescribed_displacement_overrides_bilateral_contact():
-    """A moving side lifts its end of the contact boundary off the obstacle."""
-    mesh = small("squares", 4)
-
-    scene = vx.Scene(
-        STEEL, vx.PrescribedDisplacement(lambda x, t: [0.0, 0.1 * t], on="right"), vx.BilateralContact(on="bottom")
-    )
-    history = vx.simulate(scene, mesh, TIMES)
-    assert np.abs(held_by(history, "right", [0, 1]) - 0.1 * TIMES[:, None]).max() <= EPS
-    others = np.setdiff1d(mesh.boundaries["bottom"], mesh.boundaries["right"])
-    assert not history.displacement[:, others, 1].any()
-
-
 @pytest.mark.parametrize(
     ("direction", "unit"),
     [

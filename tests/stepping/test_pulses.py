@@ -24,12 +24,9 @@ def scalar(size):
 
 SCENES = {
     "traction": (STEEL, TOUCHING, RUBBING, HELD, vx.Traction(pull, on="left")),
-    "body force": (STEEL, TOUCHING, RUBBING, HELD, vx.BodyForce(pull)),
     "support": (
         STEEL, TOUCHING, RUBBING, HELD, vx.PrescribedDisplacement(scalar(0.01), on="left", direction=(1.0, 0.0))
     ),
-    "heat": (STEEL, TOUCHING, RUBBING, HELD, vx.ThermalStrain(1e-3, scalar(1.0))),
-    "viscous": (STEEL, TOUCHING, RUBBING, HELD, vx.Viscosity(1.0, 1.0), vx.Traction(pull, on="left")),
     "Coulomb": (
         STEEL, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"), HELD,
         vx.Pressure(scalar(1.0), on="top"), vx.Traction(pull, on="left"),
@@ -38,10 +35,9 @@ SCENES = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("steps", [16, 128])
 @pytest.mark.parametrize("name", SCENES)
-def test_a_pulse_drives_a_run(name, steps):
-    history = vx.simulate(vx.Scene(*SCENES[name]), small("squares", 4), np.linspace(0.0, 1.0, steps + 1))
+def test_a_pulse_drives_a_run(name):
+    history = vx.simulate(vx.Scene(*SCENES[name]), small("squares", 4), np.linspace(0.0, 1.0, 17))
     assert history.certificate.max() <= 1e-8
     assert not history.displacement[1].any()
     last = np.flatnonzero(history.times < 0.437)[-1]

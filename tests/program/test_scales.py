@@ -54,7 +54,7 @@ def test_a_body_returns_to_rest_when_its_load_vanishes(solver):
 KINDS = "Tresca", "contact", "Coulomb", "viscous"
 
 
-def pulled_block(kind, force=1.0, stiffness=1.0):
+def make_pulled_block(kind, force=1.0, stiffness=1.0):
     """Return a block whose loads and bounds are proportional to `force`, and gaps to `force / stiffness`."""
     gap = 0.1 * force / stiffness
     rough = vx.BilateralContact("bottom"), vx.TrescaFriction(0.3 * force, "bottom")
@@ -77,8 +77,8 @@ def pulled_block(kind, force=1.0, stiffness=1.0):
 def test_units_change_answers_by_rounding_only(kind, a, b):
     """Loads times 2^a and stiffness times 2^b multiply displacements by 2^(a - b) and energies by 2^(2a - b)."""
     mesh, times = small("voronoi", 3), [0.0, 0.4, 1.0]
-    plain = vx.simulate(pulled_block(kind), mesh, times)
-    history = vx.simulate(pulled_block(kind, 2.0**a, 2.0**b), mesh, times)
+    plain = vx.simulate(make_pulled_block(kind), mesh, times)
+    history = vx.simulate(make_pulled_block(kind, 2.0**a, 2.0**b), mesh, times)
     size = np.abs(plain.displacement).max()
     assert np.abs(np.ldexp(history.displacement, b - a) - plain.displacement).max() <= 1e-12 * size
     assert np.ldexp(history.energy, b - 2 * a) == pytest.approx(plain.energy, rel=1e-12)
@@ -90,10 +90,10 @@ def test_units_change_answers_by_rounding_only(kind, a, b):
 @pytest.mark.parametrize("kind", KINDS)
 def test_loads_whose_energy_is_no_number_are_refused(force, kind):
     with pytest.raises(vx.SceneError, match=r"^data: loads and motions in the step to t = 0\.5 have an energy norm of"):
-        vx.simulate(pulled_block(kind, force), vx.meshes.squares(3), [0.0, 0.5, 1.0])
+        vx.simulate(make_pulled_block(kind, force), vx.meshes.squares(3), [0.0, 0.5, 1.0])
 
 
-def held_block(force):
+def make_held_block(force):
     """Return a block on a rough floor, pulled by a force per area of time."""
     return vx.Scene(
         vx.Elasticity(1.0, 0.3),
@@ -109,7 +109,7 @@ def held_block(force):
 def test_a_start_out_of_balance_is_certified(off):
     """The start misses balance by `off` of the energy norm. The exact run adds one step at times[0] from there."""
     mesh, times = small("voronoi", 3), np.linspace(0, 1, 4)
-    scene = held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
+    scene = make_held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")
     A, size = pose_scene(scene, mesh).A, settled.trajectory.norm[0]
     push = np.zeros(mesh.points.shape)
@@ -134,7 +134,7 @@ def test_a_start_out_of_balance_is_certified(off):
 
 def test_a_start_out_of_balance_is_corrected_by_the_first_step():
     """The load is constant, but a step that only held the start would miss the accuracy."""
-    scene, mesh = held_block(lambda t: 0.1), vx.meshes.squares(4)
+    scene, mesh = make_held_block(lambda t: 0.1), vx.meshes.squares(4)
     start = vx.simulate(scene, mesh, [0.0], initial="settled").displacement[0]
     history = vx.simulate(scene, mesh, [0.0, 1.0, 2.0], initial=start * (1 + 4e-7))
     assert 1e-8 < history.certificate[0] <= 1e-6

@@ -13,7 +13,7 @@ BOUND = 4.0
 ALONE = "nothing but friction or one-sided contact holds the body against the translation"
 
 
-def slab(pull, course=np.sin):
+def make_slab(pull, course=np.sin):
     """Return a block on a rough floor. `pull` times `course(t)` acts on one unit of length, its left side."""
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),
@@ -33,7 +33,7 @@ def test_friction_alone_holds_the_body(family, share, condense):
         return np.sin(2 * np.pi * t)
 
     with pytest.warns(vx.SceneWarning, match=ALONE):
-        history = vx.simulate(slab(share * BOUND, swing), small(family, 6), TIMES, condense=condense)
+        history = vx.simulate(make_slab(share * BOUND, swing), small(family, 6), TIMES, condense=condense)
     assert history.certificate.max() <= 1e-8
     assert np.abs(history.force("bottom")[:, 0] + share * BOUND * swing(TIMES)).max() < 1e-9 * BOUND
     numerical = history.work - (history.energy - history.energy[0]) - history.dissipated
@@ -43,7 +43,7 @@ def test_friction_alone_holds_the_body(family, share, condense):
 def test_too_much_load_is_refused_with_the_missing_force():
     message = r"^step 8 at t = 1: .* the translation \(1, 0\) of the body.* force of 4\.2, .* at most 4: 0\.2"
     with pytest.warns(vx.SceneWarning, match=ALONE), pytest.raises(vx.SceneError, match=message):
-        vx.simulate(slab(4.2, lambda t: t), vx.meshes.squares(4), TIMES)
+        vx.simulate(make_slab(4.2, lambda t: t), vx.meshes.squares(4), TIMES)
 
 
 def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
@@ -94,7 +94,7 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
     refused = (vx.SceneError, vx.NotCertified) if beyond <= 1e-9 else vx.SceneError
     reason = "" if beyond <= 1e-9 else ".* there is no equilibrium"
     with pytest.raises(refused, match=f"^step 2 at t = 1: {reason}"):
-        vx.simulate(scene, vx.meshes.squares(5), [0.0, 0.5, 1.0], initial="settled")
+        vx.simulate(scene, vx.meshes.squares(3), [0.0, 0.5, 1.0], initial="settled")
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_wrong_kernels_are_refused(modes, norms, message):
         vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], norms, kernel=Kernel(np.array(modes), ("sliding",)))
 
 
-def floating_program(rows, limits, push, w):
+def make_floating_program(rows, limits, push, w):
     """Return the program of a body without stiffness, whose unknowns are its motions; norm terms have `rows`."""
     m, block, modes = rows.shape
     kernel = {"kernel": np.eye(modes), "anchor": np.ones(modes)}
@@ -132,8 +132,8 @@ def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, mode
         slip = rows @ c
         strongest = np.einsum("ijk,ij->k", rows, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
         push = strongest + limits[:2].T @ rng.uniform(0, 1, 2)
-        assert floating_program(rows, limits, (1 - beyond) * push, w).find_unbalanced_motion() is None
-        motion = floating_program(rows, limits, push + beyond * strongest, w).find_unbalanced_motion()
+        assert make_floating_program(rows, limits, (1 - beyond) * push, w).find_unbalanced_motion() is None
+        motion = make_floating_program(rows, limits, push + beyond * strongest, w).find_unbalanced_motion()
         assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(rows @ motion, axis=1)
 
 
@@ -160,9 +160,9 @@ def test_a_sliding_motion_is_free_of_rounding():
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_equilibrium_starts_and_iterative_solvers_are_refused_on_a_kernel():
     with pytest.raises(vx.SceneError, match="^initial: 'equilibrium' is without friction"):
-        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, initial="equilibrium")
+        vx.simulate(make_slab(1.0), vx.meshes.squares(2), TIMES, initial="equilibrium")
     with pytest.raises(vx.NotAccepted, match="^linear solver Iterative: the stiffness has a kernel"):
-        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())
+        vx.simulate(make_slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())
 
 
 @pytest.mark.arithmetic

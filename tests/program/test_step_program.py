@@ -16,7 +16,7 @@ separate = pytest.mark.parametrize("separate", [False, True])
 SHARP = {"solver": "CLARABEL", "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 
 
-def random_program(seed, block=1, separate=False):
+def draw_program(seed, block=1, separate=False):
     """Return a program with norm terms and limits, one of them soft; if `separate`, each row reads its own unknown."""
     rng = np.random.default_rng(seed)
     n, m, r = 14, 3, 4
@@ -50,7 +50,7 @@ def test_the_gap_bounds_the_error(block, separate):
     """1/2 |d - d*|_K^2 <= gap for every feasible d, with and without multipliers; the gap is primal minus dual."""
     rng = np.random.default_rng(5)
     for seed in range(3):
-        program = random_program(seed, block, separate)
+        program = draw_program(seed, block, separate)
         best, own = solve_with_newton(program)
         K, computed = program.operators.K, []
         for size in (1e-6, 1e-3, 1.0):
@@ -73,7 +73,7 @@ def test_the_gap_bounds_the_error(block, separate):
 
 
 def test_infeasible_increments_are_not_certified():
-    program = random_program(1)
+    program = draw_program(1)
     feasible = program.feasible(np.ones(14))
     assert np.isfinite(program.certify(feasible, np.zeros((3, 1)), np.zeros(4)).gap)
     beyond = feasible + 10 * np.linalg.pinv(program.operators.D.toarray())[:, 0]
@@ -85,7 +85,7 @@ def test_infeasible_increments_are_not_certified():
 @mostly_long("seed", range(4), 0, 1)
 def test_multipliers_are_computed_from_an_increment(seed, separate):
     """The rows are independent, so exactly one pair satisfies K d = g - B'lam - D'p: the solver's."""
-    program = random_program(seed, separate=separate)
+    program = draw_program(seed, separate=separate)
     operators, (answer, _) = program.operators, solve_with_newton(program)
     rows = np.vstack([operators.B.toarray(), operators.D.toarray()])
     spread = np.linalg.norm(np.linalg.pinv(rows.T), 2) * np.linalg.cond(operators.K)
@@ -149,7 +149,7 @@ def test_soft_thresholding_in_a_box_is_certified(soft):
         assert certificate.error <= 1e-15 + certificate.error_floor
 
 
-def exact_program(seed, block):
+def make_exact_program(seed, block):
     """Return a program and its answer, known by construction in numbers of few bits."""
     rng = np.random.default_rng(seed)
     n, m, r = 8, 3, 2
@@ -172,7 +172,7 @@ def exact_program(seed, block):
     return StepProgram(operators, g, w, B @ d - s.ravel(), D @ d - z), d, lam, p
 
 
-def distance(K, one, two):
+def compute_distance(K, one, two):
     """Return |one - two|_K, computed in multiples of 2^-100; entries of K are multiples of 2^-6."""
     apart = [int((Fraction(a) - Fraction(b)) * 2**100) for a, b in zip(one.tolist(), two.tolist(), strict=True)]
     rows = (64 * K).astype(int).tolist()
@@ -185,18 +185,18 @@ def distance(K, one, two):
 def test_certificate_and_floor_bound_the_error(block, seeds):
     """Answers are Newton's and perturbed ones. Slips below 1e-9 of the motions count as none."""
     for seed in seeds:
-        program, exact, lam, p = exact_program(seed, block)
+        program, exact, lam, p = make_exact_program(seed, block)
         K, size = program.operators.K, program.operators.energy_norm(exact)
         own = program.certify(exact, lam, p)
         assert own.error <= 1e-13 * size
         answer = vx.Newton().prepare(program.operators).solve(program, 1e-30, np.zeros_like(lam), np.zeros_like(p))
-        assert distance(K, answer.d, exact) <= 1e-10 * size
+        assert compute_distance(K, answer.d, exact) <= 1e-10 * size
         rng, found = np.random.default_rng(seed), [(answer.d, answer.lam, answer.p)]
         for off in (1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-3):
             d = program.feasible(exact + off * rng.normal(size=len(exact)))
             found += [(d, lam, p), (d, lam * (1 + off), p + off), (d, None, None)]
         for d, *multipliers in found:
-            certificate, error = program.certify(d, *multipliers), distance(K, d, exact)
+            certificate, error = program.certify(d, *multipliers), compute_distance(K, d, exact)
             ignored = 1e-9 * size if error <= 1e-8 * size else 0.0
             assert error <= (certificate.error + certificate.error_floor) * (1 + 1e-9) + ignored
 
@@ -243,7 +243,7 @@ def test_computed_multipliers_balance_the_load_on_a_kernel():
 
 @pytest.mark.parametrize(("block", "cones"), [(1, None), (1, True), (2, None)])
 def test_cvxpy_gives_the_same_increments_and_multipliers(block, cones):
-    program = random_program(7, block=block)
+    program = draw_program(7, block=block)
     posed, (exact, _) = program.to_cvxpy(cones), solve_with_newton(program)
     assert posed.lam is None
     posed.problem.solve(**SHARP)

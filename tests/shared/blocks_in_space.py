@@ -8,7 +8,7 @@ import vemcvx as vx
 from vemcvx.scene import pose_scene
 
 
-def block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=True):
+def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=True):
     """Return the System of the unit cube with n cells per edge, clamped on its right, under traction(t) on its top.
 
     Friction on the bottom is Tresca's with the bound, or Coulomb's with the coefficient if it is given.

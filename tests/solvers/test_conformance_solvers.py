@@ -34,7 +34,7 @@ FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.a
 TIMES = np.linspace(0.0, 1.0, 7)
 
 
-def scene():
+def make_scene():
     """The paper's scene under a load that reverses."""
     return paper_scene(lambda t: np.sin(6 * t))
 
@@ -113,7 +113,7 @@ def test_wrong_answers_are_not_certified(mistake):
     solver = Spoilt(lambda a, program: dataclasses.replace(a, status="converged", **MISTAKES[mistake](a)))
     message = r"^step 1 at t = .*Spoilt reached .*but 1\.0e-06 was requested"
     with pytest.raises(vx.NotCertified, match=message) as caught:
-        vx.simulate(scene(), small("squares", 4), TIMES, solver=solver)
+        vx.simulate(make_scene(), small("squares", 4), TIMES, solver=solver)
     assert ("The largest part of the gap is at node" in str(caught.value)) == ("multipliers" in mistake)
 
 
@@ -126,15 +126,15 @@ class Misspelt(vx.Solver):
 
 def test_unknown_features_are_refused_by_name():
     with pytest.raises(vx.SceneError, match="^solver Misspelt: found accepts = .*absolut values.*; wanted .*'absolute"):
-        vx.simulate(scene(), small("squares", 2), TIMES, solver=Misspelt())
+        vx.simulate(make_scene(), small("squares", 2), TIMES, solver=Misspelt())
 
 
 def test_the_smallest_solver_that_accepts_is_chosen_and_named(caplog):
     caplog.set_level("INFO", logger="vemcvx")
-    frictionless = vx.simulate(scene().without(vx.TrescaFriction), small("squares", 2), TIMES)
+    frictionless = vx.simulate(make_scene().without(vx.TrescaFriction), small("squares", 2), TIMES)
     assert frictionless.solver == repr(vx.Direct())
     assert "solver: Direct" in caplog.text
-    assert vx.simulate(scene(), small("squares", 2), TIMES).solver == repr(vx.Newton())
+    assert vx.simulate(make_scene(), small("squares", 2), TIMES).solver == repr(vx.Newton())
     assert "solver: Newton, the smallest that accepts absolute values, quadratic" in caplog.text
 
 
@@ -148,7 +148,7 @@ VIOLATIONS = {
 """Solvers that violate a property of the suite, by the name of the property."""
 
 
-def violated_properties(solver):
+def find_violations(solver):
     """Return the names of the properties that a solver violates on one instance."""
     (mark,) = (mark for mark in solver_suite(solver).pytestmark if mark.name == "parametrize")
     found = set()
@@ -163,5 +163,5 @@ def violated_properties(solver):
 @pytest.mark.long
 def test_the_suite_finds_each_violation_and_no_other():
     for name, solver in VIOLATIONS.items():
-        assert name in violated_properties(solver)
-    assert violated_properties(Spoilt()) == set()
+        assert name in find_violations(solver)
+    assert find_violations(Spoilt()) == set()

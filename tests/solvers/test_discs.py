@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from blocks_in_space import block_on_floor
+from blocks_in_space import pose_block_on_floor
 from scenes import mostly_long
 
 import vemcvx as vx
@@ -39,7 +39,7 @@ SYSTEMS = {
 
 def make_system(name, n=3, **options):
     pull, given = SYSTEMS[name]
-    return block_on_floor(n, pull, **{**given, **options})
+    return pose_block_on_floor(n, pull, **{**given, **options})
 
 
 def test_answers_do_not_depend_on_tangential_frames():
@@ -60,7 +60,7 @@ def test_answers_do_not_depend_on_tangential_frames():
 KINDS = ("plain", "stiff", "weights", "none", "limits", "all", "rows", "edge", "stiff edge")
 
 
-def program(seed, kind):
+def draw_program(seed, kind):
     """Return a random program.
 
     "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen. "none": a third of the
@@ -109,7 +109,7 @@ def is_solved(program, accuracy=1e-8):
 def test_random_programs_are_solved(kind, count):
     """The accuracy is 1e-8 of the load's energy norm, and 1e-7 where slips are 1e-14 to 1e-3 of the motions."""
     accuracy = 1e-7 if "edge" in kind else 1e-8
-    assert [seed for seed in range(count) if not is_solved(program(seed, kind), accuracy)] == []
+    assert [seed for seed in range(count) if not is_solved(draw_program(seed, kind), accuracy)] == []
 
 
 @mostly_long("polygon", [4, 16, 64], 1)

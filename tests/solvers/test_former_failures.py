@@ -58,7 +58,7 @@ def test_friction_that_grows_with_slip_has_one_answer(seed, c):
     assert run.certified.max() <= 1e-8
 
 
-def block_on_rough_floor(angle, part):
+def make_block(angle, part):
     """Return a block under unit pressure, its mesh, and its shear: `part` of the shear that friction can balance."""
     along, across, e = 0.5, 0.2, np.array([np.cos(0.3), np.sin(0.3), 0.0])
     shear = part * (along * np.cos(angle) * e + across * np.sin(angle) * np.array([-e[1], e[0], 0.0]))
@@ -77,10 +77,10 @@ def block_on_rough_floor(angle, part):
 @pytest.mark.parametrize("angle", [1.2, 3.3])
 def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
     """Beyond the ellipse the step is refused."""
-    scene, mesh, shear = block_on_rough_floor(angle, 0.9)
+    scene, mesh, shear = make_block(angle, 0.9)
     history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
     assert history.force("bottom")[-1] == pytest.approx([0, 0, 1] - shear, abs=1e-12)
-    scene, mesh, _ = block_on_rough_floor(angle, 1.1)
+    scene, mesh, _ = make_block(angle, 1.1)
     with pytest.raises((vx.SceneError, vx.NotCertified), match="^step 2 at t = 1: "):
         vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
 

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from blocks_in_space import block_on_floor
+from blocks_in_space import pose_block_on_floor
 from installed import needs
 from scenes import paper_scene, small
 
@@ -26,7 +26,7 @@ def test_large_systems_in_space_are_solved_iteratively_earlier_than_in_the_plane
     assert choose_linear(260_000, modes=6) == (direct if installed else able)
     assert choose_linear(2_000_000, modes=3) == direct
     monkeypatch.setattr(SuperLU, "largest_in_space", 1)
-    system = block_on_floor(2, lambda t: np.zeros(3))
+    system = pose_block_on_floor(2, lambda t: np.zeros(3))
     assert system.linear() == (Iterative() if find_spec("pyamg") else SuperLU())
     assert replace(system, near_kernel=None).linear() == SuperLU()
 

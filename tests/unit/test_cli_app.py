@@ -131,7 +131,7 @@ def test_check_prints_one_line():
     assert float(worst) < 1e-8
 
 
-def opened_steps(text):
+def find_opened_steps(text):
     """Return the steps that a page shows when it is opened; check that its slider and labels agree."""
     steps = re.findall(r'<section aria-label="([^"]*)"( hidden)?>', text)
     found = [words for words, hidden in steps if not hidden]
@@ -150,11 +150,11 @@ def test_an_exported_page_is_one_file_and_opens_at_the_given_step(tmp_path, monk
     text = file.read_text(encoding="utf-8")
     assert text.count("<section") == 2
     assert text.count(f'src="{PNG}') == 8
-    assert opened_steps(text) == ["step 1 of 30, t = 0.03333"]
+    assert find_opened_steps(text) == ["step 1 of 30, t = 0.03333"]
     assert all(words in text for words in ("bound 4.0", "path a cycle", "solver Newton"))
     assert not re.search(r"(src|href)=.?(http|/)", text)
     assert call("app", "--html", str(file), "--step", "13") == (0, f"{file} shows 3 of 30 steps.\n")
-    assert opened_steps(file.read_text(encoding="utf-8")) == ["step 13 of 30, t = 0.4333"]
+    assert find_opened_steps(file.read_text(encoding="utf-8")) == ["step 13 of 30, t = 0.4333"]
     code, output = call("app", "--html", str(file), "--step", "31")
     assert (code, output) == (2, "vemcvx: --step: found 31; this run has the steps 1 to 30.\n")
 

@@ -50,16 +50,3 @@ def test_arrows_on_the_two_bodies_cancel(history):
     assert np.abs(forces).max() > 0
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(forces).sum()
     plt.close("all")
-
-
-def test_a_meshio_object_keeps_interfaces():
-    mesh = make_blocks()
-    back = vx.meshes.convert(mesh.to("meshio")).interfaces[JOINT]
-    assert back.bodies == mesh.interfaces[JOINT].bodies
-    assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
-
-
-def test_a_mesh_of_scikit_fem_loses_interfaces_with_a_warning():
-    with pytest.warns(vx.MeshWarning, match="^meshes of scikit-fem keep no interfaces"):
-        made = make_blocks("triangles", 4).to("skfem")
-    assert JOINT in made.boundaries

@@ -1,4 +1,4 @@
-"""Results in space: files, tables, probes, reactions, programs with discs; functions of the plane are refused."""
+"""Results in space: files, tables, probes and reactions; functions of the plane are refused."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hysteresis_in_space import BOUND, BOX, SIZE, curve
 from identical import same
 from solids import SOLIDS, solid
 
 import block_in_space as block
+import circular_hysteresis as circles
 import vemcvx as vx
 from vemcvx import plots
 from vemcvx.meshes.io.vtu import TYPES
@@ -18,12 +18,13 @@ from vemcvx.results import places
 from vemcvx.results.files import read_archive, write_archive
 from vemcvx.vem import equivalent
 
-PATH = curve()
+STEEL = vx.Elasticity(circles.YOUNG, circles.POISSON)
+FLOOR = vx.BilateralContact(on="bottom"), vx.TrescaFriction(circles.BOUND, on="bottom")
 
 
 @pytest.fixture(scope="module")
 def history():
-    return vx.simulate(PATH.scene(), vx.meshes.prisms(2, BOX), PATH.times)
+    return vx.simulate(circles.scene(steps=12), circles.mesh(2, family="prisms"), circles.times(12))
 
 
 def test_tables_have_a_column_for_each_axis(history):
@@ -34,44 +35,24 @@ def test_tables_have_a_column_for_each_axis(history):
     assert np.array_equal(table["slip_z"], history.contact.slip[:, :, 2].ravel())
 
 
-@pytest.mark.long
-def test_clarabel_solves_programs_with_discs(history):
-    program = history.program(3)
-    assert program.operators.block == 2
-    posed = program.to_cvxpy()
-    posed.problem.solve(solver="CLARABEL")
-    assert program.certify(posed.d.value, posed.lam, posed.p).error < 1e-3
-
-
 def test_friction_of_a_dragged_block_is_the_reaction_of_the_dragged_side(history):
     """The side also moves nodes of the floor; all nodes slip, so the friction is the bound times the area."""
     pulled = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
+        STEEL,
         vx.PrescribedDisplacement(lambda x, t: t, on="left", direction=(1.0, 0.0, 0.0)),
         vx.Symmetry(on="front"),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(BOUND, on="bottom"),
+        *FLOOR,
     )
     run = vx.simulate(pulled, history.mesh, [0.0, 1.0, 2.0])
     assert not run.contact.sticking[-1].any()
-    friction = BOUND * SIZE[0] * SIZE[1]
+    friction = circles.BOUND * np.prod(circles.SIDES)
     assert run.reaction("left")[-1, 0] == pytest.approx(friction, rel=1e-6)
     assert run.force(vx.TrescaFriction)[-1, 0] == pytest.approx(-friction, rel=1e-6)
 
 
 @pytest.mark.long
-def test_a_run_in_space_is_resumed_to_the_bit(history, tmp_path):
-    vx.simulate(PATH.scene(), history.mesh, PATH.times, stream=tmp_path / "run")
-    again = vx.simulate(PATH.scene(), history.mesh, PATH.times, stream=tmp_path / "run", resume=True)
-    assert np.array_equal(again.displacement, history.displacement)
-    assert np.array_equal(again.contact.traction, history.contact.traction)
-
-
-@pytest.mark.long
 def test_an_archive_in_space_is_read_back_to_the_bit(history, tmp_path):
-    steel = next(effect for effect in history.scene if isinstance(effect, vx.Elasticity))
-    floor = vx.BilateralContact(on="bottom"), vx.TrescaFriction(BOUND, on="bottom")
-    scene = vx.Scene(steel, vx.Clamp(on="top"), *floor, vx.ThermalStrain(1e-4, lambda x, t: t * x[:, 2]))
+    scene = vx.Scene(STEEL, vx.Clamp(on="top"), *FLOOR, vx.ThermalStrain(1e-4, lambda x, t: t * x[:, 2]))
     run = vx.simulate(scene, history.mesh.with_cell_data("zone", np.arange(history.mesh.n_cells)), [0.0, 1.0])
     write_archive(run, tmp_path / "history.npz")
     read = read_archive(tmp_path / "history.npz")
@@ -124,13 +105,14 @@ USUAL = "voronoi3", "hanging faces"
     "name", [pytest.param(name, marks=() if name in USUAL else pytest.mark.slow) for name in SOLIDS]
 )
 def test_probes_are_exact_for_linear_fields_and_at_nodes(name):
-    mesh = solid(name, 2, BOX)
+    size = np.array([1.0, 1.2, 0.9])
+    mesh = solid(name, 2, tuple((0.0, float(length)) for length in size))
     gradient, shift = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]]), np.array([5.0, -2.0, 1.0])
     u = mesh.points @ gradient.T + shift
-    inside = np.random.default_rng(1).uniform(size=(100, 3)) * SIZE
+    inside = np.random.default_rng(1).uniform(size=(100, 3)) * size
     first, second = mesh.face_vertices[mesh.face_offsets[:-1]], mesh.face_vertices[mesh.face_offsets[:-1] + 1]
     edges = 0.3 * mesh.points[first] + 0.7 * mesh.points[second]
-    for x in (inside, mesh.centroids, mesh.face_centroids, edges, SIZE * [[1.0, 0.1 + 0.2, 0.5]]):
+    for x in (inside, mesh.centroids, mesh.face_centroids, edges, size * [[1.0, 0.1 + 0.2, 0.5]]):
         at = places(mesh, x, "test")
         assert np.abs(at.at_nodes(u[None])[0] - (x @ gradient.T + shift)).max() < 1e-14 * 20
     at = places(mesh, mesh.centroids, "test")
@@ -144,10 +126,12 @@ def test_probes_are_exact_for_linear_fields_and_at_nodes(name):
 
 def test_probes_and_lines_have_the_exact_displacement(history):
     x = np.array([[0.5, 0.6, 0.45], [0.2, 0.1, 0.0]])
-    assert np.abs(history.probe(x) - PATH.displacement(x)).max() < 1e-8
-    arc, values = history.along([0.1, 0.1, 0.0], [0.1, 0.1, 0.9], count=4)
-    assert arc == pytest.approx([0.0, 0.3, 0.6, 0.9])
-    assert np.abs(values - PATH.displacement(np.column_stack([np.full((4, 2), 0.1), arc]))).max() < 1e-8
+    accuracy = 1e-7 * circles.RADIUS
+    assert np.abs(history.probe(x) - circles.exact(x, history.times)).max() < accuracy
+    arc, values = history.along([0.1, 0.1, 0.0], [0.1, 0.1, 0.45], count=4)
+    assert arc == pytest.approx([0.0, 0.15, 0.3, 0.45])
+    line = np.column_stack([np.full((4, 2), 0.1), arc])
+    assert np.abs(values - circles.exact(line, history.times)).max() < accuracy
     stress = history.along([0.1, 0.1, 0.1], [0.5, 0.5, 0.5], count=3, field="stress").values
     assert stress.shape == (len(history.stored), 3, 6)
     assert list(history.table("probes", x))[3:] == ["x", "y", "z", "displacement_x", "displacement_y", "displacement_z"]

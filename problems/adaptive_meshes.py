@@ -6,9 +6,9 @@ There are two scenes: the paper's, singular where supports meet loads, and an L-
 re-entrant corner. True errors are projected energy distances to a reference. The reference is the finest adaptive mesh,
 refined until it is nowhere coarser than the finest uniform mesh. The cells that the estimator marks are then refined
 twice more. An adaptive run starts from a coarse mesh and two instants, and its seconds include all passes. Its target
-is lowered until its true error is no larger than that of the compared uniform run. The table also has the optimum for
-cells of equal sides. For an error with e_K^2 = c |K|^2 on each cell, sides proportional to c^-1/4 make (sum e_K)^2 /
-E^2 cells for the error E.
+is lowered until its true error is no larger than the error of the compared uniform run. The table also has the optimum
+for cells of equal sides. For an error with e_K^2 = c |K|^2 on each cell, sides proportional to c^-1/4 make
+(sum e_K)^2 / E^2 cells for the error E.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def measure_error(run, truth):
 
 
 def match_error(run_study, beside, truth):
-    """Return the smallest of a few adaptive runs whose true error is at most that of the uniform run `beside`."""
+    """Return the smallest of a few adaptive runs at least as accurate as the uniform run `beside`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))

@@ -1,7 +1,7 @@
 r"""A round fibre in a softer matrix: two materials, and a uniform stress inside the fibre.
 
 A large plate (plane strain, E1, nu1) with a bonded round inclusion of radius R (E2, nu2) is under the tension S along
-x. With kappa = 3 - 4 nu and m = mu2 / mu1, the field outside is that of `plate_with_hole.py` with
+x. With kappa = 3 - 4 nu and m = mu2 / mu1, the field outside is the field of `plate_with_hole.py` with
 
 $$
 a = S R^2 / 2 (1 - m) / (1 + m \kappa_1), \qquad b = R^2 (2 d - S / 2), \qquad c = a R^2, \\

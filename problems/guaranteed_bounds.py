@@ -1,8 +1,8 @@
 """Error bars that are theorems: they shrink with meshes and steps, and the exact solution lies between their ends.
 
-The displacement of the block is that of `manufactured_full_slip.py`, known in closed form. Its left side is on rollers.
-The tractions of that solution act on the other sides, its body force inside, and friction at its bound along the whole
-floor. All data grow with t^2; a step that evaluates them at its ends takes them as linear in between.
+The block has the displacement of `manufactured_full_slip.py`, which is known in closed form. Its left side is on
+rollers. The tractions of that solution act on the other sides, its body force inside, and friction at its bound along
+the whole floor. All data grow with t^2; a step that evaluates them at its ends takes them as linear in between.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
 energy and the mean displacement of the top. They hold on every mesh, and involve no estimated constant (W. Prager and
@@ -146,7 +146,7 @@ def picture(history):
     figure = Figure(figsize=(10.6, 3.7), layout="constrained")
     panels = figure.subplots(1, 3)
     counts, steps = (2, 3, 4, 6, 8), (3, 5, 9, 17, 33)
-    names = "elastic energy over its closed form", "mean displacement of the top, likewise"
+    names = "elastic energy over its closed form", "mean displacement of the top over its closed form"
     for ax, value, intervals, name in zip(panels, exact(), intervals_over_meshes(history, counts), names, strict=False):
         low, high = intervals.T / value
         ax.axhline(1.0, color="black", label="closed form")

@@ -72,7 +72,7 @@ def format_rows(rows: Sequence[Row]) -> str:
 
 
 def count_rows(rows: Sequence[Row]) -> str:
-    """Return a line with the number of cases and of those that each solver can solve."""
+    """Return a line with the numbers of all cases, and of the cases that each solver can solve."""
     findings = [finding for _, _, found in rows for finding in found]
     able = {
         name: sum(f.solver == name and f.did != "says it cannot" for f in findings)

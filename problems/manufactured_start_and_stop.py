@@ -1,6 +1,6 @@
 r"""A block that slips from the start and stops in the middle of a step: u_0 != 0, and errors of mesh and time step.
 
-The displacement is that of `manufactured_full_slip.py` with another function of time,
+The block has the displacement of `manufactured_full_slip.py` with another function of time,
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 

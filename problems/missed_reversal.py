@@ -1,6 +1,6 @@
 """A load that turns back between two steps: the error of the time steps, and when there is none.
 
-The block is that of the paper's Section 4, ten times as stiff and twice as strongly pulled. The load grows until
+The block of the paper's Section 4 is taken ten times as stiff and twice as strongly pulled. The load grows until
 t = 1/2 and then returns to zero. While it grows, slip spreads along the contact. When it turns, all nodes stick at
 once; then slip in the other direction spreads, over less of the contact. At the end the body is unloaded but not
 stress-free: friction locks stresses in.

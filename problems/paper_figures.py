@@ -118,8 +118,7 @@ DEVIATIONS = (
     ),
 )
 """The paper, the package by default, and the option that restores the paper. There are no other deviations: Pi, the
-average over vertices in l^h, f_2 on edges, backward Euler, and Lame's constants in plane strain are those of the
-text."""
+average over vertices in l^h, f_2 on edges, backward Euler, and Lame's constants in plane strain are as in the text."""
 
 
 def figure_1(n: int = 8):

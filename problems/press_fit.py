@@ -9,9 +9,9 @@ $$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) 
 
 whose sum is delta. The surfaces slide freely. Meshes do not match: the two polygons of the circle r = b are up to
 b (pi / 4n)^2 / 8 apart, and the outer ring takes over the outline of the inner ring (`tolerance=`). Nodes of the outer
-ring then lie on chords of the inner one. So errors of nodal pressures are O(h), and errors of the mean pressure O(h^2).
-The errors of `contact.pressure_recovered` are at most a quarter of those of nodal pressures (in the root mean square).
-Meshes with equal numbers of cells (`outer=n`) match, and all errors are O(h^2).
+ring then lie on chords of the inner ring. So errors of nodal pressures are O(h), and errors of the mean pressure
+O(h^2). The errors of `contact.pressure_recovered` are at most a quarter of the errors of nodal pressures (in the root
+mean square). Meshes with equal numbers of cells (`outer=n`) match, and all errors are O(h^2).
 
 A gap is a difference of two displacements, whose rounding alone is 3e-8 of the energy norm: use the accuracy 1e-7.
 
@@ -55,7 +55,7 @@ def scene(interference=INTERFERENCE):
 
 
 def mesh(n, family="ring", outer=None):
-    """Return 2n cells around the quarter of the inner ring, and 3n (or 2 `outer`) around that of the outer ring."""
+    """Return a quarter of the rings: 2n cells around the inner ring, and 3n (or 2 `outer`) around the outer ring."""
     a, b, c = RADII
     rings = {}
     for name, ends, across in (("inner", (a, b), n), ("outer", (b, c), outer or 3 * n // 2)):

@@ -6,7 +6,7 @@ then column and layer act like springs in series,
 
 $$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{the layer by } p / c. $$
 
-A large c is a rigid floor. With `radius=R` and the mesh `punch_mesh` the block is that of `hertz_contact.py` on a
+A large c is a rigid floor. With `radius=R` and the mesh `punch_mesh` the block of `hertz_contact.py` is pressed on a
 rough cylinder. The layer spreads Hertz' pressure and lowers its peak, and the pressure rises gradually at the edge of
 the contact (Johnson, *Contact Mechanics*, 13.5).
 

@@ -2,8 +2,8 @@ r"""A tube shrunk on another tube in space: the pressure between them is Lame's,
 
 Two tubes a < r < b and b < r < c have the length L; a quarter of them is computed. The outer radius of the inner tube
 exceeds the inner radius of the outer tube by the interference delta. It is modelled as the gap -delta t. Ends are free
-and the joint is smooth, so that both tubes are in plane stress. Radial and hoop stresses are those of `press_fit.py`
-(Lame 1852; Timoshenko and Goodier, *Theory of Elasticity*, 28), and the tubes change their lengths,
+and the joint is smooth, so that both tubes are in plane stress. Radial and hoop stresses are the same as in
+`press_fit.py` (Lame 1852; Timoshenko and Goodier, *Theory of Elasticity*, 28), and the tubes change their lengths,
 
 $$
 e_z = -\nu(\sigma_r + \sigma_\theta) / E, \qquad \sigma_r + \sigma_\theta = -2 p b^2 / (b^2 - a^2),

@@ -78,7 +78,7 @@ def torque(history):
 
 
 def picture(history):
-    """Draw the sole when its edge slips, and the torque beside that of a thin pad."""
+    """Draw the sole when its edge slips, and the torque beside the torque of a thin pad."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")
@@ -88,7 +88,7 @@ def picture(history):
     graph.plot(angle / FIRST, thin_pad(angle) / FULL, "k-", label="thin pad")
     graph.plot(ANGLE / FIRST * history.times, torque(history) / FULL, "C0o", label="computed")
     graph.axhline(1.0, color="0.5", linestyle="--", linewidth=1.0, label=r"full slip, $2/3\,\mu P R$")
-    graph.set(xlabel="angle, over that of the first slip", ylabel="torque, over that of full slip", ylim=(0, 1.1))
+    graph.set(xlabel="angle / angle of the first slip", ylabel="torque / torque of full slip", ylim=(0, 1.1))
     graph.grid()
     graph.legend(loc="lower right")
     return figure

@@ -2,7 +2,7 @@
 
 A scene (material, supports, loads, contact, friction) on a polygonal mesh becomes, at every backward-Euler
 step, one convex program. Solvers of different kinds solve it, and every answer has a certificate that does
-not depend on the solver. Equation numbers are those of Feng, Han and Huang, "A virtual element method for a
+not depend on the solver. Equation numbers refer to Feng, Han and Huang, "A virtual element method for a
 quasistatic frictional contact problem".
 """
 

@@ -80,8 +80,8 @@ def simulate(
     condense : bool
         True: eliminate the unknowns without friction and contact (except with Viscosity). False: keep all unknowns.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the number of unknowns and on what is
-        installed.
+        SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the number of unknowns and on the
+        installed packages.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional

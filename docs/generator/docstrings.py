@@ -66,7 +66,7 @@ def describe_pictures(app: Sphinx, tree: nodes.document) -> None:
 class Entries(Autosummary):
     """The directive `entries`: a table of names with their first sentences, and below it the entry of each name.
 
-    Methods that a class inherits from a class of the reference are described only in the entry of the latter class.
+    If a method is inherited from a class of the reference, only the entry of that class describes it.
     """
 
     def run(self) -> list[nodes.Node]:

@@ -55,7 +55,7 @@ class Problem:
 
     @property
     def command(self) -> str:
-        """The command of its docstring, or the one that runs the file."""
+        """The command of its docstring, or the command that runs the file."""
         return (*COMMAND.findall(self.docstring), f"python problems/{self.name}.py")[0]
 
     @property

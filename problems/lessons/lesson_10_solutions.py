@@ -50,7 +50,7 @@ assert abs(above - below - 0.5 * bound**2) < 1e-10
 # %% [markdown]
 # **3.** Add a combination of all states without a load, and minimise $|\delta|$: a least-squares problem. For a net
 # there are finitely many such states. With all of them the bound becomes the error itself. A continuum has infinitely
-# many, and one takes those of a mesh.
+# many, and one takes the states of a mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)

@@ -8,7 +8,7 @@
 # A block on a rough table is attached to a spring and pulled by a force. The problem has one unknown, and yet all that
 # makes frictional contact special.
 #
-# Equation numbers are those of Feng, Han and Huang, *A virtual element method for a quasistatic frictional contact
+# Equation numbers refer to Feng, Han and Huang, *A virtual element method for a quasistatic frictional contact
 # problem*. Run the cells in order; every cell asserts what its text claims.
 
 # %%
@@ -189,7 +189,7 @@ energies((0.0, 0.8, 2.6))
 # $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le w.$$
 #
 # The maximiser is again a clip. The parabola $D$ has its vertex at $f - K u_{prev}$, the force that holds the block
-# where it is. If friction can take this force, it does so, and the block sticks. If not, friction takes its bound:
+# where it is. If friction can take this force, the block sticks. If not, friction takes its bound:
 #
 # $$\lambda = \mathrm{clip}(f - K u_{prev},\; -w,\; w).$$
 

@@ -5,7 +5,7 @@
 # *You need:* lesson 1; vectors and matrices. *You will see:* the program of a step in ten lines of cvxpy, what a conic
 # solver returns beside the positions, and how an absolute value becomes a cone in the plane.
 #
-# Lesson 1 had one slider; here are four in a row. Equation numbers are those of Feng, Han and Huang.
+# Lesson 1 had one slider; here are four in a row. Equation numbers refer to the paper of Feng, Han and Huang.
 
 # %%
 import cvxpy as cp

@@ -3,14 +3,14 @@
 
 # %% [markdown]
 # *You need:* P1 finite elements, Gauss' theorem, linear elasticity. *You will see:* the stiffness matrix of a pentagon
-# by hand, equal to that of the package; the patch test; and why nearly incompressible bodies lock on some meshes.
+# by hand, equal to the matrix of the package; the patch test; and why nearly incompressible bodies lock on some meshes.
 #
 # Virtual elements are finite elements whose cells may be any polygons. Their functions are known on the boundary of a
 # cell only, hence *virtual*. This is enough: the method needs a few averages of each function, and these follow exactly
 # from the vertex values.
 #
-# Equation numbers are those of Feng, Han and Huang. The paper calls a cell $K$; here a cell is $\omega$, and $K$ stays
-# a stiffness.
+# Equation numbers refer to the paper of Feng, Han and Huang. The paper calls a cell $K$; here a cell is $\omega$, and
+# $K$ stays a stiffness.
 
 # %%
 import matplotlib.pyplot as plt

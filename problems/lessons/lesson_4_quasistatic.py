@@ -6,7 +6,8 @@
 # on the whole *path* of the load, and that every step has an exact energy balance. In this balance backward Euler
 # itself loses a part of order $O(k)$.
 #
-# Lessons 1 and 2 took one step; here many steps follow each other. Equation numbers are those of Feng, Han and Huang.
+# Lessons 1 and 2 took one step; here many steps follow each other. Equation numbers refer to the paper of Feng, Han and
+# Huang.
 
 # %%
 import matplotlib.pyplot as plt

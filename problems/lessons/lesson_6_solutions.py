@@ -20,7 +20,7 @@ def gap(s, lam, w=w):
 
 
 def step_from(u_prev, load):
-    """Return the position after a step; its slips are those of a chain that begins at rest under load - K u_prev."""
+    """Return the position after a step; it slips like a chain that begins at rest under load - K u_prev."""
     system = vx.System(K, lambda t: t * (load - K @ u_prev), vx.Norms(np.eye(size), w))
     return u_prev + vx.march(system, [0.0, 1.0]).state[-1]
 

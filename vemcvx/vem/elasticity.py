@@ -28,7 +28,7 @@ does not change the deviatoric plane. Fibres with a growing modulus add a matrix
 eigenvalue bounded. (The trace or the mean would grow with the fibres. With E1 / G = 2e8 and 8 Voronoi cells per side, a
 sheared body has 1.04 of its exact energy; with the trace or the mean it has none.)
 
-Moduli and components are those of :mod:`vemcvx.vem.tensors`.
+:mod:`vemcvx.vem.tensors` defines moduli and components.
 """
 
 from __future__ import annotations

@@ -229,8 +229,8 @@ class CellGroup:
     def corners(self) -> Floats:
         """The vertex coordinates (c, n, dim) relative to the first vertex of each cell.
 
-        Differences of neighbouring coordinates are exact, products of large coordinates are not. So a body far from
-        the origin has no further rounding errors than those of its points.
+        Differences of neighbouring coordinates are exact, products of large coordinates are not. So a body far from the
+        origin has no rounding errors except the rounding of its points.
         """
         corners = self.points.take(self.nodes, axis=0)  # twice as fast as indexing
         corners -= corners[:, :1].copy()

@@ -191,9 +191,3 @@ def test_a_missing_extra_is_named(history, monkeypatch, name):
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(vx.VemcvxError, match=rf"pip install 'vemcvx\[{name}\]'"):
         getattr(history, f"to_{name}")()
-
-
-@pytest.mark.parametrize("wanted", [("energies",), ("probes",), ("steps", POINTS)])
-def test_unknown_tables_and_points_without_probes_are_refused(history, wanted):
-    with pytest.raises(vx.HistoryError, match="^table: "):
-        history.table(*wanted)

@@ -112,7 +112,7 @@ NOT_RUN = {
     "vemcvx show": "the name of a command, which is run with a file",
     "vemcvx cost": "the name of a command, which is run with a file",
     "vemcvx compare": "the name of a command, which is run with a file",
-    "vemcvx run ... --resume DIR": "it needs a run that was interrupted; tests/cli/test_cli_ends.py interrupts some",
+    "vemcvx run ... --resume DIR": "it needs an interrupted run; tests/results/test_foreign_files.py has one",
     "vemcvx app FILE": "same as `vemcvx app`",
     "meshio convert a.vtk a.vtu": "same as `meshio convert a.xyz a.vtu`",
     "vemcvx run FILE --mesh two.msh": "it is tested with files of two bodies in tests/cli",

@@ -65,7 +65,7 @@ class Body:
         return np.tile(components, (self.mesh.n_cells, 1))
 
 
-def made(kind):
+def make_body(kind):
     plane, name = kind
     if plane == "space":
         return Body(solid(name, 2, ((0, 1), (0, 1.2), (0, HEIGHT))), vx.Elasticity(E, NU), lam=LAM)
@@ -82,10 +82,10 @@ LATER = [pytest.param(kind, marks=pytest.mark.long) for kind in OTHERS if kind n
 
 @pytest.fixture(params=[*KINDS, *LATER], ids=" ".join)
 def body(request):
-    return made(request.param)
+    return make_body(request.param)
 
 
-def same(found, exact):
+def assert_close(found, exact):
     """Check equality up to the rounding of a solve."""
     assert np.abs(found - exact).max() < EXACT * np.abs(exact).max()
 
@@ -114,19 +114,19 @@ def test_patch_with_mixed_conditions(body):
             if name != "bottom":
                 effects.append(vx.Traction(lambda x, t, force=free @ sigma @ normal: t * force, on=name))
     history = body.run(*effects)
-    same(history.displacement[-1], u(body.mesh.points, 1.0))
+    assert_close(history.displacement[-1], u(body.mesh.points, 1.0))
     rows = ([0, 1, 0], [0, 1, 1]) if d == 2 else ([0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2])
-    same(history.stress(-1), body.stresses(*sigma[rows]))
+    assert_close(history.stress(-1), body.stresses(*sigma[rows]))
     assert history.energy[-1] == pytest.approx(0.5 * body.foot * HEIGHT * np.sum(sigma * strain), rel=EXACT)
     if d == 3:
-        same(history.principal_stresses(-1), body.stresses(*np.linalg.eigvalsh(sigma)[::-1]))
+        assert_close(history.principal_stresses(-1), body.stresses(*np.linalg.eigvalsh(sigma)[::-1]))
         deviator = sigma - np.trace(sigma) / 3 * np.eye(3)
-        same(history.von_mises(-1), np.full(body.mesh.n_cells, np.sqrt(1.5) * np.linalg.norm(deviator)))
+        assert_close(history.von_mises(-1), np.full(body.mesh.n_cells, np.sqrt(1.5) * np.linalg.norm(deviator)))
 
 
 def test_pressure_and_symmetry(body):
     history = body.run(body.walls, vx.Pressure(lambda x, t: 3 * t, on="top"))
-    same(history.displacement[-1], body.squeezed(3.0))
+    assert_close(history.displacement[-1], body.squeezed(3.0))
     assert history.reaction("bottom")[-1] == pytest.approx(3 * body.foot * np.eye(body.dim)[-1], abs=EXACT * 10)
 
 
@@ -144,7 +144,7 @@ def test_elastic_foundation(body):
     held = body.run(body.rollers, press, springs)
     # Tangential springs restrain the bulge, so the energy is smaller.
     free = body.run(body.rollers, press, vx.ElasticFoundation(normal=50.0, on="bottom"))
-    same(free.displacement[-1], body.squeezed(3.0, floor=3.0 / 50.0))
+    assert_close(free.displacement[-1], body.squeezed(3.0, floor=3.0 / 50.0))
     assert held.energy[-1] < free.energy[-1]
     assert free.energy[-1] == pytest.approx(0.5 * 9 * body.foot * (HEIGHT / body.young + 1 / 50), rel=EXACT)
     up, right = np.eye(body.dim)[-1], np.eye(body.dim)[0]
@@ -155,7 +155,7 @@ def test_elastic_foundation(body):
         *(vx.Traction(lambda x, t, s=s: s * t * up, on=on) for on, s in (("left", -1.0), ("right", 1.0))),
         vx.Traction(lambda x, t: t * right, on="top"),
     )
-    same(slid.displacement[-1], np.outer(1 / 20 + body.mesh.points[:, -1] / MU, right))
+    assert_close(slid.displacement[-1], np.outer(1 / 20 + body.mesh.points[:, -1] / MU, right))
 
 
 def test_thermal_strain(body):
@@ -163,7 +163,7 @@ def test_thermal_strain(body):
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)
-    same(free.displacement[-1], hot * body.mesh.points)
+    assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
     # Heat counts as a load: 1/2 a(u, u) is the energy of the total strain, and the ledger closes with 1/2 a(du, du).
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
@@ -172,12 +172,14 @@ def test_thermal_strain(body):
     assert rest == pytest.approx(stiff * (hot * np.diff(STEPS)) ** 2, rel=1e-9)
     across = body.run(body.walls, vx.Symmetry(on="right"), heat)
     sigma = -body.young * hot
-    same(across.stress(-1), body.stresses(sigma, *[0.0] * (2 if body.dim == 2 else 5)))
+    assert_close(across.stress(-1), body.stresses(sigma, *[0.0] * (2 if body.dim == 2 else 5)))
     assert across.reaction("right")[-1, 0] == pytest.approx(sigma * HEIGHT * body.foot, rel=EXACT)
-    same(across.displacement[-1], (1 + body.poisson) * hot * body.mesh.points * ([0.0] + [1.0] * (body.dim - 1)))
+    assert_close(
+        across.displacement[-1], (1 + body.poisson) * hot * body.mesh.points * ([0.0] + [1.0] * (body.dim - 1))
+    )
     blocked = body.run(vx.Clamp(on="boundary"), heat)
     sigma = sigma / (1 - (body.dim - 1) * body.poisson)
-    same(blocked.stress(-1), body.stresses(*[sigma] * body.dim, *[0.0] * (1 if body.dim == 2 else 3)))
+    assert_close(blocked.stress(-1), body.stresses(*[sigma] * body.dim, *[0.0] * (1 if body.dim == 2 else 3)))
     assert np.abs(blocked.displacement).max() < EXACT * hot
 
 
@@ -186,12 +188,12 @@ def test_prestress(body):
     d, shear = body.dim, [0.5, -0.7, 0.3][: 1 if body.dim == 2 else 3]
     stress = np.array([3.0, -1.0, 2.0][:d])
     held = body.run(vx.Clamp(on="boundary"), vx.Prestress(lambda x, t: t * np.array([*stress, *shear])))
-    same(held.stress(-1), body.stresses(*stress, *shear))
+    assert_close(held.stress(-1), body.stresses(*stress, *shear))
     # A body in tension pulls its supports inwards, so reactions on the body point outwards.
     assert held.forces[-1][body.mesh.points[:, 0] == 1.0, 0].sum() > 0
     free = body.run(body.walls, vx.Prestress(lambda x, t: t * np.array([*stress, *[0.0] * len(shear)])))
     strain = -((1 + body.poisson) * stress - body.poisson * stress.sum()) / body.young
-    same(free.displacement[-1], body.mesh.points * strain)
+    assert_close(free.displacement[-1], body.mesh.points * strain)
     assert np.abs(free.stress(-1)).max() < EXACT * 10
 
 
@@ -206,7 +208,7 @@ def test_viscosity_creeps_as_backward_euler_says(body):
     e = 0.0
     for step, k in enumerate(np.diff(times), start=1):
         e = (2.0 + eta * e / k) / (shear + eta / k)
-        same(history.displacement[step], body.mesh.points * (e * np.eye(body.dim)[-1]))
+        assert_close(history.displacement[step], body.mesh.points * (e * np.eye(body.dim)[-1]))
 
 
 def test_normal_compliance_and_a_gap(body):
@@ -215,7 +217,7 @@ def test_normal_compliance_and_a_gap(body):
     lid = vx.PrescribedDisplacement(lambda x, t: -w * t, on="top", direction="normal")
     history = body.run(body.rollers, lid, vx.NormalCompliance(k, on="bottom", gap=gap))
     pressure = (w - gap) / (1 / k + HEIGHT / body.young)
-    same(history.displacement[-1], body.squeezed(pressure, floor=gap + pressure / k))
+    assert_close(history.displacement[-1], body.squeezed(pressure, floor=gap + pressure / k))
     assert history.contact.pressure[-1] == pytest.approx(pressure, rel=1e-9)
 
 
@@ -228,7 +230,7 @@ def test_one_sided_contact_closes_a_gap(body):
     pressure = body.young * 0.02 / HEIGHT
     assert history.contact.pressure[:2] == pytest.approx(0.0, abs=1e-12)
     assert history.contact.pressure[2] == pytest.approx(pressure, rel=1e-9)
-    same(history.displacement[2], body.squeezed(pressure, floor=0.03))
+    assert_close(history.displacement[2], body.squeezed(pressure, floor=0.03))
     assert history.contact.closed.all(axis=1).tolist() == [False, False, True, False]
     assert not history.contact.closed[[0, 1, 3]].any()
 
@@ -249,7 +251,7 @@ def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
 
 def test_friction_of_a_floor_that_supports_drag_is_borne_by_the_supports():
     """All rubbing nodes have prescribed motions: friction is g against the motion."""
-    block, way = made(("space", "cubes")), np.array([0.1, 0.2, 0.0])
+    block, way = make_body(("space", "cubes")), np.array([0.1, 0.2, 0.0])
     dragged = vx.PrescribedDisplacement(lambda x, t: t * way, on="bottom")
     rubs = vx.BilateralContact(on="bottom"), vx.TrescaFriction(3.0, on="bottom")
     history, length = block.run(vx.Clamp(on="top"), dragged, *rubs), np.linalg.norm(way)

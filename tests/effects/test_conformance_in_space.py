@@ -1,7 +1,6 @@
 """Conformance of every effect in space: the properties of vemcvx.testing on a cube, also for laws of slip."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -30,7 +29,6 @@ from test_conformance_effects import SAMPLES as FLAT
 
 import vemcvx as vx
 from cohesive_interface import Glue
-from slip_weakening import SlipWeakening
 from vemcvx.testing import EffectSample, Other, effect_suite
 
 
@@ -174,11 +172,6 @@ test_every_effect_in_space = pytest.mark.long(
 )
 
 
-def test_no_exported_effect_is_missing_from_the_samples_in_space():
-    exported = {
-        kind for kind in map(partial(getattr, vx), vx.__all__) if isinstance(kind, type) and issubclass(kind, vx.Effect)
-    }
-    assert exported - {vx.Effect, vx.Pretension} == {type(sample.effect) for sample in SAMPLES.values()} - {
-        SlipWeakening,
-        Glue,
-    }
+def test_no_effect_is_missing_from_the_samples_in_space():
+    plane, space = ({type(sample.effect) for sample in samples.values()} for samples in (FLAT, SAMPLES))
+    assert plane <= space

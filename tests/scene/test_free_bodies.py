@@ -17,7 +17,7 @@ def settled(mesh, *effects, times=(0.0, 1.0)):
     return vx.simulate(vx.Scene(*effects), mesh, times, initial="settled")
 
 
-def rests(history):
+def check_rest(history):
     """Check that there are no reactions, and that the mean displacement vanishes."""
     assert np.abs(history.reaction("boundary")).max() == 0.0
     assert np.abs(history.mean("displacement")).max() <= 1e-13 * np.abs(history.displacement).max()
@@ -36,7 +36,7 @@ def test_a_bar_pulled_at_both_ends_stretches_about_its_middle(family, n):
     exact = (mesh.points - [np.mean(side) for side in BAR[:dim]]) * strain
     assert history.displacement[-1] == pytest.approx(exact, abs=1e-13)
     assert history.section(np.full(dim, 0.4), np.eye(dim)[0]).force[-1] == pytest.approx(pull, abs=1e-11)
-    rests(history)
+    check_rest(history)
 
 
 def test_heat_alone_leaves_a_body_without_stress():
@@ -45,7 +45,7 @@ def test_heat_alone_leaves_a_body_without_stress():
     history = settled(mesh, STEEL, vx.ThermalStrain(1e-3, 10.0))
     assert np.abs(history.stress(-1)).max() <= 1e-12 * E
     assert history.displacement[-1] == pytest.approx((1 + NU) * 1e-2 * (mesh.points - 0.5), abs=1e-15)
-    rests(history)
+    check_rest(history)
 
 
 def tube(angle, sectors, *held):
@@ -66,7 +66,7 @@ def test_a_whole_tube_under_pressure_has_lames_displacement():
     A, B = (3.0 - 1.8**2) / (1.8**2 - 1), 2.0 * 1.8**2 / (1.8**2 - 1)
     exact = (1 + NU) / E * ((1 - 2 * NU) * A + B / np.sum(points**2, axis=1))[:, None] * points
     assert history.displacement[-1] == pytest.approx(exact, abs=0.02 * np.abs(exact).max())
-    rests(history)
+    check_rest(history)
     one, four = (vx.error_bound(of, 1) for of in (quarter, history))
     assert four.upper**2 == pytest.approx(4 * one.upper**2, rel=1e-6)
     assert four.lower <= four.upper
@@ -92,7 +92,7 @@ def test_bodies_joined_by_friction_float_together():
     history = settled(mesh, STEEL, vx.Pressure(2.0, on=["low.bottom", "up.top"]), *rub)
     assert history.contact.pressure[-1] == pytest.approx(2.0, abs=1e-10)
     assert history.force("low|up")[-1] == pytest.approx([0.0, -2.0], abs=1e-11)
-    rests(history)
+    check_rest(history)
     with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 1 rigid motion meets neither"):
         settled(mesh, STEEL, vx.Pressure(2.0, on=["low.bottom", "up.top"]), rub[0])
 

@@ -145,14 +145,10 @@ def test_contact_forces_on_two_bodies_are_opposite(kind):
 
 @pytest.mark.parametrize(
     ("layers", "friction"),
-    [
-        (2, False),
-        pytest.param(1, True, marks=pytest.mark.long, id="four at an edge"),
-        pytest.param(2, True, marks=pytest.mark.slow),
-    ],
+    [(2, False), pytest.param(1, True, marks=pytest.mark.long)],
 )
 def test_constant_stress_passes_where_blocks_meet_at_an_edge_or_a_point(layers, friction):
-    """Where twelve pairs join eight nodes, forces are not unique; with Coulomb's law, Clarabel finds a solution."""
+    """Where twelve pairs join eight nodes, forces are not unique."""
     corners = list(itertools.product((0, 1), (0, 1), range(layers)))
     kinds = zip(corners, itertools.cycle(SPACE[:4]), itertools.cycle((2, 1, 3)), strict=False)
     mesh = bodies(
@@ -170,8 +166,7 @@ def test_constant_stress_passes_where_blocks_meet_at_an_edge_or_a_point(layers, 
         *([vx.CoulombFriction(0.3, on=joints)] if friction else []),
     )
     mesh = mesh.with_boundary("outside", lambda x: np.ones(len(x), dtype=bool))
-    solver = vx.Clarabel() if (layers, friction) == (2, True) else vx.Newton()
-    history = vx.simulate(scene, mesh, [0.0, 1.0], solver=solver)
+    history = vx.simulate(scene, mesh, [0.0, 1.0], solver=vx.Newton())
     assert np.abs(history.displacement[-1] - mesh.points @ gradient).max() < 1e-11
 
 

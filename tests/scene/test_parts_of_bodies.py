@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scenes import mostly_long, moved, rotation
 
-import hertz_contact as hertz
 import vemcvx as vx
 from vemcvx.scene import pose_scene
 
@@ -31,7 +30,7 @@ def mirrored(mesh, axis):
     return vx.PolyhedralMesh(points, [*mesh.cells, *images])
 
 
-def agrees(part, whole, loose):
+def check_fields(part, whole, loose):
     """Check that contact fields of a part equal those of the whole body; return the indices of its nodes there."""
     one, two = part.contact, whole.contact
     apart = np.linalg.norm(one.points[:, None] - two.points, axis=2)
@@ -77,7 +76,7 @@ def test_half_of_a_block_has_the_contact_fields_of_the_whole(contact, holder):
         for mesh, more in ((part, [axis]), (whole, []))
     )
     # Coulomb's law is solved to 1e-8 in the energy norm.
-    there, one, two = agrees(half, whole, 1e-6 if contact == "Coulomb" else 1e-10), half.contact, whole.contact
+    there, one, two = check_fields(half, whole, 1e-6 if contact == "Coulomb" else 1e-10), half.contact, whole.contact
     # A node on the axis has half of its edges in the half body.
     middle = np.abs(one.points[:, 0]) < 1e-14
     assert middle.sum() == 1
@@ -101,8 +100,7 @@ def rings(sectors, turn, order):
 @pytest.mark.long
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" in ".join)
 @pytest.mark.parametrize("law", FRICTIONS)
-@pytest.mark.parametrize("n", [4, 8])
-def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(n, law, order):
+def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order):
     """Without the mirror images of their normals, end nodes had a friction of .30 times the pressure."""
     joint = "|".join(order)
     effects = (
@@ -112,16 +110,11 @@ def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(n, law, ord
         FRICTIONS[law](0.3 if law == "Coulomb" else 0.02, on=joint),
     )
     whole, quarter = (
-        vx.simulate(
-            vx.Scene(*effects, *more),
-            rings(cells, turn, order),
-            [0, 0.5, 1],
-            solver=vx.Newton(1e-7),
-        )
-        for turn, cells, more in ((2 * np.pi, 4 * n, []), (np.pi / 2, n, [vx.Symmetry(on="cut")]))
+        vx.simulate(vx.Scene(*effects, *more), rings(cells, turn, order), [0, 0.5, 1], solver=vx.Newton(1e-7))
+        for turn, cells, more in ((2 * np.pi, 16, []), (np.pi / 2, 4, [vx.Symmetry(on="cut")]))
     )
     # Newton's accuracy is 1e-7 in the energy norm, and nodal forces are smaller.
-    agrees(quarter, whole, 1e-6)
+    check_fields(quarter, whole, 1e-6)
     p = quarter.contact.pressure[-1]
     assert np.ptp(p) <= 1e-6 * p.max()
     assert np.abs(quarter.contact.traction).max() <= 1e-6 * p.max()
@@ -150,28 +143,7 @@ def test_parts_of_a_round_body_in_space_have_the_contact_fields_of_the_whole(par
 
     # Steps are solved to 1e-8 in the energy norm.
     part = pressed(half if parts == 2 else quarter, vx.Symmetry(on=["x", "y"][: len(held)]))
-    agrees(part, pressed(mirrored(half, 0)), 1e-6)
-
-
-@pytest.mark.long
-def test_hertz_line_contact_carries_its_whole_load():
-    """Nodal pressures sum to the load, and the pressure on the axis is Hertz' peak up to 2 %, the error of the mesh."""
-    history = vx.simulate(hertz.scene(), hertz.mesh(20), hertz.times(2))
-    contact, load = history.contact, history.force("bottom")[-1, 1]
-    # Load and pressures are functionals a(u, v) with v linear from floor to top: an energy error e causes e |v|_a.
-    A, y = pose_scene(history.scene, history.mesh).A, history.mesh.points[:, 1]
-    v = np.column_stack([0 * y, 1 - y / y.max()]).ravel()
-    error = (history.certificate + history.certificate_floor)[-1] * history.trajectory.norm.max()
-    slack = 2 * error * np.sqrt(v @ (A @ v))
-    assert slack < 1e-9 * load
-    assert contact.pressure[-1] @ contact.lengths == pytest.approx(load, abs=slack)
-    axis = np.argmin(contact.points[:, 0])
-    assert contact.points[axis, 0] == 0.0
-    a = np.sqrt(4 * 2 * load * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
-    assert contact.pressure[-1, axis] == pytest.approx(2 * 2 * load / (np.pi * a), rel=0.02)
-    assert contact.pressure[-1].argmax() == axis
-    missing = contact.pressure[-1, axis] * contact.lengths[axis] / load
-    assert missing > 0.01, "without its axis a half model loses a good part of its load"
+    check_fields(part, pressed(mirrored(half, 0)), 1e-6)
 
 
 # Normals at the ends of contact.
@@ -230,16 +202,3 @@ def test_other_supports_are_no_planes_of_symmetry(support):
     kept = np.isin(plain.nodes, posed.obstacles.nodes)
     assert kept.sum() >= 2
     assert np.array_equal(posed.obstacles.normals, plain.normals[kept])
-
-
-def test_a_plane_of_symmetry_counts_where_the_partner_is_clamped():
-    """One ring ends at a clamp, the other one at a plane of symmetry: normals there are along the axes."""
-    mesh = rings(4, np.pi / 2, ("inner", "outer"))
-    mesh = mesh.with_boundary("of inner", lambda x: (np.abs(x).min(axis=1) < 1e-9) & (np.hypot(*x.T) < 1.6))
-    mesh = mesh.with_boundary("of outer", lambda x: (np.abs(x).min(axis=1) < 1e-9) & (np.hypot(*x.T) > 1.6))
-    for clamped, slides in (("of inner", "of outer"), ("of outer", "of inner")):
-        touch = vx.UnilateralContact(on="inner|outer")
-        obstacles = pose_scene(vx.Scene(STEEL, touch, vx.Clamp(on=clamped), vx.Symmetry(on=slides)), mesh).obstacles
-        at = np.abs(mesh.points[obstacles.nodes]).min(axis=1) < 1e-12
-        assert at.sum() == 2
-        assert np.abs(obstacles.normals[at]).max(axis=1) == pytest.approx(1.0, abs=1e-15)

@@ -18,7 +18,7 @@ def course(t):
     return np.sin(6 * t)
 
 
-def paper(matrix):
+def rotated_paper_scene(matrix):
     """Return the paper's scene for a body rotated by `matrix`."""
 
     return vx.Scene(
@@ -63,7 +63,7 @@ def test_a_corner_of_the_contact_boundary_holds_both_normals(degrees):
 def test_a_clamp_wins_at_shared_nodes(degrees):
     R = rotation(np.radians(degrees))
     mesh = moved(small("squares", 4), R)
-    history = vx.simulate(paper(R), mesh, TIMES)
+    history = vx.simulate(rotated_paper_scene(R), mesh, TIMES)
     assert np.array_equal(held_by(history, "right", np.eye(2)), np.zeros((len(TIMES), 5, 2)))
     shared = np.intersect1d(mesh.boundaries["bottom"], mesh.boundaries["right"])
     assert len(history.contact.nodes) == 4

@@ -32,9 +32,7 @@ def run(*args, **more):
 
 @pytest.mark.long
 def test_friction_at_open_nodes_causes_one_warning():
-    with pytest.warns(
-        vx.SceneWarning, match=r"^TrescaFriction on bottom: its bound is given, and \d+% of all .*"
-    ) as said:
+    with pytest.warns(vx.SceneWarning, match=r"^TrescaFriction on bottom: \d+% of all friction work") as said:
         rubbed = run()
     assert len(said) == 1
     assert rubbed.contact.open_count[-1] > 0

@@ -60,7 +60,7 @@ SCENES = {
 }
 
 
-def holds(program, history, n):
+def check_answer(program, history, n):
     """Check that the run's answer solves the program as accurately as certified; return the certificate."""
     trajectory, (lam, p) = history.trajectory, (program.answer.lam, program.answer.p)
     stored = np.abs(trajectory.state[-1]).max() + np.abs(program.answer.d).max(initial=0.0)
@@ -90,8 +90,8 @@ def test_the_answer_of_a_run_solves_its_programs(name, condense):
     for n, other in enumerate(marched, start=1):
         program = history.program(n, condense)
         assert (program.step, program.t) == (other.step, other.t) == (n, TIMES[n])
-        assert holds(program, history, n).error < 1e-7 * scale
-        assert holds(other, history, n).error < 1e-7 * scale
+        assert check_answer(program, history, n).error < 1e-7 * scale
+        assert check_answer(other, history, n).error < 1e-7 * scale
         if not condense:
             assert len(program.g) == history.trajectory.state.shape[1]
         for one, two in ((program.g, other.g), (program.w, other.w), (program.b, other.b), (program.e, other.e)):

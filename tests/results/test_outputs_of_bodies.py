@@ -50,3 +50,13 @@ def test_arrows_on_the_two_bodies_cancel(history):
     assert np.abs(forces).max() > 0
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(forces).sum()
     plt.close("all")
+
+
+def test_meshio_keeps_interfaces_and_scikit_fem_loses_them_with_a_warning():
+    mesh = make_blocks("triangles", 4)
+    back = vx.meshes.convert(mesh.to("meshio")).interfaces[JOINT]
+    assert back.bodies == mesh.interfaces[JOINT].bodies
+    assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
+    with pytest.warns(vx.MeshWarning, match="^meshes of scikit-fem keep no interfaces"):
+        made = mesh.to("skfem")
+    assert JOINT in made.boundaries

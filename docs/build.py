@@ -2,8 +2,7 @@
 
 Lessons and the code of pages are run first; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
 MyST-NB takes notebooks and code in pages alike, and a reference without a target fails the build (MkDocs lacks both).
-These packages have BSD or MIT licences; MathJax, which is shipped inside, has Apache 2.0. `README.md` has the
-conventions.
+These have BSD or MIT licences; MathJax, which is shipped inside, has Apache 2.0. `README.md` has the conventions.
 
 With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
 """
@@ -59,10 +58,7 @@ def collect_sources(sources: Path) -> None:
 
 
 def write_kernel(folder: Path) -> None:
-    """Write the kernel of the cells: this Python, one thread, a log of errors only.
-
-    Jupyter finds it before other kernels.
-    """
+    """Write the kernel of the cells, which Jupyter finds first: this Python, one thread, a log of errors only."""
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}

@@ -146,7 +146,7 @@ def picture(history):
     figure = Figure(figsize=(10.6, 3.7), layout="constrained")
     panels = figure.subplots(1, 3)
     counts, steps = (2, 3, 4, 6, 8), (3, 5, 9, 17, 33)
-    names = "elastic energy over its closed form", "mean displacement of the top over its closed form"
+    names = "elastic energy / closed form", "mean displacement of the top / closed form"
     for ax, value, intervals, name in zip(panels, exact(), intervals_over_meshes(history, counts), names, strict=False):
         low, high = intervals.T / value
         ax.axhline(1.0, color="black", label="closed form")

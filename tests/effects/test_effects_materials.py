@@ -88,7 +88,7 @@ def test_the_stabilisation_does_not_lock_on_stiff_fibres():
     stiff = vx.Orthotropic((1e9, 10.0), 0.0, G)
 
     class Trace(vx.Stabilisation):
-        def form(cells, C):
+        def form(self, cells, C):
             return np.trace(C, axis1=1, axis2=2)[:, None, None] * np.eye(cells.nodes.shape[1])
 
     def share(stabilisation):

@@ -112,7 +112,7 @@ def test_files_keep_the_weights_and_know_no_classes(tmp_path):
         assert vx.measures.energy_distance(moved, back, kind="nodal").absolute == apart
     history = bar(own.Boundary(), mesh)
     back = written_and_read(history, tmp_path / "own")
-    with pytest.raises(vx.HistoryError, match=r"^energy_distance: .*stabilisation.*Field\(mesh, displacement, "):
+    with pytest.raises(vx.HistoryError, match=r"without its stabilisation.*Field\(mesh, displacement, moduli, stab"):
         vx.measures.energy_distance(back, history, kind="nodal")
     field = vx.measures.Field(back.mesh, 1.1 * back.displacement[-1], back.moduli, stabilisation=own.Boundary())
     expected = 0.1 * np.sqrt(2 * history.energy[-1])
@@ -133,7 +133,7 @@ def test_a_budget_of_another_form_is_refused():
     """It was silent: an estimate with the stabilisation of the material, whatever the stiffness had."""
     scene = vx.Scene(Softer(YOUNG, POISSON), vx.Clamp(on="left"), vx.Traction((0.3, 0.1), on="right"))
     history = vx.simulate(scene, small("voronoi", 3), [0.0, 1.0], initial="settled")
-    with pytest.raises(vx.SceneError, match=r"^error_budget: .*two energies must agree"):
+    with pytest.raises(vx.SceneError, match=r"has the energy .*by the moduli .*must agree"):
         vx.error_budget(history)
     triangles = vx.simulate(scene, vx.meshes.triangles(3), [0.0, 1.0], initial="settled")
     vx.error_budget(triangles)  # on which Pi v = v, and the two forms are one

@@ -10,13 +10,15 @@ $$
 $$
 
 and the end deflects by kappa L^2 / 2 against the middle. This is exact in plane stress away from the free end. Within
-about one height of the end stresses differ, which makes an error O((H / L)^2). Nothing is in contact. A soft foundation
-fixes the height of the strip, without a force, because the strip is in equilibrium with itself.
+a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error O((H / L)^2). Nothing
+is in contact. A soft foundation prevents a vertical translation; its force is zero, because the strip is in equilibrium
+without it.
 
 With grain=ANGLE the upper layer is wood. Its modulus is E2 along a grain at the angle a (in radians) to the strip,
 E2 / 10 across the grain, and G = E2 / 15. Young's modulus along the strip,
 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2 with c = cos a, s = sin a, replaces E2 in the formula.
-An oblique grain couples shear to tension. So x = 0 is a row of rollers and no plane of symmetry: an error O(H / L).
+An oblique grain couples shear to tension. Then x = 0 is not a plane of symmetry, and the rollers there make an
+error O(H / L).
 
     vemcvx run problems/bimetallic_strip.py --n 8 --steps 4
 """

@@ -2,10 +2,12 @@
 
     python problems/effectivity.py [--small] [--picture FILE]
 
-The estimate is the sum of the three parts of `vx.error_budget`, with its one constant. True errors are measured against
-three references: full slip in closed form for two Poisson's ratios, where steps make no error; the paper's scene with
-h = k, against squares of 1/256; and a load that turns back, on one mesh, against sixteen times as many steps, where
-only steps make an error.
+The estimate is the sum of the three parts of `vx.error_budget`; the constant in it is the same in all cases. Each case
+has a reference for the true error:
+
+- Full slip with two Poisson's ratios, where steps make no error: the closed form.
+- The paper's scene with h = k: the solution on squares of side 1/256.
+- A load that reverses, on one mesh, so that only steps make an error: a run with sixteen times as many steps.
 """
 
 from __future__ import annotations
@@ -63,7 +65,7 @@ def run_block(family, n, truth):
 
 
 def run_reversal(steps):
-    """Return the run whose error is only in time, without the other parts of the estimate."""
+    """Return a run that only time steps make inexact; its estimate has the part for time only."""
     mesh = vx.meshes.squares(16)
     coarse, fine = (
         vx.simulate(missed_reversal.scene(), mesh, missed_reversal.times(count)) for count in (steps, 16 * steps)
@@ -81,7 +83,7 @@ def run_all(sizes, reference):
     for family in FAMILIES:
         for n in sizes:
             found += [run_full_slip(family, n, 0.3), run_block(family, n, truth)]
-            # Linear triangles lock there, which no estimate changes.
+            # Linear triangles lock near nu = 1/2 and are left out.
             found += [run_full_slip(family, n, NEARLY)] if family != "triangles" else []
     return found + [run_reversal(2 * n + 1) for n in sizes]
 

@@ -6,9 +6,9 @@ axis. The contact turns with it. At each instant, to rounding,
 
 $$ \text{sum of pressure and friction on the pin } = -q A (\cos \phi, \sin \phi), $$
 
-with A the area of the polygon that replaces the circle. If the load begins rotated by whole sectors, the solution is
-rotated by them. Only friction prevents the pin from rotating about its axis: the pin creeps a little in the lug, and
-each turn dissipates.
+with A the area of the polygon that replaces the circle. The mesh has 8n equal sectors. If the load starts rotated by a
+multiple of their angle, the solution is rotated by the same angle. Only friction prevents the pin from rotating about
+its axis: the pin creeps a little in the lug, and each turn dissipates.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """

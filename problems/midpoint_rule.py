@@ -55,7 +55,7 @@ R = 2.0
 STEPS = (16, 32, 64, 128, 256)
 FINE = 4096
 BEHIND = (-1 / 3, 0.0)
-"""Start of the sole: it begins to slip at t = 1/3, which is no instant, as in the straight pull."""
+"""Start of the sole: it begins to slip at t = 1/3, which is not an instant of the run, as in the straight pull."""
 
 
 def project(z):

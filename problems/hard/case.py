@@ -1,6 +1,6 @@
 """A hard case: the required behaviour of a correct program, and the findings of a run.
 
-The certificate's claim is under test. With the exact solution u_n* of every step and the exact evolution u_n',
+The certificate's claim is under test. Let u_n' be the run in which every step is solved exactly. Then
 
     |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + the stated rounding floors.
 
@@ -151,7 +151,7 @@ def measure_error(setting: Setting, history: vx.History) -> float:
 
 
 def judge(case: Case, finding: Finding, setting: Setting | None = None) -> Finding:
-    """Return the finding, with a complaint if the case requires another one."""
+    """Return the finding, with a complaint if the solver's behaviour is not what the case requires."""
     newton = finding.solver == "Newton"
     if finding.did != case.must and not (finding.did == "says it cannot" and (case.beyond or not newton)):
         return replace_complaint(finding, f"must {case.must}, but: {finding.did} ({finding.words})")

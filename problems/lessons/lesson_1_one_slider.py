@@ -67,7 +67,7 @@ block_and_spring()
 # $$K u(t) + \lambda(t) = f(t), \qquad |\lambda| \le w,
 #   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ wherever } \dot u \ne 0.$$
 #
-# At rest $\lambda$ can have any value between $-w$ and $w$, so it is no function of $u$ or $\dot u$. But the two
+# At rest $\lambda$ can have any value between $-w$ and $w$, so it is not a function of $u$ or $\dot u$. But the two
 # conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function $j(v) = w|v|$.
 # This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
 #

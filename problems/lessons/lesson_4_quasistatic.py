@@ -100,8 +100,8 @@ print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}"
 
 # %% [markdown]
 # One load, two positions: at $f = 0$ the slider is at $+w/K$ on the way down and at $-w/K$ on the way up. With friction
-# the position is no function of the load. **Question:** on which parts of the loop does the slider rest, and where do
-# you see the number $2w$?
+# the position is not a function of the load. **Question:** on which parts of the loop does the slider rest, and where
+# do you see the number $2w$?
 #
 # <details><summary>Answer</summary>
 #

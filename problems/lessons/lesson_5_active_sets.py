@@ -251,7 +251,7 @@ print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", posit
 # %% [markdown]
 # With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the trial
 # force is $\hat\lambda_2 = 1 + \gamma_2 \cdot (-1)$, which lies within $\pm 1$ while $\gamma_2 \le 2$. A small shift
-# helps: the package takes a tenth of one over the flexibility. But it is no proof of convergence. We try 60 random
+# helps: the package takes a tenth of one over the flexibility. But it is not a proof of convergence. We try 60 random
 # programs.
 
 

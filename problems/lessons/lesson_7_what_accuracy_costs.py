@@ -160,7 +160,7 @@ budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n
 estimates = np.array([budget.largest["space"] for budget in budgets])
 print(budgets[1])
 print("estimated over true", np.round(estimates / errors["squares"][1:], 2))
-# An estimate is no bound; its constant is chosen to overestimate. The page "Choose accuracy" has measurements.
+# An estimate is not a bound; its constant is chosen to overestimate. The page "Choose accuracy" has measurements.
 assert (estimates > errors["squares"][1:]).all()
 assert (estimates < 2.5 * errors["squares"][1:]).all()
 

@@ -58,7 +58,7 @@ def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, floa
 
 
 def in_a_process(code: str) -> dict:
-    """Run code that prints one JSON object, in a process of its own; its peak memory in GB is added."""
+    """Run code that sets a dictionary `out` in a new process; return `out` and the peak memory of the process in GB."""
     # A process inherits ru_maxrss from its parent, so VmHWM is read instead.
     peak = (
         "\nimport json\n"

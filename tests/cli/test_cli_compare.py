@@ -1,4 +1,4 @@
-"""`vemcvx compare`: distances between solutions are within both certificates, and failures of solvers are rows."""
+"""`vemcvx compare`: each distance is at most the sum of two certificates; a solver that fails has a row."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_all_solvers_that_accept_the_program_agree():
 
 
 @pytest.mark.long
-def test_missed_accuracies_and_missing_solvers_are_rows_beside_the_others():
+def test_solvers_that_miss_the_accuracy_or_are_not_installed_have_a_row():
     output = compare("--steps", 3, "--accuracy", "1e-12", "--solvers", "newton,clarabel,Mosek")
     outcomes = read_outcomes(output)
     assert outcomes["Clarabel", "tuned"].startswith("missed misses its accuracy in ")
@@ -175,7 +175,7 @@ def test_invalid_options_are_refused(options, says):
 
 
 @pytest.mark.long
-def test_every_installed_solver_is_a_row_if_all_are_asked():
+def test_solvers_all_gives_a_row_to_every_installed_solver():
     output = compare("--solvers", "all")
     told = {name.lower() for name, _ in [*read_rows(output), *read_outcomes(output)]}
     assert told == {"newton", "direct"} | {name.lower() for name in list_installed()}
@@ -200,7 +200,7 @@ def broken(tmp_path):
 
 
 @pytest.mark.long
-def test_solvers_that_fail_are_rows_and_no_other_solver_is_called_wrong(broken):
+def test_solvers_that_fail_have_a_row_and_no_other_solver_is_called_wrong(broken):
     names = [f"{broken}:{name}" for name in ("Failing", "Full", "Nan", "Huge")]
     for order in (["newton", *names], [*names, "newton"]):
         output = compare("--solvers", ",".join(order))
@@ -326,6 +326,6 @@ def test_the_page_of_solvers_shows_this_table():
     assert set(found) >= set(shown)
     for key, line in shown.items():
         if key[0] not in ("Newton", "HIGHS") and line[1] != "-":
-            # Certified errors on other machines have the printed size, unless both are rounding.
+            # Here the certified error is within a factor 20 of the page, unless both values are rounding errors.
             one, two = float(found[key][1]), float(line[1])
             assert max(one, two) < 1e-10 or 0.05 < one / two < 20

@@ -1,6 +1,6 @@
 """Full slip in space in closed form: the manufactured full slip in (x, z), and an additional slip along y.
 
-    u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), mu = 1,
+    u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), mu = 1, b = ASIDE,
 
 so that u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y) on z = 0: friction is opposite to the slip, with the bound
 g = mu x |(u_x, u_y)|. The component along y has no divergence.

@@ -17,7 +17,7 @@ from vemcvx.linear import Iterative, Pardiso, SuperLU, choose_linear
 
 
 @pytest.mark.parametrize("installed", [True, False])
-def test_large_systems_in_space_are_solved_iteratively_earlier_than_in_the_plane(monkeypatch, installed):
+def test_iterative_solvers_start_at_fewer_unknowns_in_space_than_in_the_plane(monkeypatch, installed):
     monkeypatch.setattr(Pardiso, "is_installed", staticmethod(lambda: installed))
     direct = Pardiso() if installed else SuperLU()
     able = Iterative() if find_spec("pyamg") else direct

@@ -35,7 +35,7 @@ from vemcvx.bound.fan import (
 from vemcvx.bound.stress import VOIGT
 
 NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in range(3)])
-"""The nodes (3, 6) of a triangle at the stations of each part."""
+"""The numbers (3, 6) of the nodes at the six stations of each part, see :mod:`.fan`."""
 
 
 def _extend(values: Floats, part: int) -> Floats:
@@ -58,9 +58,9 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRI
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the matrices (c, n, 26, 26) of twice the energy minus the work of forces, for each triangle.
+    """Return the symmetric matrices M (c, n, 26, 26) of triangles: energy minus work of forces is x' M x / 2.
 
-    The unknowns are the values at inner nodes (8) and at outer nodes (12), and the forces (6).
+    The unknowns x are the values at inner nodes (8) and at outer nodes (12), and the forces (6).
     """
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
@@ -93,7 +93,7 @@ def displacement_form(fans: Fans) -> Floats:
 class OutlineValues:
     """A displacement on the outlines of cells, split into a linear part and a remainder.
 
-    Defects depend on the remainder only, which is smaller by a power of h; without the split they would lose digits.
+    The defect of :mod:`.hypercircle` depends only on the remainder, smaller by a power of h: no cancellation.
     """
 
     slopes: Floats

@@ -27,7 +27,7 @@ from vemcvx.vem import elastic_matrix, mean_shear
 
 @dataclass(frozen=True)
 class Joints:
-    """The pairs of boundary edges, in space faces, at interfaces."""
+    """The pairs of boundary edges (in space: faces) at interfaces."""
 
     across: Ints
     """(b, 2) partners of the nodes of boundary edges of first bodies at interfaces, else -1; empty in space"""

@@ -277,7 +277,7 @@ by less at a node of a single cell are one straight side, for example if points 
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends of edges, in space the corners of faces, that belong to rows.
+    """The ends of edges (in space: the corners of faces) that belong to rows.
 
     Attributes
     ----------
@@ -350,7 +350,7 @@ class BoundaryRows:
         ``matrix @ g(points)`` is int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on edges
         and of degree 4 on faces.
     ends : EdgeEnds
-        The ends of edges, in space the corners of faces, of each row.
+        The ends of edges (in space: the corners of faces) of each row.
     partners : (k,) array of int
         Nodes of other bodies at the same places; -1 where there is no interface.
     cosines : (k,) array
@@ -391,7 +391,7 @@ class SideEnds:
     normals: Floats  # (e, dim) normals of the sides
     curvature: Floats  # (e,) weights of normals in the mean over a curve: see above
     noise: Floats  # (e,) angle by which rounding may have turned the side
-    sizes: Floats  # (e,) length of the side without hanging nodes, in space the area
+    sizes: Floats  # (e,) length (in space: area) of the side without hanging nodes
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) nodes of other bodies at the same places, or -1

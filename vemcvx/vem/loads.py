@@ -58,9 +58,9 @@ def cell_quadrature(group: CellGroup) -> Rule:
     -------
     points : (q, dim) array
     weights : (q,) array
-        The weights of a cell add up to its area, in space its volume.
+        The weights of a cell add up to its area or volume.
     owner : (q,) array of int
-        The position in the group of the cell of each point.
+        For each point, the position of its cell in the group.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
 # int_K f_1 dx of the cell. Traces are linear. So two Gauss points per edge integrate f_2 . v exactly for f_2 of degree
 # 2, and seven points per triangle of a face for f_2 of degree 4.
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return the load of a force per length, in space per area, on a part of the boundary.
+    """Return the load of a force per length (in space: per area) on a part of the boundary.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return the load of a force per area, in space per volume: (Pi_0^0 f, average of the vertex values).
+    """Return the load of a force per area (in space: per volume), (Pi_0^0 f, average of the vertex values).
 
     Parameters
     ----------

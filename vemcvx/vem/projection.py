@@ -210,7 +210,7 @@ class CellGroup:
     cells : (c,) array of int
         Cell numbers.
     nodes : (c, n) array of int
-        The vertices of the cells, of polygons counter-clockwise.
+        The vertices of the cells, counter-clockwise if these are polygons.
     points : (n_nodes, dim) array
         The points of the whole mesh.
 
@@ -316,7 +316,7 @@ class PolyhedronGroup(CellGroup):
         return self.diameters
 
     def quadrature(self) -> tuple[Floats, Floats, Ints]:
-        """Return one point per cell, its centroid, with weight and position: exact for degree 1."""
+        """Return centroids, volumes and positions of the cells: a rule of one point per cell, exact for degree 1."""
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 

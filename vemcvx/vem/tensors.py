@@ -172,7 +172,7 @@ def upper_triangle(C: Floats) -> Floats:
 
 
 def principal(stress: Floats) -> Floats:
-    """Return the principal stresses, in the plane the two principal stresses in this plane.
+    """Return the principal stresses; for a plane stress tensor, the two principal stresses in the plane.
 
     Parameters
     ----------
@@ -200,8 +200,8 @@ def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
 
     Parameters
     ----------
-    stress : (n, 6) array, in the plane (n, 3)
-    out_of_plane : (n,) array, in the plane only
+    stress : (n, 6) array; in the plane (n, 3)
+    out_of_plane : (n,) array; in the plane only
         The stress zz.
 
     Returns

@@ -229,7 +229,7 @@ def test_solvers_are_compared_stored_and_merged(collection, tmp_path):
     before = {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")}
     benchmark(collection, *asked)
     assert {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")} == before
-    # Copied results of another machine are rows of the table.
+    # Results copied from another machine have rows in the table.
     benchmark(collection, "--solvers", "osqp", "--out", tmp_path / "two", "--tolerances", "1e-2,1e-6")
     for path in (tmp_path / "one").glob("*.jsonl"):
         shutil.copy(path, tmp_path / "two")

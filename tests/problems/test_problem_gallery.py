@@ -103,7 +103,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
 
 
 def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
-    """Closed contact bears S - p. An open crack has Sneddon's profile, to 3 % in its middle third on 8 cells."""
+    """Closed contact bears S - p. In the middle third of an open crack, 8 cells give Sneddon's profile within 3 %."""
     history = run_small(crack)
     p, x = crack.fluid(history.times), crack.measure_opening(history)[0]
     bears = np.broadcast_to(np.maximum(crack.ACROSS - p, 0.0)[:, None], history.contact.pressure.shape)

@@ -1,159 +1,106 @@
-"""Loads: closed forms on edges, forces of affine fields on cells of every shape, points inside."""
+"""Loads: quadrature inside cells of every shape, body forces of affine fields, tractions of polynomials."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import small
+import shapely
+from scenes import FAMILIES, small
+from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx.vem import Space, cell_load, cell_quadrature, edge_load
 
 # Nodal loads are sums of at most a few hundred products of numbers near one.
 TOLERANCE = 1e-13
+BOX = ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6))
 
 
 def affine(x):
-    return np.column_stack([1.0 + 2.0 * x[:, 0] - x[:, 1], 0.5 - 0.3 * x[:, 0] + 4.0 * x[:, 1]])
-
-
-def total(load):
-    return load.reshape(-1, 2).sum(axis=0)
-
-
-def box_moments(boxes):
-    """Integrals of 1, x, y, x^2, xy, y^2 over disjoint boxes (x0, x1, y0, y1)."""
-    result = np.zeros(6)
-    for x0, x1, y0, y1 in boxes:
-        px, py = ([(b ** (k + 1) - a ** (k + 1)) / (k + 1) for k in range(3)] for a, b in ((x0, x1), (y0, y1)))
-        result += [px[0] * py[0], px[1] * py[0], px[0] * py[1], px[2] * py[0], px[1] * py[1], px[0] * py[2]]
-    return result
+    """Return an affine vector field (n, dim)."""
+    dim = x.shape[1]
+    return (
+        np.array([1.0, 0.5, -0.2])[:dim]
+        + x @ np.array([[2.0, -0.3, 0.7], [-1.0, 4.0, 0.1], [0.6, 0.2, 1.5]])[:dim, :dim]
+    )
 
 
 def monomials(x):
     return np.column_stack([np.ones(len(x)), x[:, 0], x[:, 1], x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2])
 
 
-def inside(polygon, points):
-    """Whether points are inside: the angles under which they see the edges add up to one turn."""
-    to = polygon[None] - points[:, None]
-    after = np.roll(to, -1, axis=1)
-    cross = to[..., 0] * after[..., 1] - to[..., 1] * after[..., 0]
-    turns = np.arctan2(cross, np.einsum("pia,pia->pi", to, after)).sum(axis=1) / (2 * np.pi)
-    return np.abs(turns - 1.0) < 1e-6
+def integrate(corners):
+    """Integrate the monomials over a polygon: triangles with the origin, by the midpoints of their sides."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return area @ (monomials(0.5 * a) + monomials(0.5 * b) + monomials(0.5 * (a + b))) / 3
 
 
 SHAPES = {
-    "L": ([(0, 0), (4, 0), (4, 1), (1, 1), (1, 5), (0, 5)], [(0, 4, 0, 1), (0, 1, 1, 5)]),
-    "U": (
-        [(0, 0), (4, 0), (4, 5), (3, 5), (3, 1), (1, 1), (1, 5), (0, 5)],
-        [(0, 4, 0, 1), (0, 1, 1, 5), (3, 4, 1, 5)],
-    ),
-    "comb": (
-        [(0, 0), (5, 0), (5, 3), (4, 3), (4, 1), (3, 1), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)],
-        [(0, 5, 0, 1), (0, 1, 1, 3), (2, 3, 1, 3), (4, 5, 1, 3)],
-    ),
-    "spiral": (
-        [
-            *[(0, 0), (6, 0), (6, 6), (1, 6), (1, 2), (4, 2), (4, 4)],
-            *[(3, 4), (3, 3), (2, 3), (2, 5), (5, 5), (5, 1), (0, 1)],
-        ],
-        [(0, 6, 0, 1), (5, 6, 1, 6), (1, 5, 5, 6), (1, 2, 2, 5), (2, 4, 2, 3), (3, 4, 3, 4)],
-    ),
-    "rectangle with straight vertices": (
-        [(0, 0), (1, 0), (2, 0), (5, 0), (5, 1), (5, 2), (2.5, 2), (0, 2), (0, 1.5)],
-        [(0, 5, 0, 2)],
-    ),
-    "square": ([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 0, 1)]),
+    "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
+    "L": [(0, 0), (4, 0), (4, 1), (1, 1), (1, 5), (0, 5)],
+    "comb": [(0, 0), (5, 0), (5, 3), (4, 3), (4, 1), (3, 1), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)],
+    "spiral": [
+        *[(0, 0), (6, 0), (6, 6), (1, 6), (1, 2), (4, 2), (4, 4)],
+        *[(3, 4), (3, 3), (2, 3), (2, 5), (5, 5), (5, 1), (0, 1)],
+    ],
+    "straight vertices": [(0, 0), (1, 0), (2, 0), (5, 0), (5, 1), (5, 2), (2.5, 2), (0, 2), (0, 1.5)],
+    # The rule of four points would touch the base of this triangle.
+    "hanging node": [(-1, 0), (0, 0), (1, 0), (0, 1.5)],
 }
 
 
-def one_cell(name):
-    points, boxes = SHAPES[name]
-    return Space(vx.PolygonMesh(np.array(points, dtype=float), [range(len(points))])), box_moments(boxes)
-
-
 @pytest.mark.parametrize("name", SHAPES)
-def test_quadrature_on_a_cell_of_any_shape(name):
-    """Degree 2 is exact and no point leaves the cell, also after a turn of the list of vertices."""
-    space, moments = one_cell(name)
-    (group,) = space.groups
-    n = len(group.nodes[0])
-    for shift in range(0, n, 3):
-        turned = type(group)(group.cells, np.roll(group.nodes, shift, axis=1), group.points)
-        x, weights, owner = cell_quadrature(turned)
-        assert weights @ monomials(x) == pytest.approx(moments, rel=1e-13)
-        assert inside(space.mesh.points, x).all()
+def test_quadrature_is_exact_for_degree_two_with_points_inside_cells_of_any_shape(name):
+    corners = np.array(SHAPES[name], dtype=float)
+    for shift in range(0, len(corners), 3):
+        (group,) = Space(vx.PolygonMesh(corners, [np.roll(range(len(corners)), shift)])).groups
+        x, weights, owner = cell_quadrature(group)
+        assert weights @ monomials(x) == pytest.approx(integrate(corners), rel=1e-13, abs=1e-14)
+        assert shapely.contains_xy(shapely.Polygon(corners).buffer(-1e-3), x).all()
         assert weights.min() >= 0.0
         assert not owner.any()
 
 
 @pytest.mark.long
 def test_convex_cells_need_four_points():
-    """The ellipse of inertia, scaled to degree 2, is inside every convex cell; thin ones too."""
+    """The ellipse of inertia, scaled to degree 2, is inside every convex cell, also inside thin ones."""
     rng = np.random.default_rng(3)
-    for n in (4, 5, 6, 9):
-        for _ in range(50):
-            angle = np.sort(rng.uniform(0, 2 * np.pi, n))
-            if np.diff(angle, append=angle[0] + 2 * np.pi).max() > 3.0:
-                continue  # nearly flat: its centre may not even be inside
-            corners = np.column_stack([np.cos(angle), 10.0 ** rng.uniform(-4, 0) * np.sin(angle)])
-            (group,) = Space(vx.PolygonMesh(corners, [range(n)])).groups
-            x, weights, _ = cell_quadrature(group)
-            assert len(x) == 4
-            assert inside(corners, x).all()
-            assert weights @ x[:, 0] ** 2 == pytest.approx(second_moment(corners), rel=1e-11)
+    for n in np.repeat((4, 5, 6, 9), 50):
+        angle = np.sort(rng.uniform(0, 2 * np.pi, n))
+        if np.diff(angle, append=angle[0] + 2 * np.pi).max() > 3.0:
+            continue  # nearly flat: the cell may not even contain the centre of its circle
+        corners = np.column_stack([np.cos(angle), 10.0 ** rng.uniform(-4, 0) * np.sin(angle)])
+        (group,) = Space(vx.PolygonMesh(corners, [range(n)])).groups
+        x, weights, _ = cell_quadrature(group)
+        assert len(x) == 4
+        assert shapely.contains_xy(shapely.Polygon(corners), x).all()
+        assert weights @ x[:, 0] ** 2 == pytest.approx(integrate(corners)[3], rel=1e-11)
 
 
-def second_moment(x):
-    """int x^2 by Green's theorem: 1/12 sum (x_i^2 + x_i x_j + x_j^2)(x_i y_j - x_j y_i)."""
-    a, b = x, np.roll(x, -1, axis=0)
-    cross = a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]
-    return cross @ (a[:, 0] ** 2 + a[:, 0] * b[:, 0] + b[:, 0] ** 2) / 12
+@pytest.mark.parametrize("name", [*FAMILIES, *SOLIDS])
+def test_vertices_share_the_force_on_a_cell_equally(name):
+    """Each vertex of K carries |K| f(centroid) / n of an affine force."""
+    mesh = small(name, 4) if name in FAMILIES else solid(name, 2, BOX)
+    (offsets, nodes), expected = mesh.cell_nodes, np.zeros(mesh.points.shape)
+    count = np.diff(offsets)
+    forces = mesh.measures[:, None] * affine(mesh.centroids) / count[:, None]
+    np.add.at(expected, nodes, np.repeat(forces, count, axis=0))
+    x, matrix, cells = cell_load(Space(mesh))
+    assert np.abs((matrix @ affine(x).ravel()).reshape(expected.shape) - expected).max() < TOLERANCE
+    if name in FAMILIES:
+        for cell, corners in enumerate(mesh.cells):
+            assert shapely.contains_xy(shapely.Polygon(mesh.points[corners]), x[cells == cell]).all()
 
 
-def test_isosceles_triangle_with_a_hanging_node():
-    """Here the four-point rule would touch the base; the points must be clearly inside."""
-    points = np.array([[-1.0, 0], [0, 0], [1, 0], [0, 1.5]])
-    (group,) = Space(vx.PolygonMesh(points, [[0, 1, 2, 3]])).groups
-    x, weights, _ = cell_quadrature(group)
-    assert x[:, 1].min() > 1e-3
-    # Height H = 3/2, base 2: int y = base H^2 / 6, int y^2 = base H^3 / 12, int x^2 = H base^3 / 48.
-    assert weights @ monomials(x) == pytest.approx([1.5, 0, 0.75, 0.25, 0, 0.5625], rel=1e-14, abs=1e-15)
-
-
-def test_points_are_inside_their_cells(family):
+def test_forces_on_bodies_far_from_the_origin_keep_their_digits(family):
     mesh = small(family, 4)
-    for group in Space(mesh).groups:
-        x, weights, owner = cell_quadrature(group)
-        area = np.bincount(owner, weights=weights)
-        assert area == pytest.approx(mesh.areas[group.cells], rel=1e-12)
-        for k, cell in enumerate(group.nodes):
-            assert inside(mesh.points[cell], x[owner == k]).all()
+    x, matrix, _ = cell_load(Space(vx.PolygonMesh(mesh.points + 2.0**10, mesh.cells)))
+    total = (matrix @ np.ones(x.size)).reshape(-1, 2).sum(axis=0)
+    assert total == pytest.approx([1.0, 1.0], rel=1e-12)
 
 
-def test_body_force_is_shared_equally_by_the_vertices(family):
-    """Affine f: each vertex of K gets |K| f(centroid) / n."""
-    mesh = small(family, 4)
-    expected = np.zeros((mesh.n_nodes, 2))
-    for cell, area, centroid in zip(mesh.cells, mesh.areas, mesh.centroids, strict=True):
-        expected[cell] += area * affine(centroid[None])[0] / len(cell)
-    x, matrix, _ = cell_load(Space(mesh))
-    assert matrix.shape == (2 * mesh.n_nodes, 2 * len(x))
-    assert np.abs((matrix @ affine(x).ravel()).reshape(-1, 2) - expected).max() < TOLERANCE
-
-
-def test_total_body_force_of_a_quadratic_field_and_far_away(family):
-    """int over the unit square of (x^2, x y) = (1/3, 1/4)."""
-    mesh = small(family, 4)
-    x, matrix, _ = cell_load(Space(mesh))
-    f = np.column_stack([x[:, 0] ** 2, x[:, 0] * x[:, 1]])
-    assert total(matrix @ f.ravel()) == pytest.approx([1 / 3, 1 / 4], rel=1e-13)
-    x, matrix, _ = cell_load(Space(vx.PolygonMesh(mesh.points + 2.0**10, list(mesh.cells))))
-    assert total(matrix @ np.ones(x.size)) == pytest.approx([1.0, 1.0], rel=1e-12)
-
-
-def test_traction_is_exact_for_affine_data(family):
+def test_tractions_on_edges_are_exact_for_affine_data(family):
     """int f phi_a = |e| (2 f_a + f_b) / 6 on the edge e = [a, b]."""
     space = Space(small(family, 4))
     part = space.part("boundary", "test")
@@ -166,10 +113,11 @@ def test_traction_is_exact_for_affine_data(family):
     assert np.abs((matrix @ affine(x).ravel()).reshape(-1, 2) - expected).max() < TOLERANCE
 
 
-def test_traction_has_the_force_and_moment_of_its_data():
-    """8 (5/4 - y) pulls on x = 0: force 6 and moment int y 8 (5/4 - y) dy = 5 - 8/3, whatever the mesh."""
-    space = Space(vx.meshes.FAMILIES["voronoi"](5))
+@pytest.mark.parametrize("name", SOLIDS)
+def test_forces_of_tractions_on_faces_are_exact_for_degree_four(name):
+    space = Space(solid(name, 2, BOX))
     x, matrix, _ = edge_load(space, space.part("left", "test"))
-    load = (matrix @ np.column_stack([8 * (1.25 - x[:, 1]), 0 * x[:, 1]]).ravel()).reshape(-1, 2)
-    assert load.sum(axis=0) == pytest.approx([6.0, 0.0], abs=1e-14)
-    assert space.mesh.points[:, 1] @ load[:, 0] == pytest.approx(5 - 8 / 3, rel=1e-14)
+    (_, y, z), (_, (a, b), (c, d)) = x.T, BOX
+    total = (matrix @ np.column_stack([y**4, y**2 * z**2, z**4]).ravel()).reshape(-1, 3).sum(axis=0)
+    exact = [(b**5 - a**5) / 5 * (d - c), (b**3 - a**3) / 3 * (d**3 - c**3) / 3, (b - a) * (d**5 - c**5) / 5]
+    assert total == pytest.approx(exact, rel=1e-12)

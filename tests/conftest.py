@@ -53,7 +53,7 @@ LONGER = {
         "slip_laws soft_limits threads_and_processes viscosity"
     ),
     "unit": "cli_app",
-    "vem": "space_stiffness stabilisation_spectrum",
+    "vem": "stabilisation_spectrum",
     "whole": "any_scene contributing independent_bodies independent_programs properties site structure wrong_kinds",
 }
 """Test files, by folder, that take longer than a few seconds; all other files form the quick tier."""

@@ -1,4 +1,4 @@
-"""Linear solvers: their conformance suite, large blocks, memory, the choice by size, and users' own classes."""
+"""Linear solvers: their conformance suite, large blocks, memory, the choice by size, and user-defined classes."""
 
 import os
 import subprocess
@@ -95,26 +95,27 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
 
 
 @dataclass(frozen=True)
-class Another(vx.LinearSolver):
-    """A user's linear solver with only the method that the base class requires."""
+class Minimal(vx.LinearSolver):
+    """A user-defined linear solver with only the method that the base class requires."""
 
     def factorise(self, K, near_kernel=None):
         return SuperLU().factorise(K)
 
 
-class Short(vx.LinearSolver):
+class WithoutNearKernel(vx.LinearSolver):
     def factorise(self, K):
         return SuperLU().factorise(K)
 
 
 def test_a_class_that_lacks_near_kernel_is_named():
     with pytest.raises(
-        vx.SceneError, match=r"^linear solver Short: wanted factorise\(self, K, near_kernel=None\); too many"
+        vx.SceneError,
+        match=r"^linear solver WithoutNearKernel: wanted factorise\(self, K, near_kernel=None\); too many",
     ):
-        vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0], linear=Short())
+        vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0], linear=WithoutNearKernel())
 
 
-class Eliminating(Another):
+class Eliminating(Minimal):
     eliminates = True
 
     def eliminate(self, K, order, last):
@@ -126,10 +127,10 @@ def test_linear_solvers_that_eliminate_condense_programs():
     system = pose_scene(paper_scene(), small("squares", 6)).system
     ours, full, condensed = (
         next(vx.programs(paper_scene(), small("squares", 6), [0.0, 1.0], linear=linear))
-        for linear in (SuperLU(), Another(), Eliminating())
+        for linear in (SuperLU(), Minimal(), Eliminating())
     )
     assert len(full.g) == system.n
     assert len(condensed.g) == len(ours.g) == len(np.unique(system.norms.B.indices))
     assert np.array_equal(condensed.operators.K, ours.operators.K)
-    with pytest.raises(vx.NotAccepted, match=r"^linear solver Another: it computes no Schur complements"):
-        Another().eliminate(sp.eye_array(2, format="csr"), np.arange(2), np.arange(1))
+    with pytest.raises(vx.NotAccepted, match=r"^linear solver Minimal: it computes no Schur complements"):
+        Minimal().eliminate(sp.eye_array(2, format="csr"), np.arange(2), np.arange(1))

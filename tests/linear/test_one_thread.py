@@ -1,4 +1,4 @@
-"""Steps work with one BLAS thread, and what was before comes back, however they end."""
+"""Steps with few unknowns use one BLAS thread, and the number of threads is restored afterwards."""
 
 from pathlib import Path
 from threading import Thread
@@ -12,51 +12,48 @@ import vemcvx as vx
 from vemcvx.linear.default import one_thread
 
 
-def threads():
-    """Of the libraries of NumPy and SciPy; solvers that are imported later may bring their own."""
+def list_threads():
+    """Return the numbers of BLAS threads of NumPy and SciPy, without solvers that bring their own BLAS."""
     found = [library for library in ThreadpoolController().info() if library["user_api"] == "blas"]
     return {one["num_threads"] for one in found if Path(one["filepath"]).parent.name in ("numpy.libs", "scipy.libs")}
 
 
 @pytest.fixture(autouse=True)
-def before():
+def two_threads():
     with threadpool_limits(limits=2, user_api="blas"):
-        if threads() != {2}:
-            pytest.skip("NumPy and SciPy have a BLAS of one thread, or none of their own")
-        yield threads()
+        if list_threads() != {2}:
+            pytest.skip("NumPy and SciPy have no BLAS of their own, or one with a single thread")
+        yield
 
 
-def test_steps_have_one_thread_and_the_process_has_its_own_again(before):
-    seen = []
-    vx.simulate(paper_scene(), small("squares", 6), np.linspace(0, 1, 4), progress=lambda *_: seen.append(threads()))
+def test_steps_use_one_thread_and_restore_the_number_of_threads():
+    scene, mesh, seen = paper_scene(), small("squares", 6), []
+    vx.simulate(scene, mesh, np.linspace(0, 1, 4), progress=lambda *_: seen.append(list_threads()))
     assert seen == [{1}] * 3
-    assert threads() == before
-
-
-def test_a_run_that_ends_with_an_error_gives_them_back(before):
+    assert list_threads() == {2}
     with pytest.raises(ZeroDivisionError):
-        vx.simulate(paper_scene(), small("squares", 6), [0.0, 1.0], progress=lambda *_: 1 / 0)
-    assert threads() == before
+        vx.simulate(scene, mesh, [0.0, 1.0], progress=lambda *_: 1 / 0)
+    assert list_threads() == {2}
 
 
-def test_other_threads_leave_the_process_as_it_is(before):
+def test_threads_other_than_the_main_thread_change_nothing():
     seen = []
 
-    def beside():
+    def enter():
         with one_thread(10):
-            seen.append(threads())
+            seen.append(list_threads())
 
-    thread = Thread(target=beside)
+    thread = Thread(target=enter)
     thread.start()
     thread.join()
-    assert seen == [before]
+    assert seen == [{2}]
 
 
-def test_runs_within_runs_nest_and_large_matrices_keep_all_threads(before):
+def test_blocks_nest_and_large_matrices_keep_all_threads():
     with one_thread(10):
         with one_thread(10):
-            assert threads() == {1}
-        assert threads() == {1}
-    assert threads() == before
+            assert list_threads() == {1}
+        assert list_threads() == {1}
+    assert list_threads() == {2}
     with one_thread(2_000):
-        assert threads() == before
+        assert list_threads() == {2}

@@ -1,4 +1,4 @@
-"""PETSc on two ranks under mpiexec: the same answers, shared work, and what happens when a rank fails."""
+"""PETSc on two ranks under mpiexec: the same answers, shared work, and errors of one rank, which end both."""
 
 import os
 import re
@@ -21,18 +21,11 @@ ranked = pytest.mark.skipif(
 )
 
 
-def started(*words):
-    told = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-    told["OMPI_MCA_rmaps_base_oversubscribe"] = "1"
-    told["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+def run_on_two_ranks(*words):
+    environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = ["mpiexec", "-n", "2", sys.executable, *words]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=told)
-
-
-def on_two_ranks(*words):
-    with started(*words) as run:
-        said = run.communicate(timeout=500)
-    return subprocess.CompletedProcess(words, run.returncode, *said)
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=500)
 
 
 @ranked
@@ -40,7 +33,7 @@ def on_two_ranks(*words):
 @pytest.mark.slow
 def test_two_ranks_have_the_answer_of_other_linear_solvers_within_both_certificates(tmp_path):
     given = ["run", "block_in_space", "--n", "6", "--steps", "4"]
-    run = on_two_ranks("-m", "vemcvx", *given, "--linear", "petsc", "--out", str(tmp_path / "two"))
+    run = run_on_two_ranks("-m", "vemcvx", *given, "--linear", "petsc", "--out", str(tmp_path / "two"))
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count("block_in_space:") == 1
     two = vx.read_history(tmp_path / "two")
@@ -59,11 +52,11 @@ def test_two_ranks_have_the_answer_of_other_linear_solvers_within_both_certifica
 @ranked
 @pytest.mark.slow
 def test_two_ranks_share_set_up_and_solves():
-    """In operations, which no other program on the machine changes: of the busier of two ranks, and of one alone."""
+    """One rank alone does 1.6 times as many floating-point operations as the busier of two ranks."""
     given = [str(Path(__file__).parents[1] / "benchmarks" / "ranks.py"), "--n", "20", "--solves", "1"]
     alone = subprocess.run([sys.executable, *given], check=True, capture_output=True, text=True).stdout
-    shared = on_two_ranks(*given)
-    one, two = (re.findall(r"rank \d: .*? ([\d.e+]+) operations", said) for said in (alone, shared.stdout))
+    shared = run_on_two_ranks(*given)
+    one, two = (re.findall(r"rank \d: .*? ([\d.e+]+) operations", output) for output in (alone, shared.stdout))
     assert (len(one), len(two)) == (1, 2), (shared.returncode, shared.stdout, shared.stderr)
     assert float(one[0]) > 1.6 * max(map(float, two))
 
@@ -85,18 +78,18 @@ vx.march(vx.System(K, lambda t: t * np.ones(40)), [0, 1], linear=vx.PETSc())
 
 @ranked
 @pytest.mark.slow
-def test_an_error_on_a_rank_ends_all_with_a_sentence():
-    run = on_two_ranks("-c", FAILING)
+def test_an_error_of_rank_1_ends_all_ranks_with_a_sentence():
+    run = run_on_two_ranks("-c", FAILING)
     assert run.returncode != 0
     assert "PETSc: rank 1 of 2 failed, which ends all: no memory is left here" in run.stderr
 
 
 @ranked
 @pytest.mark.slow
-def test_an_error_of_rank_0_ends_all_with_its_sentence():
-    run = on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--set", "nothing=1")
+def test_an_error_of_rank_0_ends_all_ranks_with_a_sentence():
+    run = run_on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--set", "nothing=1")
     assert run.returncode != 0
     assert "nothing" in run.stderr
-    run = on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--solver", "nobody")
+    run = run_on_two_ranks("-m", "vemcvx", "run", "block_in_space", "--linear", "petsc", "--solver", "nobody")
     assert run.returncode == 2
     assert run.stderr.count("there is no solver 'nobody'") == 1

@@ -1,4 +1,4 @@
-"""The patch test through whole scenes: a linear field under mixed boundary conditions, on every family."""
+"""The patch test of whole scenes: linear displacements under mixed boundary conditions, on every family."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ pytestmark = pytest.mark.arithmetic
 YOUNG, POISSON, PULL = 7.0, 0.3, 0.2
 
 
-def uniaxial(plane):
-    """Strains of a bar pulled along x with free sides."""
+def compute_strain(plane):
+    """Return the strains, along x and y, of a bar that is pulled along x and has free sides."""
     if plane == "stress":
         return PULL / YOUNG, -POISSON * PULL / YOUNG
     return PULL * (1 - POISSON**2) / YOUNG, -PULL * POISSON * (1 + POISSON) / YOUNG
@@ -22,7 +22,7 @@ def uniaxial(plane):
 
 @mostly_long("plane, stabilisation", [("strain", "shear"), ("stress", "unit")])
 def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
-    """u . n prescribed on the left, contact below with friction that carries nothing, traction on the right."""
+    """u . n is prescribed on the left, contact with friction of bound zero is below, a traction is on the right."""
     mesh = small(family, 4, box=((0, 1.5), (0, 1)))
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane, stabilisation=stabilisation),
@@ -32,15 +32,15 @@ def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
         vx.Traction(lambda x, t: np.tile([PULL * t, 0.0], (len(x), 1)), on="right"),
     )
     history = vx.simulate(scene, mesh, [0.0, 1.0])
-    exact = mesh.points * uniaxial(plane)
+    exact = mesh.points * compute_strain(plane)
     assert np.abs(history.displacement[-1] - exact).max() < 1e-11 * np.abs(exact).max()
     assert np.abs(history.stress(-1) - [PULL, 0.0, 0.0]).max() < 1e-11 * PULL
     assert history.reaction("left")[-1] == pytest.approx([-PULL, 0.0], abs=1e-11)
-    assert history.energy[-1] == pytest.approx(0.5 * PULL * uniaxial(plane)[0] * 1.5, rel=1e-11)
+    assert history.energy[-1] == pytest.approx(0.5 * PULL * compute_strain(plane)[0] * 1.5, rel=1e-11)
 
 
-def test_any_linear_field_prescribed_here_and_pushed_there(family):
-    """u = a + G x prescribed on two sides, the traction sigma n of its stress on the others; one side is inclined."""
+def test_a_sheared_body_between_prescribed_displacements_and_tractions(family):
+    """u = a + G x is prescribed on two sides, its traction sigma n on the other two, of which one is inclined."""
     mesh = small(family, 4)
     points = mesh.points + 0.25 * mesh.points[:, 1:] * [1.0, 0.0]
     mesh = vx.PolygonMesh(points, mesh.cells, boundaries={k: v for k, v in mesh.boundaries.items() if k != "boundary"})

@@ -10,8 +10,8 @@ import vemcvx as vx
 from vemcvx.vem import Space, mean_strains, rigid_modes, strains
 
 
-def test_strain_is_the_mean_over_the_cell(family):
-    """Random nodal values: |K| eps = sum over edges of the symmetric part of v (x) n ds."""
+def test_strains_are_means_over_cells(family):
+    """|K| eps is the sum over edges of the symmetric part of int v (x) n ds, for random nodal values."""
     mesh = small(family, 3)
     u = np.random.default_rng(0).standard_normal((mesh.n_nodes, 2))
     found = strains(Space(mesh), u.ravel())
@@ -24,8 +24,8 @@ def test_strain_is_the_mean_over_the_cell(family):
         assert np.abs(strains(Space(mesh), mode)).max() < 1e-13
 
 
-def test_a_large_translation_costs_no_digits():
-    """On a grid of 2^-26 the sums u + 2^24 are exact, and not a bit of the strain changes."""
+def test_large_translations_change_no_bit_of_strains():
+    """Sums u + 2^24 are exact on a grid of 2^-26."""
     mesh = vx.meshes.FAMILIES["voronoi"](4)
     u = np.round(mesh.points * 2**26) / 2**26
     assert np.array_equal(strains(Space(mesh), u + 2.0**24), strains(Space(mesh), u))
@@ -38,8 +38,8 @@ def test_rigid_modes_are_two_translations_and_a_rotation():
 
 
 @pytest.mark.parametrize("family", [*vx.meshes.FAMILIES, *vx.meshes.SPACE_FAMILIES])
-def test_mean_strains_of_a_quadratic(family):
-    """u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x): strains are linear, their means the values at centroids."""
+def test_mean_strains_of_quadratic_displacements_are_their_strains_at_centroids(family):
+    """u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x): strains are linear."""
     mesh = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}[family](2)
     if family in vx.meshes.FAMILIES:
         (x, y), quadratic = mesh.centroids.T, lambda p: p * np.column_stack([p.sum(axis=1), p[:, 1] - p[:, 0]])

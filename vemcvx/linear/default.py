@@ -44,7 +44,7 @@ def direct_solver(unknowns: int) -> Pardiso | SuperLU:
 
 
 @cache
-def _libraries() -> ThreadpoolController:
+def _find_libraries() -> ThreadpoolController:
     """Return the BLAS libraries of NumPy and SciPy. The search takes milliseconds, so its result is cached."""
     return ThreadpoolController()
 
@@ -59,5 +59,5 @@ def one_thread(unknowns: int) -> Iterator[None]:
     if unknowns >= 2_000 or current_thread() is not main_thread():
         yield
         return
-    with _libraries().limit(limits=1, user_api="blas"):
+    with _find_libraries().limit(limits=1, user_api="blas"):
         yield

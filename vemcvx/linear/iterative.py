@@ -77,7 +77,7 @@ class IterativeFactor(Factor):
 
     def __init__(self, limits: Iterative, K: sp.csr_matrix):
         self._limits, self._K, self._name = limits, K, type(limits).__name__
-        self._lowest = lowest_eigenvalue(K, self.cycle, self._name)
+        self._lowest = bound_lowest_eigenvalue(K, self.cycle, self._name)
 
     @abstractmethod
     def cycle(self, b: Floats) -> Floats:
@@ -135,7 +135,7 @@ class PyAMGFactor(IterativeFactor):
         return found
 
 
-def lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
+def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
     """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
 
     Take a positive semidefinite matrix of size n, and k steps from a uniformly distributed direction. The largest Ritz

@@ -60,7 +60,7 @@ class Pardiso(LinearSolver):
     @staticmethod
     def is_installed() -> bool:
         """Return True if the package is installed."""
-        return _solver_class() is not None
+        return _find_solver_class() is not None
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
         return PardisoFactor(K, np.zeros(0, dtype=np.int64))
@@ -83,7 +83,7 @@ class PardisoFactor(Factor):
         if not (diagonal > 0).all():
             raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
-        self._pardiso = _with_values(K, last, self.unit)
+        self._pardiso = _create_solver(K, last, self.unit)
         # PARDISO returns S in as many columns of n numbers as it needs, with the unknowns in ascending order.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
@@ -117,16 +117,16 @@ class PardisoFactor(Factor):
         return x
 
 
-def _solver_class() -> Any:
+def _find_solver_class() -> Any:
     """Return the solver class of the package, or None if it is not installed."""
     with suppress(ImportError):
         return getattr(import_module(PACKAGE), "_PardisoSolver", None)
     return None
 
 
-def _with_values(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
+def _create_solver(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
     """Return a solver of the package that holds the upper triangle of K / unit."""
-    if (kind := _solver_class()) is None:
+    if (kind := _find_solver_class()) is None:
         raise NotAccepted(
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
             "(x86-64 on Linux and Windows), or use SuperLU()."

@@ -22,8 +22,8 @@ elsewhere, and not a sum of norms w_i |B_i v|.)
 sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
-theta to it, c = cos theta. Their strains are v / L and c^2 v / L. So F(v) is a sum of two such elements, and its
-inverse v(F) is again a sum of plays (L = A = 1):
+theta to it, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is the sum of two
+functions like sigma(e) of one bar, and its inverse v(F) is a sum of plays like p(e) (L = A = 1):
 
 $$
 k_0 = E (1 + 2 c^3), \qquad k_1 = E_t + 2 c^3 E, \qquad k_2 = E_t (1 + 2 c^3), \\
@@ -84,7 +84,7 @@ def strain_matrix(truss):
 
 
 def pose_truss(truss, force):
-    """Return the system over (u, p); `force` (N + 1, 2 nodes) are forces on all nodes at t = 0, 1, ..., N."""
+    """Return the system over (u, p); `force` (N + 1, 2 n) are the forces on all n nodes at t = 0, 1, ..., N."""
     G, V = strain_matrix(truss), truss.area * truss.lengths
     D, H = np.diag(V * truss.young), np.diag(V * truss.hardening)
     K = np.block([[G.T @ D @ G, -G.T @ D], [-D @ G, D + H]])
@@ -167,7 +167,7 @@ def picture(path, truss, F, trajectory):
         right.plot(e[:, bar], sigma[:, bar], color=SERIES[bar + 1], linewidth=1)
         found = stresses(truss, trajectory.state)[:, bar]
         right.plot(e[:, bar], found, mark, color=SERIES[bar + 1], markersize=4, label=name)
-    left.set(xlabel="displacement", ylabel="force", title="three bars; dashed: first yield of either kind")
+    left.set(xlabel="displacement", ylabel="force", title="dashed: forces at which bars begin to yield")
     right.set(xlabel="strain", ylabel="stress", title="each bar: linear kinematic hardening")
     left.locator_params(axis="x", nbins=6), right.locator_params(axis="x", nbins=6)
     left.legend(), right.legend()

@@ -69,7 +69,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the rings, apart by the magnified interference where they press, and the stresses along a radius."""
+    """Draw the rings, apart by the magnified interference, and the stresses along a radius."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")
@@ -85,7 +85,7 @@ def picture(history):
     graph.plot(r[cells], radial[cells], "C0o", label=r"$\sigma_r$")
     graph.plot(r[cells], hoop[cells], "C1s", label=r"$\sigma_\theta$")
     graph.set(xlabel="radius (mm)", ylabel="stress (MPa)")
-    graph.set_title("marks: in the cells about 45 degrees; lines: Lame 1852", fontsize="small")
+    graph.set_title("marks: cells near 45 degrees; lines: Lame 1852", fontsize="small")
     graph.grid()
     graph.legend()
     return figure

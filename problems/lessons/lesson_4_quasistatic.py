@@ -142,10 +142,10 @@ loop_picture()
 # $$\underbrace{f_n\, s_n}_{\text{work}} = \underbrace{\tfrac12 K u_n^2 - \tfrac12 K u_{n-1}^2}_{\text{stored}}
 #   + \underbrace{w |s_n|}_{\text{lost to friction}} + \underbrace{\tfrac12 K s_n^2}_{\text{numerical}} .$$
 #
-# This balance is exact. The last term is an error of backward Euler: it takes the load at the end of the step, and half
-# of the change of the load is too much. There are $O(1/k)$ steps with slips of $O(k)$, so the sum of these terms is
-# $O(k)$. For our slider it is known. If the load changes by $\Delta f$ in every step, the slider slips by
-# $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
+# This balance is exact. The last term is an error of backward Euler: the work uses the load at the end of the step,
+# which exceeds the mean load of the step by half of the change of the load. There are $O(1/k)$ steps with slips of
+# $O(k)$, so the sum of these terms is $O(k)$. For our slider it is known. If the load changes by $\Delta f$ in every
+# step, the slider slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
 #
 # $$\sum_n \tfrac12 K s_n^2 = \tfrac12\, \Delta f \cdot \frac{5 (f_{\max} - w)}{K} .$$
 
@@ -296,8 +296,8 @@ memory_picture()
 # %% [markdown]
 # ## Exercises
 #
-# 1. Pull the slider of section 2 to $f_{\max}$ and back to 0. Some of the time steps end at the peak, others pass over
-#    it. How large can the error at the end be? (Backward Euler uses the loads at the ends of steps only.)
+# 1. Pull the slider of section 2 to $f_{\max}$ and back to 0. If no step ends exactly at the peak, the steps pass over
+#    it. How large can the error of the final position be? (Backward Euler uses the loads at the ends of steps only.)
 # 2. If the load only grows, one step or a hundred steps bring a slider to the same place. Why? Does this also hold for
 #    the chain?
 # 3. Add a damper: $K u + c\,\dot u + \lambda = f$. How do section 1 and the energy balance change?

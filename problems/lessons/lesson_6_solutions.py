@@ -20,7 +20,7 @@ def gap(s, lam, w=w):
 
 
 def step_from(u_prev, load):
-    """Return the position after a step; it slips like a chain that begins at rest under load - K u_prev."""
+    """Return the position after a step: `u_prev` plus the slip of a chain from rest under `load - K @ u_prev`."""
     system = vx.System(K, lambda t: t * (load - K @ u_prev), vx.Norms(np.eye(size), w))
     return u_prev + vx.march(system, [0.0, 1.0]).state[-1]
 
@@ -38,8 +38,8 @@ for _s in rng.normal(size=(20, size)):
 
 # %% [markdown]
 # **2.** The multipliers computed from $s$ balance all forces that the friction bounds allow to balance. Near the
-# solution the remaining $r$ is of first order, and its square is of second order. A disturbed $\lambda$ costs the same
-# order. Neither choice is always better. Both are certificates, and a check may take the smaller one.
+# solution the remaining $r$ is of first order, and its square is of second order. A disturbed $\lambda$ adds terms of
+# second order, too. Neither choice is always better. Both are certificates, and a check may take the smaller one.
 
 # %%
 exact = step_from(np.zeros(size), f)

@@ -183,7 +183,7 @@ def test_invalid_problem_files_exit_with_two(tmp_path, text, says):
     assert says in refused.output
 
 
-def test_missing_problem_files_are_refused_with_those_that_exist(tmp_path, monkeypatch):
+def test_the_error_for_a_missing_problem_file_lists_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "problems").mkdir()
     write_problem(tmp_path / "problems", MINIMAL, "slope.py")
@@ -262,7 +262,7 @@ def test_version_and_help_are_printed():
 
 @pytest.mark.long
 def test_a_run_and_help_import_no_heavy_packages():
-    """cvxpy takes 2 s. Modules of commands need no rich, and a run needs no other command."""
+    """Importing cvxpy takes 2 s. A run imports neither rich nor the modules of other commands."""
     code = f"""
 import sys
 import vemcvx.cli.problem_file

@@ -1,4 +1,4 @@
-"""Materials by region and plane Orthotropic materials: closed forms, and no locking."""
+"""Materials of regions, and Orthotropic in the plane: closed forms, and no locking."""
 
 import dataclasses
 

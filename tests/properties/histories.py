@@ -28,8 +28,8 @@ def steps_are_stable(case, data, size, seed):
     which implies |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)|. Summed from
     equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*.
 
-    Errors e of the steps change (r, d) by sqrt(2) e, and r by e. Distances are computed from forces
-    rho = f - K y = K r, so that rounding precedes the solve with K.
+    Errors e of the steps change (r, d) by sqrt(2) e, and r by e. Norms |r|_K are computed as |K r|_{K^{-1}} from the
+    forces K r = f - K y, because the rounding errors of these forces have a known bound.
     """
     rng, K = np.random.default_rng(seed), case.K
     change = np.outer(data.draw(courses(len(case.times) - 1)), rng.normal(size=len(K)))
@@ -97,8 +97,8 @@ def ledger_closes(setting, which):
 
     With r = f - B'lam - K y at the end of a step,  work - dE - 1/2 a(du, du) = (B'lam + r).du = lam.s + r.du,  and the
     loss is sum w|s|. So a step leaves r.du - (w|s| - lam.s), at most e |du|_K + gap with its certified error e. The
-    sums contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to the loads. A product, and
-    a solve with K (backward stable), rounds to n eps |x|'M|y|; each step has fewer than twenty.
+    sums contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to the loads. Each
+    step has fewer than twenty products and solves, each rounded by at most n eps |x|'M|y| with M = majorant(A).
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)

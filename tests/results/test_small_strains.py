@@ -1,4 +1,4 @@
-"""A run warns if its strains are not small, with the largest strain and its place, and only then."""
+"""A run warns if and only if its strains are not small; the warning gives the largest strain and its place."""
 
 import importlib
 import logging
@@ -51,7 +51,7 @@ def test_a_body_that_slides_far_is_not_strained(caplog):
 
 
 @pytest.mark.long
-def test_strains_of_less_than_a_hundredth_of_the_body_are_ignored(caplog):
+def test_large_strains_in_less_than_a_hundredth_of_the_body_are_ignored(caplog):
     """At a singular corner some strain is large if the mesh is fine."""
     found = []
     run = lambda: found.append(  # noqa: E731

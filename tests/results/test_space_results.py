@@ -36,7 +36,7 @@ def test_tables_have_a_column_for_each_axis(history):
 
 
 def test_friction_of_a_dragged_block_is_the_reaction_of_the_dragged_side(history):
-    """The side also moves nodes of the floor; all nodes slip, so the friction is the bound times the area."""
+    """The dragged side and the bottom share nodes; all nodes slip, so the friction is the bound times the area."""
     pulled = vx.Scene(
         STEEL,
         vx.PrescribedDisplacement(lambda x, t: t, on="left", direction=(1.0, 0.0, 0.0)),
@@ -67,7 +67,7 @@ def test_an_archive_in_space_is_read_back_to_the_bit(history, tmp_path):
     assert np.array_equal(read.reaction("top"), run.reaction("top"))
 
 
-def test_pyvista_reads_the_series_and_the_package_its_mesh(tmp_path):
+def test_pyvista_reads_the_series_and_the_package_reads_the_mesh(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     history = vx.simulate(block.scene(), vx.meshes.voronoi3(2), block.times(4), store=2)
     folder = history.write(tmp_path / "run")

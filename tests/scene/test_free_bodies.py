@@ -107,7 +107,7 @@ def test_bodies_joined_by_friction_float_together():
         ),
     ],
 )
-def test_loads_out_of_balance_are_refused_with_their_resultant(load, resultant):
+def test_the_error_for_loads_out_of_balance_gives_their_resultant(load, resultant):
     with pytest.raises(
         vx.SceneError, match=r"^supports: nothing holds the body, and its loads .*" + re.escape(resultant)
     ):

@@ -1,4 +1,4 @@
-"""Parts of contact and friction meet at a node, overlap, or end inside each other: each counts its own edges."""
+"""Boundary parts with contact or friction that share nodes or edges: integrals over a part include only its edges."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def floor(family, n=5):
 
 
 def share(mesh, name, nodes):
-    """Return int phi_i over a part of the boundary, at these nodes."""
+    """Return the integrals of phi_i over a part of the boundary, for these nodes."""
     part = vx.vem.Space(mesh).part(name, "test")
     length = np.zeros(mesh.n_nodes)
     length[part.nodes] = part.node_lengths
@@ -46,7 +46,7 @@ PAIRS = {
         vx.TrescaFriction(lambda x, t: 1 + x[:, 0], on=on, quadrature="integral"),
     ),
     "Coulomb": lambda on: (vx.UnilateralContact(on=on), vx.CoulombFriction(0.3, on=on, cap=3.0)),
-    "Coulomb, giving way": lambda on: (vx.NormalCompliance(2000.0, on=on), vx.CoulombFriction(0.3, on=on)),
+    "Coulomb, compliant": lambda on: (vx.NormalCompliance(2000.0, on=on), vx.CoulombFriction(0.3, on=on)),
     "a gap": lambda on: (vx.UnilateralContact(on=on, gap=lambda x, t: 0.02 * x[:, 0] * (1 - 0.5 * t)),),
 }
 
@@ -58,7 +58,7 @@ def test_one_side_with_two_names_acts_as_one_side(family, pair):
     mesh = floor(family)
     one, two = run(mesh, *PAIRS[pair]("bottom")), run(mesh, *PAIRS[pair]("west"), *PAIRS[pair]("east"))
     size = np.abs(one.displacement).max()
-    # Weights are sums in two orders; Coulomb's law is solved to 1e-8 in the energy norm, which pressures amplify.
+    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in energy; pressures are less accurate.
     loose = 1e-6 if "Coulomb" in pair else 1e-11
     assert np.abs(one.displacement - two.displacement).max() <= loose * size
     for name in FIELDS:
@@ -104,7 +104,7 @@ def test_the_coefficient_where_two_parts_meet_is_the_mean_over_their_edges(famil
 
 
 @few_families
-def test_friction_at_the_end_of_a_part_counts_the_edges_of_this_part(family):
+def test_friction_at_the_end_of_a_part_is_integrated_over_this_part_only(family):
     mesh = floor(family)
     contact = run(mesh, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.4, on="inner")).contact
     inner, whole = share(mesh, "inner", contact.nodes), share(mesh, "bottom", contact.nodes)
@@ -153,6 +153,6 @@ def test_a_corner_shows_the_pressure_of_its_sides(family, degrees, touch):
     scene = vx.Scene(STEEL, touch(on="left"), touch(on="bottom"), vx.Pressure(1.0, on=["right", "top"]))
     contact = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", solver=vx.Newton(accuracy=1e-10)).contact
     assert np.abs(contact.pressure[-1] - 1.0).max() < 1e-9
-    if touch is not vx.BilateralContact:  # which holds the corner altogether
+    if touch is not vx.BilateralContact:  # Two bilateral contacts fix the corner, which then is no contact node.
         assert contact.lengths.sum() == pytest.approx(2.0, rel=1e-12)
         assert len(contact.nodes) == len(np.union1d(*(np.unique(mesh.boundaries[name]) for name in ("left", "bottom"))))

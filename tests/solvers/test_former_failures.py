@@ -11,7 +11,7 @@ import vemcvx as vx
 @pytest.mark.long
 @pytest.mark.parametrize("ratio", [1.0, 1e6])
 def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio):
-    """nu = 0, between rollers: the interferences add up to 2e-3."""
+    """Between clamped sides, with nu = 0: the interferences of both interfaces add up to 2e-3."""
 
     def layer(low):
         return vx.meshes.squares(3, box=((0, 3), (low, low + 1)))
@@ -29,7 +29,7 @@ def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio)
     exact = 2e-3 / sum(1 / young for young in stiffness.values())
     assert np.abs(history.contact.pressure - exact).max() < 1e-7 * exact
     assert np.abs(history.contact.traction).max() < 1e-7 * exact
-    # Rounding hides 2e-8 between bodies whose stiffness differs by 1e6.
+    # `certified` is 2e-8, because it includes rounding, which grows with the ratio of the stiffnesses.
     assert history.certificate.max() <= 1e-8
 
 
@@ -75,7 +75,7 @@ def make_block(angle, part):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
 @pytest.mark.parametrize("angle", [1.2, 3.3])
-def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
+def test_anisotropic_friction_balances_a_shear_inside_its_ellipse(angle):
     """Beyond the ellipse the step is refused."""
     scene, mesh, shear = make_block(angle, 0.9)
     history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
@@ -89,5 +89,5 @@ def test_friction_by_direction_holds_a_body_up_to_its_ellipse(angle):
 @pytest.mark.filterwarnings("ignore:.*weights may fall faster with slip")
 @pytest.mark.parametrize("seed", [25, 146, 325])
 def test_friction_that_weakens_fast_is_answered_accurately(seed):
-    """Newton's first sets have the slips of Clarabel's answer; with zero slips the error stayed above 1e-8."""
+    """Newton's method continues from the slips of Clarabel's answer; from zero slips its error stayed above 1e-8."""
     assert frozen_scenes.draw(seed).run().certified.max() <= 1e-8

@@ -132,7 +132,7 @@ WRONG_ANSWERS = {
 
 
 @pytest.mark.parametrize("case", WRONG_ANSWERS)
-def test_wrong_answers_are_refused_with_the_name_of_the_solver(case):
+def test_the_error_for_a_wrong_answer_names_the_solver(case):
     solver, message = WRONG_ANSWERS[case]
     with pytest.raises(vx.SolverFailed, match=f"^solver {message}"):
         run(solver)

@@ -19,7 +19,7 @@ from test_structure import modules, nodes, parse
 ROOT = Path(__file__).parents[2]
 WINGS = ("bound", "estimate", "cost", "exchange", "plots", "cli")
 OPEN = ("base", "history", "simulation", "meshes.polygons", "results.files", "stepping.course")
-"""Modules whose names without an underscore are all public; the public names of a package are in its `__all__`."""
+"""Modules in which every name without a leading underscore is public; packages list public names in `__all__`."""
 EXCEPTIONS = {
     "effects": "data",
     "effects.effect": "amount where",
@@ -91,7 +91,7 @@ def test_the_core_imports_wings_in_two_functions_only():
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory):
-    """Return the folder of a copy of the package without the wings; its bytecode saves compiling."""
+    """Copy the package without its wings, but with its bytecode, which saves time; return the folder of the copy."""
     root, package = tmp_path_factory.mktemp("core"), ROOT / "vemcvx"
     shutil.copytree(package, root / "vemcvx", ignore=lambda folder, _: WINGS if folder == str(package) else ())
     return root

@@ -310,7 +310,7 @@ class Rigid(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Boundary names; or names of bodies (cell data that are nonzero there), for all their nodes.
+        Boundary names; or names of bodies (cell data that are nonzero on them), for all their nodes.
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional

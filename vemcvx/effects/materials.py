@@ -108,7 +108,7 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
         if not isinstance(name, str) or name not in known or known[name].ndim != 1:
             there_are = ", ".join(repr(n) for n in known if known[n].ndim == 1) or "none"
             raise SceneError(
-                f"{subject}: on= names cells by a cell datum that is nonzero there; found {name!r}, but this mesh has "
+                f"{subject}: on= selects the cells where a cell datum is nonzero; found {name!r}, but this mesh has "
                 f"{there_are}. Add one with mesh.with_cell_data(name, values)."
             )
         cells |= known[name] != 0
@@ -212,8 +212,9 @@ class Elasticity(_Elastic):
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
 # with nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
-# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Tensors rotate by e' = R e R', vectors of strains by e' = Q e. The
-# row of Q for e'_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for e_ij. So C = Q'C'Q.
+# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. The same strain in x, y, z is eps: e = R eps R^T for tensors, and
+# e = Q eps for vectors. The row of Q for e_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for eps_ij. So
+# the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
 #
 # A plane body is a body in space with axis 3 across the plane. Plane strain (e_3 = 0) uses the rows of C in the plane,
 # and the row of zz gives the stress across it. In plane stress (sigma_3 = 0) S and C have no coupling to axis 3.

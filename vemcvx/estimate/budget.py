@@ -31,7 +31,7 @@ from vemcvx.vem import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:
-    """Raise SceneError unless the stiffness gives displacements (n_nodes, dim) the energy a^h of the material.
+    """Raise SceneError if stiffness and material yield different energies of the displacements u (n_nodes, dim).
 
     The stiffness and the material of a user's effect may disagree.
     """
@@ -47,7 +47,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
         raise SceneError(
             f"error_budget: a state has the energy {energy:.9g} by the scene's stiffness, but {parts.sum():.9g} by "
             f"the moduli and stabilisation of {material.subject}. The two energies must agree; there is no estimate. "
-            "Give the material's Contribution the stabilisation of its stiffness, as "
+            "In the material's Contribution, set the stabilisation that its stiffness contains, as "
             "Elasticity(stabilisation=...) does for any vx.Stabilisation."
         )
 
@@ -72,7 +72,7 @@ class ErrorBudget(Outlined):
     jumps : tuple of str
         A sentence for each instant at which data jump.
     scale : float
-        The largest energy norm of the run, the root of force times length, with the energy of springs
+        The largest energy norm of the run, in units of sqrt(force * length). It includes the energy of springs
         (ElasticFoundation). All errors are relative to `scale`. Measured errors (:class:`.measures.Measured`) are
         relative to the strain norm of the reference at one instant. So estimated and measured errors have different
         denominators if there are springs, or if the load is not at its largest.

@@ -46,7 +46,7 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
 NARROW_BETWEEN_BODIES = 1e-3
-"""Width below which a gap is an error, relative to the height of the lowest cell; files may have only six digits."""
+"""Smallest width of a gap, relative to the smallest height of a cell; files may round coordinates to six digits."""
 FACING_COSINE = -0.5
 """Largest cosine between the outward normals of two faces that count as facing each other."""
 BODY = "body"
@@ -77,7 +77,7 @@ def bodies(
         Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
         the plane, nodes of the later body move to the nearest points of the earlier body, which keeps its shape. For
         example, two polygons with edges h inscribed in a circle of radius R are up to h^2 / (8 R) apart. In space,
-        nodes of two bodies within four times the tolerance move together, and faces coincide if they are in one plane.
+        nodes of two bodies at most four times the tolerance apart move to one place, and faces coincide in one plane.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def bodies(
     ------
     MeshError
         Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap that is wider than the
-        tolerance but less than 1e-3 of the height of the lowest cell; curved surfaces in space have different nodes;
+        tolerance but less than 1e-3 of the smallest height of a cell; curved surfaces in space have different nodes;
         `interfaces` names two bodies that have no interface; or names clash.
 
     Examples
@@ -190,7 +190,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return, for each node, the first node within the distance; raise MeshError if two nodes of a body get one."""
+    """Return, for each node, the first node within the distance; raise MeshError if two nodes of a body share it."""
     nodes = distinct(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -268,7 +268,7 @@ def _by_name(
         pair = names[a], names[b]
         name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
         if pair[::-1] in named:
-            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]  # which run in the opposite direction
+            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]  # the first body is left of its edges
         found[name] = Interface(pair, edges, partners)
     missing = [pair for pair, name in named.items() if name not in found]
     if missing:
@@ -334,9 +334,9 @@ def _hardly_apart(names: tuple[str, ...], pair: Ints, distance: float, at: Float
     a, b = (names[number] for number in sorted(pair))
     return MeshError(
         f"bodies: {a!r} and {b!r} are {distance:.3g} apart near {coordinates(at, 6)}, less than "
-        f"{NARROW_BETWEEN_BODIES:g} of the height of the lowest cell, and without an interface they are never in "
-        "contact. Bring them together (tolerance= joins boundaries that are farther apart than rounding; a clearance "
-        "is the gap= of a contact), or leave a larger gap."
+        f"{NARROW_BETWEEN_BODIES:g} of the smallest height of a cell, and without an interface they are never in "
+        "contact. Bring them together (a larger tolerance= joins their boundaries; for a clearance give gap= to the "
+        "contact effect), or leave a larger gap."
     )
 
 

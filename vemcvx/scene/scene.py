@@ -64,7 +64,7 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
         subjects = ", ".join(m.subject for m in materials)
         raise SceneError(
             f"materials: every cell needs exactly one; of {mesh.n_cells} cells {' and '.join(found)}. Found "
-            f"{subjects}; give each material its cells by on=, the name of a cell datum that is nonzero there."
+            f"{subjects}; give each material its cells by on=, the name of a cell datum that is nonzero on them."
         )
 
 

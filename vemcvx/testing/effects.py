@@ -156,7 +156,7 @@ def answer(*effects: Effect, on: Mesh | None = None) -> History:
 
 
 def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
-    """Return a contribution as comparable plain data; functions, of `rows` rows, are replaced by their values."""
+    """Return a contribution as comparable plain data; functions are replaced by their values at `rows` rows."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
@@ -256,7 +256,7 @@ def has_the_slope_of_its_law(sample: EffectSample) -> None:
         for size in (1e-3, 1.0, 1e3) if friction.law is not None and friction.law.slope is not None else ():
             p, step = size * np.linspace(1.0, 2.0, m), 1e-6 * size
             w, ahead = (friction.weights_under(1.0, forces, past, none) for forces in (p, p + step))
-            # If a law bends at forces of this size, difference quotients are off by 1e-6; w rounds by 1e-10.
+            # Difference quotients are off by 1e-6 if a law bends at forces of this size, and by 1e-10 by rounding.
             off = (ahead - w) / step - friction.slope_under(1.0, p, past)
             assert (np.abs(off) <= 1e-4 * (w / size + np.abs(ahead - w) / step)).all()
 
@@ -268,7 +268,7 @@ def _units(vectors: Floats) -> bool:
 def refuses_an_unknown_name_and_lists_existing_ones(sample: EffectSample) -> None:
     """Check the error for an unknown name: one sentence that begins with the class and lists existing names."""
     if isinstance(sample.effect, IN_CELLS):
-        words = "on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh has 'west', 'east'"
+        words = "on= selects the cells where a cell datum is nonzero; found 'wst', but this mesh has 'west', 'east'"
         there, wrong, way = "west", "wst", r"\. Add one with mesh\.with_cell_data\(name, values\)"
     else:
         words = "there is no boundary named 'bottm'; this mesh has " + ", ".join(map(repr, sample.mesh().boundaries))
@@ -370,7 +370,7 @@ def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
     """Check that displacements differ without the effect."""
     present, absent = sample.answer(sample.effect, *sample.beside), sample.answer(*sample.instead, *sample.beside)
     scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
-    # Other weights of quadrature rules make the smallest change; rounding is 1e-15.
+    # The smallest change is 4e-2, by another quadrature rule of friction; rounding is 1e-15.
     assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
 
 

@@ -218,7 +218,7 @@ class Measured:
     Attributes
     ----------
     absolute : float
-        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), the root of force times length. The
+        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), in units of sqrt(force * length). The
         paper's ||v||_E is smaller by the factor sqrt(2); relative values are the same.
     reference : float
         The same norm of the reference.

@@ -230,7 +230,7 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the height of the lowest cell (area divided by diameter), to which widths of gaps are compared."""
+    """Return the smallest height of a cell (area divided by diameter), to which widths of gaps are compared."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 

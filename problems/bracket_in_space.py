@@ -14,7 +14,7 @@ prescribed on the sides far from the edge. The ends slide in their planes. Strai
 Cells of size h(r) at the distance r from an edge make the squared error int r^(2a - 3) h^2 dr, and their number is
 int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for h = c r^((4 - 2a) / 5): both integrals
 then converge for a > 1/3, and the error is N^(-1/3), as for smooth fields, although cells are as short along the edge
-as across it. For the error e adaptive meshes need e^(3/a - 3) = e^2.5 times the number of equal cells, up to a
+as across it. For the error e, adaptive meshes need e^(3/a - 3) = e^2.5 times the number of equal cells, up to a
 constant. We measured .20 of the nodes of equal cubes at the error 19 % and .16 at 17 %, although adaptive cells are
 tetrahedra.
 

@@ -232,7 +232,7 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
 
 
 def nearest_to_print(every: dict[str, Errors], sizes: Sequence[int]) -> list[str]:
-    """Return a sentence for each stabilisation: the measure whose worst ratio to the print is nearest to one."""
+    """Return a sentence for each stabilisation: the measure whose ratios to the printed numbers are nearest to one."""
     known = [k for k, n in enumerate(sizes) if n in PRINTED_ERRORS]
     words = []
     for name, found in every.items():

@@ -5,7 +5,7 @@ foundation (Hetenyi 1946). With D = E H^3 / 12 (plane stress, unit thickness) an
 
 $$ w(x) = P b / (2 k) \exp(-b|x|) (\cos b|x| + \sin b|x|). $$
 
-Springs pull as well as push: where w < 0 they hold the plate down. With `asperities=True` NormalCompliance of the same
+Springs pull as well as push: where w < 0 they hold the plate down. With `asperities=True`, NormalCompliance of the same
 stiffness replaces the springs. It only pushes, so that the ends lift off. (Use the accuracy 1e-6: on so soft a
 foundation rounding prevents more digits.)
 

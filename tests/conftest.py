@@ -72,7 +72,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark long tests `slow`, and tests `quick` that are neither slow nor in one of the longer files.
 
-    A case of a long test that is marked `slow` is not long.
+    If a case of a long test is marked `slow`, the case loses the mark `long`.
     """
     for item in items:
         if item.get_closest_marker("slow"):

@@ -105,4 +105,4 @@ step = 0.01
 assert least_energy(bound=0.51) == least_energy()
 slope = (least_energy(start=step) - least_energy(start=-step)) / (2 * step)
 assert near(slope, -0.2)  # a central difference of a quadratic is exact
-print(f"the derivative of the least energy by the start of block 3 is {slope:.3f}")
+print(f"the derivative of the least energy with respect to the start of block 3 is {slope:.3f}")

@@ -164,7 +164,7 @@ _figure
 #
 # <details><summary>Answer</summary>
 #
-# Yes. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The end moves more and more slowly, so
+# Yes. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows down, so
 # this velocity is less than the mean velocity of the step. In formulas: in one step the remainder $p/M - U$ is divided
 # by $1 + kM/c$, and in the exact solution by $e^{kM/c}$, which is larger. So after every number of steps the remainder
 # of backward Euler is too large, and $U_n$ is too small.

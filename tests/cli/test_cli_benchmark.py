@@ -78,7 +78,7 @@ def test_outcomes_are_distinguished_and_counted():
     assert select_common(ENTRIES, instances, "plane", 1e-6)[1] == ["a"]
     assert select_common(ENTRIES, instances, "plane", 1e-8)[1] == []
     rows = score_table(ENTRIES, instances, kind="plane", limit=10.0).rows
-    # Columns: solver; reached 1e-3, 1e-6 and 1e-9, for which the optimum is too uncertain; certified; missed.
+    # Columns: solver; reached 1e-3, 1e-6, 1e-9; certified; missed. For 1e-9 the optimum is too uncertain: 0/0.
     assert [row[:6] for row in rows] == [
         ["quick", "1/1", "1/1", "0/0", "0", "0"],
         ["sure", "1/1", "1/1", "0/0", "1", "0"],
@@ -144,7 +144,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """Steps have errors of 3 % and 1 % of their sizes 1 and 2; units are the larger size. Each step starts warm."""
+    """The steps have sizes 1 and 2, and errors .03 and .02. Errors are relative to size 2. Each step starts warm."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 

@@ -68,7 +68,7 @@ def test_a_picture_without_the_open_gap_says_so(opened, closed, draw):
 
 
 def test_a_colour_bar_that_ends_below_the_largest_stress_is_pointed(stuck):
-    """It ends where 99 of 100 cells are; with limits beyond all stresses it is not pointed."""
+    """The bar ends at the 99 % quantile of the cells; if limits lie beyond all stresses, no end is pointed."""
 
     def find_bar(**limits):
         return stressed_body(stuck, stress="von_mises", **limits).axes[0].collections[0].colorbar
@@ -111,7 +111,7 @@ def test_units_of_energies_and_forces_follow_from_the_unit_of_stress(opened):
     assert "reaction (Pa m²)" in hysteresis_loop(opened, units=PASCAL).axes[0].get_ylabel()
 
 
-def test_arrows_that_are_cut_at_a_peak_are_named(closed):
+def test_the_title_states_the_force_at_which_arrows_are_cut(closed):
     contact = closed.contact
     assert "arrows cut at" not in stressed_body(closed).axes[0].get_title()
     peaked = contact.pressure * np.where(contact.nodes % 7, 1, 100.0)

@@ -116,7 +116,7 @@ def test_cell_fields_are_in_the_order_of_the_cells(history, tmp_path):
     assert energy == pytest.approx(density, rel=1e-12, abs=1e-15 * density.max())
 
 
-def test_stresses_across_the_plane_are_left_out_if_they_are_unknown(history, tmp_path):
+def test_out_of_plane_stresses_are_left_out_if_they_are_unknown(history, tmp_path):
     dataclasses.replace(history, out_of_plane=None, out_of_plane_prestress=None).write(tmp_path)
     names = set(meshio.read(tmp_path / "step_0005.vtu").cell_data)
     assert "principal_stresses" in names

@@ -20,8 +20,8 @@ def block(rounded=lambda x: x, n=8):
 
 
 @pytest.mark.parametrize("digits", [4, 9])
-def test_rounded_points_change_displacements_no_more_than_sides_turn(digits):
-    """Rounding turns sides by up to 2 n times its size; slip allows a factor of 100."""
+def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
+    """Rounding turns sides by up to 16 times its size (n = 8). The factor 100 allows for the slip this causes."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")

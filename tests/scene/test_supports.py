@@ -37,7 +37,7 @@ def held_by(history, name, direction):
 
 
 @mostly_long("degrees", [0.0, 30.0], 1)
-def test_a_corner_of_the_contact_boundary_holds_both_normals(degrees):
+def test_a_corner_of_the_contact_boundary_is_held_in_both_normal_directions(degrees):
     R = rotation(np.radians(degrees))
     mesh = moved(small("squares", 4), R)
     scene = vx.Scene(

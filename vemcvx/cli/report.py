@@ -115,7 +115,7 @@ def _budget(history: History) -> str:
 
 
 def _choose_steps(history: History) -> list[int]:
-    """Return all stored steps, or if there are more than MOST_STEPS, so many of them and the one of largest norm."""
+    """Return all stored steps; if these are too many, MOST_STEPS evenly spaced ones and the step of largest norm."""
     steps = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     if len(steps) > MOST_STEPS:
         evenly = steps[np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int)]
@@ -124,13 +124,13 @@ def _choose_steps(history: History) -> list[int]:
 
 
 def with_errors(history: History) -> tuple[History, str]:
-    """Return the history with quantities and their errors, and ""; or the same history, and the reason in a line."""
+    """Return the history with error estimates, and ""; without them, the same history and a line with the reason."""
     if history.quantities is not None:
         return history, ""
     plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]
-    # In the plane the limit is the same as in adaptive runs. In space unknowns are more expensive.
+    # In the plane, the limit is the same as in adaptive runs. In space, unknowns are more expensive.
     refined, most = (4 * unknowns, 400_000) if plane else (8 * unknowns, 100_000)
-    why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) computes them."
+    why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) computes the errors."
     if refined <= most:
         try:
             return with_quantities(history)[0], ""

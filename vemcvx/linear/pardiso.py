@@ -1,8 +1,8 @@
 """oneMKL's PARDISO: the supernodal Cholesky factorisation, through the package py-mkl-pardiso (extra ``mkl``).
 
-If `perm` marks the m unknowns c of a Schur complement and iparm[35] = 2, phase 12 factorises all of K. It returns S =
-K_cc - K_ci K_ii^{-1} K_ic, with the other unknowns i, as m x m numbers at the beginning of the solution array. Phase
-33 solves with the same factors; phase 333 substitutes backward, with K = L L', and leaves x_c unchanged.
+Let c be m unknowns, and i the others. If `perm` marks c and iparm[35] = 2, phase 12 factorises all of K. It returns the
+Schur complement S = K_cc - K_ci K_ii^{-1} K_ic as m x m numbers at the beginning of the solution array. Phase 33 solves
+with the same factors; phase 333 substitutes backward, with K = L L', and leaves x_c unchanged.
 
 The package's public class, PardisoSolver, factorises before `perm` can be set. We use its base class, _PardisoSolver,
 instead. PARDISO runs on one thread.
@@ -45,7 +45,7 @@ class Pardiso(LinearSolver):
     Attributes
     ----------
     largest_in_space : int
-        Largest number of unknowns of bodies in space by default: the factors take 8 GB.
+        Largest number of unknowns in space for which it is the default; its factors then take 8 GB.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class PardisoFactor(Factor):
             raise singular_matrix_error()
         self.schur: Floats = self.unit * S
         # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small. Estimate (K^{-1})_ii from random vectors x
-        # whose covariance is unit K^{-1}.
+        # whose covariance is `self.unit` times K^{-1}.
         z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
         z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
         x = self._run(333, z)

@@ -20,7 +20,7 @@ class SuperLU(LinearSolver):
     Attributes
     ----------
     largest_in_space : int
-        Largest number of unknowns of bodies in space by default: the factors take 8 GB.
+        Largest number of unknowns in space for which it is the default; its factors then take 8 GB.
 
     Examples
     --------

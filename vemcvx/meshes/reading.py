@@ -46,7 +46,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         of element sets, if it has no parts), or of every property of a Nastran file. The bodies are joined as by
         :func:`vemcvx.meshes.bodies`; where two meet, they may share nodes or not. A boundary "rim" of "plate" is called
         "plate.rim". An interface is called "plate|pin", or by its name in the file if exactly one name stands for the
-        whole interface. Other names that lie entirely on interfaces name these parts.
+        whole interface. Any other name whose edges or faces all lie on interfaces becomes a named boundary.
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
@@ -64,8 +64,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were reversed; unused nodes, inner nodes of higher order, or named lines or faces inside the mesh were
-        dropped; sides were named; parts of the file were not read; or a body touches no other body.
+        Cells were reversed; unused nodes, nodes of higher-order cells that are not corners, or named lines or faces
+        inside the mesh were dropped; sides were named; parts of the file were not read; or a body touches no other.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the named sides that lie entirely on interfaces: name -> positions in the boundary, on first bodies.
+    """Return the positions in the boundary, on the first body, of each named side that lies wholly on interfaces.
 
     `origin` has the original edge or face of each piece of the boundary; `sides` has the names in the file.
     """
@@ -113,7 +113,7 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 def convert(other: Any) -> PolygonMesh | Any:
     """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
 
-    As in :func:`read`, order, names and data are kept, sides are named if nothing is, and the mesh is checked.
+    Like :func:`read`, this keeps order, names and data, names sides if the object names none, and checks the mesh.
 
     Parameters
     ----------

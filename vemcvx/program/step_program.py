@@ -388,7 +388,7 @@ class StepProgram(ArrayRecord):
         return to_cvxpy(self.operators, (self.g, self.finite_weights, self.b, self.e), cones, stuck=self.stuck)
 
     def at_rest(self) -> Floats | None:
-        """Return multipliers (m, block) with which d = 0 is exact; None without such, or if rows share unknowns."""
+        """Return multipliers (m, block) with which d = 0 is exact; None if none exist or rows share unknowns."""
         operators, own = self.operators, self.operators.own_columns
         if own is None or self.b.any() or (self.e < 0).any():
             return None
@@ -517,7 +517,7 @@ class SolvedProgram(StepProgram):
     t : float
         The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
-        Derivative of the weights by the forces of limits at the answer, such as coefficients of friction.
+        Derivative of the weights with respect to the forces of limits at the answer, such as coefficients of friction.
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
     energy_rows : callable () -> (k, n) sparse matrix, optional

@@ -63,7 +63,7 @@ class Rows(ArrayRecord):
         return str(call_function(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one number per term or limit (count,); raise SceneError for wrong signs or (but weights) infinity."""
+        """Return one number per term or limit (count,); refuse wrong signs, and infinite values other than weights."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one per {self.kind.split()[-1]}", type(self).__name__
         found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
@@ -127,7 +127,7 @@ class Norms(Rows):
 
     @property
     def sloped(self) -> bool:
-        """True if the law has a derivative by the forces of the limits."""
+        """True if the law has a derivative with respect to the forces of limits."""
         return self.law is not None and self.law.slope is not None
 
     @property
@@ -157,7 +157,7 @@ class Norms(Rows):
         )
 
     def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
-        """Return the derivative (m, r) of the law by limit forces p (r,), after slips `past` (m,); None without one."""
+        """Return the law's derivative (m, r) with respect to limit forces `p` (r,) after slips `past` (m,), or None."""
         if self.law is None or self.law.slope is None:
             return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"

@@ -172,7 +172,7 @@ def upper_triangle(C: Floats) -> Floats:
 
 
 def principal(stress: Floats) -> Floats:
-    """Return the principal stresses; for a plane stress tensor, the two principal stresses in the plane.
+    """Return the principal stresses; in two dimensions, only the two in-plane ones.
 
     Parameters
     ----------

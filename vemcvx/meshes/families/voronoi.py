@@ -3,7 +3,7 @@
 Seeds near a side of the box are reflected in it. So this side consists of sides of Voronoi cells, and no cell needs to
 be cut. Lloyd's iteration moves every seed to the centroid of its cell. Both ideas, and the collapse of short edges at
 the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45,
-2012, 309-328). In space short edges remain: moving a vertex of four cells would make their faces nonplanar.
+2012, 309-328). In space, short edges remain: moving a vertex of four cells would make their faces nonplanar.
 
 The unit of length is the square root of the mean area (in space: the cube root of the mean volume). If four seeds lie
 on one circle, two vertices differ by rounding errors only; two seeds and their images at a side always lie on one.

@@ -58,7 +58,7 @@ def exact(points, instants):
 
 
 def turn_dissipation(steps=None):
-    """Return the dissipation of one turn once the sole moves in a circle: in so many steps, or in continuous time."""
+    """Return the dissipation of one turn once the sole moves in a circle; `steps=None` means continuous time."""
     area, half = np.prod(SIDES), 0.0 if steps is None else np.pi / steps
     rho = np.sqrt(RADIUS**2 - (PLAY * np.cos(half)) ** 2) - PLAY * np.sin(half)
     return BOUND * area * rho * (2 * np.pi if steps is None else 2 * steps * np.sin(half))

@@ -100,7 +100,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 
 def draw_cases(axes: Axes, answered: Sequence[Row], lines: int) -> None:
-    """Draw cases one below the other, with room for so many lines."""
+    """Draw cases one below the other, with room for `lines` lines."""
     place = lines - 1 - np.arange(len(answered))
     for name, colour, marker in zip(ASKED, SERIES, MARKERS, strict=False):
         found = [next((f for f in row[2] if f.solver == name), None) for row in answered]

@@ -34,7 +34,7 @@ Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
 SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 AXES = "xyz"
-MOST_CELLS = 10**8  # a mesh with so many cells takes 10 GB before assembly
+MOST_CELLS = 10**8  # a mesh with this many cells takes 10 GB before assembly
 SHORTEST, LARGEST = 1e-60, 1e60  # areas and moments of cells must neither overflow nor underflow
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))

@@ -1,4 +1,4 @@
-"""One Gmsh file with several physical groups of cells, read as bodies."""
+"""Gmsh files with several physical groups of cells, whose groups become bodies."""
 
 import meshio
 import numpy as np
@@ -9,7 +9,7 @@ import vemcvx as vx
 
 
 def write(path, points, blocks, tags, groups):
-    """A Gmsh file: blocks of cells, the group of each cell, and name -> number and dimension of each group."""
+    """Write a Gmsh file from blocks, the group of each cell, and name -> number and dimension of each group."""
     mesh = meshio.Mesh(
         np.pad(points, ((0, 0), (0, 3 - np.shape(points)[1]))),
         blocks,
@@ -24,7 +24,7 @@ BOTH = {"plate": [11, 2], "pin": [12, 2]}
 
 
 def two_squares(path, double=False, outside=False, names=True):
-    """Two unit squares side by side, "plate" and "pin", which share their nodes or have double ones."""
+    """Write two unit squares side by side, "plate" and "pin"; nodes between them are shared, or exist twice."""
     made = vx.meshes.triangles(4, box=((0.0, 2.0), (0.0, 1.0)))
     points, cells = made.points, np.array(made.cells)
     right = points[cells].mean(axis=1)[:, 0] > 1
@@ -43,7 +43,7 @@ def two_squares(path, double=False, outside=False, names=True):
 
 @mostly_long("double", [False, True], 1, ids=["shared nodes", "double nodes"])
 def test_groups_become_bodies(tmp_path, double):
-    """Under uniform pressure, free to slide and to widen, pressure is that of the load all along the interface."""
+    """Simulate two bodies free to slide and to widen: the contact force is the force that presses on the pin."""
     mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", double), bodies="physical")
     assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
     assert list(mesh.interfaces) == ["plate|pin"]
@@ -74,8 +74,8 @@ def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
     assert (found.n_cells, found.n_nodes, list(found.interfaces)) == (2, 8, ["joint"])
 
 
-def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
-    """A disc in a hole of another mesh: tolerance= is the distance of their polygons; edges are not the same."""
+def test_an_arc_named_on_one_body_names_the_interface(tmp_path):
+    """Read a disc in a hole with other edges: tolerance= must exceed the distance between the two polygons."""
     hole, disc = vx.meshes.ring((1.0, 2.0), 12), vx.meshes.ring((0.3, 1.0), 16)
     points = np.concatenate([hole.points, disc.points])
     inner = hole.boundaries["boundary"]
@@ -92,7 +92,7 @@ def test_an_arc_that_is_named_on_one_side_names_the_interface(tmp_path):
         vx.meshes.read(tmp_path / "two.msh", tolerance=0.05)
 
 
-def test_groups_without_names_and_cells_in_no_group(tmp_path):
+def test_groups_without_names_become_bodies_and_cells_in_no_group_are_refused(tmp_path):
     mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", names=False), bodies="physical")
     assert list(mesh.interfaces) == ["11|12"]
     assert {"11.1", "12.2"} < set(mesh.boundaries)
@@ -104,32 +104,6 @@ def test_groups_without_names_and_cells_in_no_group(tmp_path):
     ):
         with pytest.raises(vx.MeshError, match=subject):
             vx.meshes.read(path, bodies=how)
-
-
-def test_a_cell_datum_may_have_the_name_of_its_body(tmp_path):
-    plate = vx.meshes.squares(2).with_cell_data("plate", np.ones(4))
-    pin = vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))
-    mesh = vx.meshes.bodies({"plate": plate, "pin": pin})
-    assert mesh.cell_data["plate"].tolist() == [1] * 4 + [0] * 4
-    with pytest.raises(vx.MeshError, match="cell datum 'plate', a name that marks bodies"):
-        vx.meshes.bodies({"plate": vx.meshes.squares(2).with_cell_data("plate", np.arange(4.0)), "pin": pin})
-
-
-def test_groups_of_volumes_become_bodies(tmp_path):
-    """A Gmsh file of two volumes that share the nodes of the face between them, and two named faces."""
-    made = vx.meshes.tetrahedra((4, 2, 2), box=((0.0, 2.0), (0.0, 1.0), (0.0, 1.0)))
-    cells = np.array([np.unique(np.concatenate(cell)) for cell in made.cells])
-    right = made.centroids[:, 0] > 1
-    walls = [made.face_vertices.reshape(-1, 3)[made.boundaries[side]] for side in ("left", "right")]
-    tags = [np.repeat([1, 2], [len(wall) for wall in walls]), np.where(right, 12, 11)]
-    groups = {"wall": [1, 2], "rim": [2, 2], "plate": [11, 3], "pin": [12, 3]}
-    write(tmp_path / "two.msh", made.points, [("triangle", np.vstack(walls)), ("tetra", cells)], tags, groups)
-    mesh = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
-    assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
-    assert mesh.interfaces["plate|pin"].bodies == ("plate", "pin")
-    assert (mesh.n_cells, mesh.n_nodes) == (made.n_cells, made.n_nodes + 9)
-    assert mesh.face_areas[mesh.boundaries["plate|pin"]].sum() == pytest.approx(1.0)
-    assert mesh.cell_data["pin"].sum() == right.sum()
 
 
 HEXES = """$MeshFormat
@@ -158,8 +132,8 @@ $EndElements
 """
 
 
-def test_two_hexahedra_that_share_a_named_face(tmp_path):
-    """Written by hand: the named face between two volumes is their interface, under its name."""
+def test_a_named_face_between_two_volumes_is_their_interface(tmp_path):
+    """Compress two blocks in a row: pressure p at the joint, and u = -p (l1 / E1 + l2 / E2) at the end."""
     x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     x += [(3, 0, 0), (3, 1, 0), (3, 0, 1), (3, 1, 1)]
     path = tmp_path / "two.msh"
@@ -183,8 +157,8 @@ def test_two_hexahedra_that_share_a_named_face(tmp_path):
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
-def test_a_named_part_of_an_interface(tmp_path, share):
-    """Lines between two bodies that share nodes: if they are all of the interface, it has their name, else a part."""
+def test_lines_between_bodies_name_the_interface_or_a_part_of_it(tmp_path, share):
+    """Name half of the edges between two bodies, or all of them."""
     made = vx.meshes.squares((4, 2), box=((0.0, 2.0), (0.0, 1.0)))
     cells = np.array(made.cells)
     right = made.centroids[:, 0] > 1

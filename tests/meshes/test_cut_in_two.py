@@ -1,14 +1,12 @@
-"""The parts of a mesh on either side of a line or plane."""
+"""Cuts along a line or a plane: the two parts of a mesh."""
 
 import numpy as np
 import pytest
 
 import vemcvx as vx
 
-FAMILIES = "squares", "voronoi", "triangles", "hexagons", "hanging"
 
-
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", ["squares", "voronoi", "hanging"])
 @pytest.mark.parametrize("normal", [(0.0, 2.0), (1.0, 2.0)])
 def test_both_parts_have_the_area_the_names_and_the_data_of_the_whole(family, normal):
     mesh = vx.meshes.FAMILIES[family](5).with_boundary("low left", lambda x: (x[:, 0] < 1e-9) & (x[:, 1] < 0.5))
@@ -21,7 +19,7 @@ def test_both_parts_have_the_area_the_names_and_the_data_of_the_whole(family, no
         assert sum(length(part, name) for part in parts if name in part.boundaries) == pytest.approx(whole, abs=1e-14)
     for sign, part in zip((-1, 1), parts, strict=True):
         assert (sign * ((part.points - point) @ normal) > -1e-12).all()
-        # Every cell lies in the cell from which it was cut.
+        # Each new cell lies in the old cell from which it was cut.
         old = mesh.centroids[part.cell_data["number"]]
         assert np.linalg.norm(part.centroids - old, axis=1).max() < mesh.h
     joined = vx.meshes.bodies({"behind": parts[0], "ahead": parts[1]})
@@ -34,7 +32,7 @@ def length(mesh, name):
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
 
 
-def test_in_space_the_plane_runs_along_faces():
+def test_in_space_the_plane_must_run_along_faces():
     cubes = vx.meshes.cubes(4)
     behind, ahead = vx.meshes.cut(cubes, (0.0, 0.0, 0.5), (0.0, 0.0, 3.0))
     assert (behind.n_cells, ahead.n_cells) == (32, 32)

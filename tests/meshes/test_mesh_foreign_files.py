@@ -81,7 +81,7 @@ def test_files_of_users_keep_names_and_become_bodies():
 
 
 def test_a_rod_whose_third_cell_is_steel():
-    """Pull the rod. A set on a wrong cell gives .01, 1.01, 2.01, where the displacement of the end is still right."""
+    """Simulate tension: a set on a wrong cell gives .01, 1.01 and 2.01, the right displacement of the end only."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.0, on="SOFT"),
@@ -380,7 +380,7 @@ MAT1           1    210.              .3
 
 
 def test_cards_of_nastran_may_have_free_small_and_large_fields(tmp_path):
-    """Leave out BEGIN BULK and ENDDATA; numbers after the nodes of a cell are ignored."""
+    """Read cards without BEGIN BULK and ENDDATA; numbers after the nodes of a cell are ignored."""
     (tmp_path / "mesh.bdf").write_text(BULK)
     mesh = read(tmp_path / "mesh.bdf")
     assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]

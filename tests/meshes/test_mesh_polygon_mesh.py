@@ -1,4 +1,4 @@
-"""The mesh object: read-only, named boundaries, data on cells, copies, pictures."""
+"""Meshes of polygons: read-only arrays, named boundaries, cell data, copies, pictures."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from same_mesh import assert_same
 from scenes import small
 
 import vemcvx as vx
@@ -24,7 +25,7 @@ def mesh():
     return small("voronoi", 4, seed=1)
 
 
-def test_arrays_are_read_only_and_apart_from_those_handed_in(mesh):
+def test_arrays_are_read_only_copies_of_the_given_arrays(mesh):
     mesh = mesh.with_boundary("part", lambda x: x[:, 0] < 0.5).with_cell_data("young", mesh.areas)
     mesh = mesh.with_boundaries({"more": mesh.boundaries["left"]})
     arrays = [mesh.points, mesh.offsets, mesh.vertices, mesh.areas, mesh.centroids, mesh.diameters, mesh.neighbours]
@@ -45,21 +46,17 @@ def test_arrays_are_read_only_and_apart_from_those_handed_in(mesh):
     assert mesh.boundaries["base"].tolist() == [[0, 1]]
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, lambda mesh: pickle.loads(pickle.dumps(mesh))])
-def test_copies(mesh, copied):
+@pytest.mark.parametrize("make_copy", [copy.deepcopy, copy.copy, lambda mesh: pickle.loads(pickle.dumps(mesh))])
+def test_copies_are_equal_and_read_only(mesh, make_copy):
     mesh = mesh.with_boundary("part", lambda x: x[:, 0] < 0.5).with_cell_data("young", mesh.areas)
-    again = copied(mesh)
-    assert list(again.boundaries) == list(mesh.boundaries)
-    for read in (lambda m: m.points, lambda m: m.vertices, lambda m: m.offsets, lambda m: m.boundaries["part"],
-                 lambda m: m.cell_data["young"]):  # fmt: skip
-        np.testing.assert_array_equal(read(again), read(mesh))
-        assert not read(again).flags.writeable
+    again = make_copy(mesh)
+    assert_same(again, mesh)
+    assert not any(a.flags.writeable for a in (again.points, again.boundaries["part"], again.cell_data["young"]))
     assert repr(again).startswith(f"PolygonMesh(16 cells, {mesh.n_nodes} nodes, h = 0.")
     assert repr(again).endswith("boundaries: left, right, bottom, top, part, boundary)")
 
 
-def test_the_sides_of_a_box_are_named_by_place():
-    """As files do; where something is named, or nothing is to be, they are not; a circle has none."""
+def test_sides_of_a_box_are_named_by_position_unless_boundaries_are_given():
     mesh = PolygonMesh(SQUARE, HALVES)
     sides = {"left": [[3, 0]], "right": [[1, 2]], "bottom": [[0, 1]], "top": [[2, 3]]}
     assert {name: edges.tolist() for name, edges in mesh.boundaries.items() if name != "boundary"} == sides
@@ -74,8 +71,8 @@ def test_the_sides_of_a_box_are_named_by_place():
     assert list(PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(12)]).boundaries) == ["boundary"]
 
 
-def test_given_boundaries_are_turned_and_sorted_and_go_to_other_meshes():
-    """The whole boundary among them, in any order and direction, repeated or not."""
+def test_given_boundaries_may_have_any_order_and_direction():
+    """Give all boundaries of one mesh to another mesh, too, with the whole boundary among them."""
     mesh = PolygonMesh(SQUARE, HALVES, boundaries={"L": [(0, 3), (1, 0), (0, 1)]})
     assert mesh.boundaries["L"].tolist() == [[0, 1], [3, 0]]
     first = vx.meshes.squares(2)
@@ -89,20 +86,14 @@ def test_given_boundaries_are_turned_and_sorted_and_go_to_other_meshes():
         PolygonMesh(first.points, first.cells, boundaries=names)
 
 
-def test_bad_boundaries():
+def test_invalid_boundaries_are_refused():
     for boundaries, subject in (
-        ({"inner": [(0, 2)]}, r"boundary 'inner': \(0, 2\) is not an edge of the boundary \(1 of 1 are not\)"),
         ({"none": [(0, 1), (1, 3)]}, r"\(1, 3\) is not an edge of the boundary \(1 of 2"),
         ({"far": [(0, 7)]}, r"boundary 'far': \(0, 7\) is not an edge"),
-        ({"far": [(-1, 0)]}, r"boundary 'far': \(-1, 0\) is not an edge"),
         ({"empty": []}, "boundary 'empty' has no edges"),
-        ({"flat": [0, 1]}, "boundary 'flat': an edge"),
         ({"ragged": [(0, 1), (1,)]}, r"boundary 'ragged': \(1\) is not an edge"),
         ({"real": [(0.0, 1.0)]}, "boundary 'real': an edge .* got float64"),
         ({"boundary": [(0, 1)]}, "the name 'boundary' is taken"),
-        ({"": [(0, 1)]}, "must be a non-empty string"),
-        ({3: [(0, 1)]}, "must be a non-empty string; got 3"),
-        ([("a", [(0, 1)])], "boundaries must map names to edges"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             PolygonMesh(SQUARE, HALVES, boundaries=boundaries)
@@ -110,7 +101,7 @@ def test_bad_boundaries():
         PolygonMesh([*SQUARE, (9, 9)], [[0, 1, 2, 3]], boundaries={"far": [(0, 4)]})
 
 
-def test_with_boundary(mesh):
+def test_a_boundary_is_named_by_a_predicate_of_midpoints(mesh):
     seen = []
     more = mesh.with_boundary("west", lambda x: seen.append(x) or x[:, 0] == 0.0)
     np.testing.assert_array_equal(seen[0], mesh.points[mesh.boundaries["boundary"]].mean(axis=1))
@@ -120,40 +111,14 @@ def test_with_boundary(mesh):
     again = more.with_boundary("west", lambda x: x[:, 0] == 1.0)
     np.testing.assert_array_equal(again.boundaries["west"], mesh.boundaries["right"])
     assert list(again.boundaries) == ["left", "right", "bottom", "top", "west", "boundary"]
-    for predicate, subject in (
-        (lambda x: x[:, 0] > 5.0, r"boundary 'p': the predicate selects none of the \d+ boundary edges"),
-        (lambda x: x[:, 0], "it returned float64"),
-        (lambda x: x < 0.5, r"it returned bool of shape \(\d+, 2\)"),
-        (lambda x: True, r"it returned bool of shape \(\)"),
-        (lambda x: None, "it returned object"),
-        (lambda x: [[True], [False, True]], "it returned object"),
-        ([True], "predicate must be a function of the midpoints"),
-    ):
-        with pytest.raises(vx.MeshError, match=subject):
-            mesh.with_boundary("p", predicate)
-    for name in ("boundary", "", None, 3):
-        with pytest.raises(vx.MeshError, match="name"):
-            mesh.with_boundary(name, lambda x: x[:, 0] < 1.0)
 
 
-def test_cell_data(mesh):
+def test_cell_data_are_added_and_replaced(mesh):
     more = mesh.with_cell_data("young", range(16)).with_cell_data("fibre", np.ones((16, 2)))
     assert more.cell_data["young"].tolist() == list(range(16))
     assert more.cell_data["fibre"].shape == (16, 2)
     assert not mesh.cell_data
     assert more.with_cell_data("young", np.zeros(16)).cell_data["young"].sum() == 0.0
-    for name, values, subject in (
-        ("young", np.ones(15), "cell datum 'young' must hold one number .* each of the 16 cells"),
-        ("young", 3.0, r"'young' .* shape \(\)"),
-        ("young", [[1], [2, 3]], "cell datum 'young' must hold"),
-        ("young", ["a"] * 16, "cell datum 'young' must hold"),
-        ("", np.ones(16), "must be a non-empty string"),
-        (5, np.ones(16), "must be a non-empty string; got 5"),
-    ):
-        with pytest.raises(vx.MeshError, match=subject):
-            mesh.with_cell_data(name, values)
-    with pytest.raises(vx.MeshError, match="cell_data must map names to arrays of 1 rows; got list"):
-        PolygonMesh(SQUARE, [[0, 1, 2, 3]], cell_data=[1.0])
 
 
 # Pictures.
@@ -163,30 +128,32 @@ PLANE = vx.meshes.hanging((2, 3), ((0.0, 2.0), (0.0, 3.0)), seed=1)
 SPACE = vx.meshes.kelvin(1, ((0.0, 2.0), (0.0, 1.0), (-1.0, 0.0)))
 
 
-def drawn(ax):
-    """Corners of what is drawn, in space before it is seen from anywhere."""
+def read_corners(ax):
+    """Return the corners of the drawn cells or faces, in space before the projection."""
     found = ax.collections[0]
     if ax.name == "3d":
         return [np.asarray(face) for face in found._faces]
     return [path.vertices[:-1] for path in found.get_paths()]
 
 
-def rows_of(mesh, on="boundary"):
+def find_outlines(mesh):
+    """Return the nodes of each cell in the plane, or of each boundary face in space."""
     if isinstance(mesh, PolygonMesh):
         return list(mesh.cells)
-    return [mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]] for face in mesh.boundaries[on]]
+    faces = mesh.boundaries["boundary"]
+    return [mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]] for face in faces]
 
 
 @pytest.mark.parametrize("mesh", [PLANE, SPACE], ids=["plane", "space"])
-def test_draws_cells_or_faces_in_their_places_and_colours(mesh):
+def test_cells_or_faces_are_drawn_at_their_places_in_their_colours(mesh):
     pytest.importorskip("matplotlib")
     dim = mesh.points.shape[1]
     mesh = mesh.with_cell_data("size", mesh.measures)
     for options, points in (({}, mesh.points), ({"displacement": np.full(mesh.points.shape, 0.5)}, mesh.points + 0.5)):
-        for polygon, row in zip(drawn(mesh.plot(**options)), rows_of(mesh), strict=True):
+        for polygon, row in zip(read_corners(mesh.plot(**options)), find_outlines(mesh), strict=True):
             np.testing.assert_array_equal(polygon[: len(row)], points[row])
     if dim == 3:
-        assert len(drawn(mesh.plot(on="top"))) == len(mesh.boundaries["top"])
+        assert len(read_corners(mesh.plot(on="top"))) == len(mesh.boundaries["top"])
     else:
         assert [text.get_text() for text in mesh.plot().texts] == ["left", "right", "bottom", "top"]
     shown = mesh.measures if dim == 2 else mesh.measures[mesh.face_cells[mesh.boundaries["boundary"], 0]]
@@ -202,7 +169,7 @@ def test_draws_cells_or_faces_in_their_places_and_colours(mesh):
 
 @pytest.mark.long
 @pytest.mark.parametrize("mesh", [PLANE, SPACE], ids=["plane", "space"])
-def test_draws_on_given_axes_true_to_scale_and_saves(mesh, tmp_path):
+def test_meshes_are_drawn_to_scale_on_given_axes_without_pyplot(mesh, tmp_path):
     pytest.importorskip("matplotlib")
     ax = mesh.plot(mesh.measures)
     assert mesh.plot(ax=ax) is ax
@@ -219,7 +186,7 @@ def test_draws_on_given_axes_true_to_scale_and_saves(mesh, tmp_path):
     assert run.stdout.strip() == "False"
 
 
-def test_values_that_do_not_fit_a_picture_are_refused(monkeypatch):
+def test_invalid_values_and_axes_of_a_picture_are_refused(monkeypatch):
     pytest.importorskip("matplotlib")
     for mesh, given, subject in (
         (PLANE, {"values": np.ones(3)}, r"must hold one number .* for each of the \d+ cells"),
@@ -227,9 +194,6 @@ def test_values_that_do_not_fit_a_picture_are_refused(monkeypatch):
         (PLANE, {"values": np.ones((PLANE.n_cells, 2))}, "one number per cell"),
         (PLANE, {"displacement": np.ones((3, 2))}, r"displacement must be numbers of the shape \(\d+, 2\)"),
         (SPACE, {"on": "lid"}, "there is no boundary 'lid'; this mesh has left, right, front"),
-        (SPACE, {"values": [1.0]}, "for each of the"),
-        (SPACE, {"displacement": np.zeros((3, 3))}, r"displacement must be numbers of the shape \(\d+, 3\)"),
-        (SPACE, {"ax": 3}, "ax must be axes in space"),
         (SPACE, {"ax": PLANE.plot()}, "ax must be axes in space"),
     ):
         with pytest.raises(vx.MeshError, match=subject):

@@ -1,4 +1,4 @@
-"""What refinement makes of a single cell: closed forms, and shapes that nobody would draw on purpose."""
+"""Refinement of a single cell: closed forms, and outlines that are difficult to split."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from scenes import mostly_long
 from vemcvx.meshes import PolygonMesh, refinement
 
 L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
-U = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)], dtype=float)
 
 
 def comb(teeth=7):
-    """All tips in a line, so that ears of its triangulation are flat."""
+    """Return a comb whose tips lie on one line, so that some triangles of its triangulation are flat."""
     inner = [(x + 0.5 * (k % 2), 5.0 if k % 2 else 1.0) for x in range(teeth, 0, -1) for k in (0, 1)]
     return np.array([(0.0, 0.0), (teeth + 1.0, 0.0), (teeth + 1.0, 5.0), *inner, (0.0, 5.0)])
 
@@ -34,30 +33,28 @@ def star(tips, waist):
     return regular(2 * tips) * np.where(np.arange(2 * tips) % 2, waist, 1.0)[:, None]
 
 
-# Outline, number of children, bound on diameter^2 / area of all later cells (measured plus a fifth).
 SHAPES = {
     "L": (L, 6, 12.0),
-    "U": (U, 6, 12.0),
     "comb": (comb(), 16, 41.0),
     "spiral": (spiral(), None, 25.0),
     "500-gon": (regular(500), 5, 5.0),
-    "40-gon": (regular(40), 5, 4.6),
     "heptagon": (regular(7), 7, 5.0),
     "star": (star(5, 0.3), 10, 28.0),
     "sharp star": (star(50, 0.02), None, 940.0),
     "tiny edge": (np.array([(0, 0), (0.5, 0), (0.5 + 1e-12, 1e-12), (1, 1e-12), (1, 1), (0, 1)]), 4, 5.5),
     "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
 }
+"""Outline, number of children, and a bound on diameter^2 / area of all later cells: the measured value plus a fifth."""
 
 
-def single(outline):
+def make_cell(outline):
     return PolygonMesh(outline, [np.arange(len(outline))])
 
 
 @mostly_long("name", SHAPES, "star", "comb", "L", "tiny edge", "trapezium", "heptagon")
-def test_children_are_valid_and_do_not_degenerate(name):
+def test_children_of_every_outline_are_valid_and_not_slender(name):
     outline, children, bound = SHAPES[name]
-    mesh = single(outline)
+    mesh = make_cell(outline)
     area = mesh.areas.sum()
     for passes in range(5):
         found = refinement(mesh)
@@ -73,8 +70,8 @@ def test_children_are_valid_and_do_not_degenerate(name):
 
 
 @pytest.mark.parametrize("aspect", [1e2, 1e6])
-def test_needles_are_cut_across(aspect):
-    mesh = single(np.array([(0, 0), (aspect, 0), (aspect, 1), (0, 1)]))
+def test_long_rectangles_are_cut_across(aspect):
+    mesh = make_cell(np.array([(0, 0), (aspect, 0), (aspect, 1), (0, 1)]))
     for _ in range(5):
         mesh = mesh.refine()
     assert mesh.n_cells == 32
@@ -83,16 +80,16 @@ def test_needles_are_cut_across(aspect):
 
 
 @pytest.mark.parametrize("height", [1.0, 1e-5])
-def test_parts_of_triangles_are_similar(height):
-    mesh = single(np.array([(0, 0), (1, 0), (0.3, height)]))
+def test_the_children_of_a_triangle_are_similar_to_it(height):
+    mesh = make_cell(np.array([(0, 0), (1, 0), (0.3, height)]))
     fine = mesh.refine().refine()
     assert fine.n_cells == 16
     np.testing.assert_allclose(fine.areas, mesh.areas[0] / 16, rtol=1e-9)
     np.testing.assert_allclose(fine.diameters, mesh.h / 4, rtol=1e-13)
 
 
-def test_an_arrow_has_two_arrows_and_two_parallelograms():
-    mesh = single(np.array([(0.1, 0.0), (2.0, 1.0), (-1.0, 0.0), (2.0, -1.0)]))
+def test_an_arrow_is_split_into_two_arrows_and_two_parallelograms():
+    mesh = make_cell(np.array([(0.1, 0.0), (2.0, 1.0), (-1.0, 0.0), (2.0, -1.0)]))
     fine = mesh.refine()
     assert fine.n_cells == 4
     np.testing.assert_allclose(np.sort(fine.areas / mesh.areas[0]), 0.25, rtol=1e-14)
@@ -100,11 +97,10 @@ def test_an_arrow_has_two_arrows_and_two_parallelograms():
     assert sorted(np.isclose(fine.diameters, 0.5 * mesh.h).tolist()) == [False, False, True, True]
 
 
-def test_a_node_near_the_middle_of_a_side_is_its_middle():
+def test_a_node_near_the_middle_of_a_side_is_used_as_its_middle():
     outline = np.array([(0, 0), (0.4, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
-    fine = single(outline).refine()
-    assert fine.n_nodes == 5 + 3 + 1
+    assert make_cell(outline).refine().n_nodes == 5 + 3 + 1
     outline[1, 0] = 0.25
-    fine = single(outline).refine()
+    fine = make_cell(outline).refine()
     assert fine.n_nodes == 5 + 4 + 1
     assert [0.625, 0.0] in fine.points.tolist()

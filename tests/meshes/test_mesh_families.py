@@ -252,7 +252,7 @@ def edge_lengths(mesh):
 
 @mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_requested_number_of_cells(cells):
-    """Mesh long boxes, too: short edges between opposite sides must stay, like the corners of the box."""
+    """Make meshes of long boxes, too: short edges between opposite sides must stay, like the corners of the box."""
     for width, options in ((5.0, {}), (1e-3, {"relaxations": 0, "shortest": 0.1}), (1e3, {"shortest": 0.1})):
         mesh = meshes.voronoi(cells=cells, box=((0.0, width), (0.0, 1.0)), seed=4, **options)
         PolygonMesh(mesh.points, mesh.cells)

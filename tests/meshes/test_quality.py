@@ -1,4 +1,4 @@
-"""Shapes of cells: star-shapedness and shortest edges over diameters, by hand and by a solver of linear programs."""
+"""Quality of cells: radii of star-shapedness and shortest edges against closed forms and linear programs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import mostly_long, small
+from scenes import mostly_long, rotation, small
 from scipy.optimize import linprog
 
 import vemcvx as vx
@@ -15,23 +15,24 @@ from vemcvx.meshes.quality import LEAST_EDGE, LEAST_STAR, quality_of
 EVERY = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
 
 
-def polygon(n, aspect=1.0):
+def make_polygon(n, aspect=1.0):
+    """Return a regular polygon in the unit circle, stretched along x."""
     angle = 2 * np.pi * np.arange(n) / n
     return vx.PolygonMesh(np.column_stack([aspect * np.cos(angle), np.sin(angle)]), [range(n)])
 
 
-def test_regular_polygons_by_hand():
-    """rho = cos(pi / n) of the circle around; h its diameter for even n, 2 cos(pi / 2n) for odd n."""
+def test_regular_polygons_have_the_quality_of_closed_forms():
+    """Compare the ball of radius cos(pi / n) with the diameter: 2 for even n, 2 cos(pi / 2n) for odd n."""
     for n in (3, 4, 5, 6, 7, 12, 40):
         h = 2.0 if n % 2 == 0 else 2 * np.cos(np.pi / (2 * n))
-        found = polygon(n).quality()
+        found = make_polygon(n).quality()
         assert found.star[0] == pytest.approx(np.cos(np.pi / n) / h, rel=1e-8)
         assert found.edge[0] == pytest.approx(2 * np.sin(np.pi / n) / h, rel=1e-12)
 
 
 @pytest.mark.parametrize("a", [1.0, 3.0, 10.0, 1e4])
-def test_boxes_by_hand(a):
-    """Half the shortest side over the diagonal, and that side over it; on cubes many sides are tied."""
+def test_boxes_have_the_quality_of_closed_forms(a):
+    """Compare with half the shortest side over the diagonal, and with the shortest side over the diagonal."""
     for make, box in ((vx.meshes.squares, [(0, a), (0, 1)]), (vx.meshes.cubes, [(0, a), (0, 1), (0, 2 * a)])):
         mesh = make((1,) * len(box), box)
         diagonal = np.linalg.norm(np.diff(box, axis=1))
@@ -40,8 +41,8 @@ def test_boxes_by_hand(a):
         assert found.edge[0] == pytest.approx(1 / diagonal, rel=1e-12)
 
 
-def by_linear_program(mesh, cell):
-    """The largest ball in the half spaces of all sides, from outside of the package."""
+def solve_for_star(mesh, cell):
+    """Return the radius of the largest ball in the half spaces of all sides, over the diameter of the cell."""
     if isinstance(mesh, vx.PolygonMesh):
         x = mesh.points[mesh.vertices[mesh.offsets[cell] : mesh.offsets[cell + 1]]]
         along = np.roll(x, -1, axis=0) - x
@@ -58,19 +59,18 @@ def by_linear_program(mesh, cell):
 
 
 @mostly_long("family", EVERY, "nonconvex", "hanging", "triangles", "tetrahedra", "prisms")
-def test_families(family):
-    """As a solver of linear programs has it; of default settings no cell is poor."""
+def test_families_have_the_quality_of_a_linear_program_and_no_poor_cell(family):
     mesh = EVERY[family](6 if family in vx.meshes.FAMILIES else 2)
     found = quality_of(mesh, warned=False)
     for cell in range(0, mesh.n_cells, max(1, mesh.n_cells // 8)):
-        assert found.star[cell] == pytest.approx(by_linear_program(mesh, cell), rel=1e-6)
+        assert found.star[cell] == pytest.approx(solve_for_star(mesh, cell), rel=1e-6)
     assert not found.poor.any()
     assert found.remarks == ()
 
 
 @pytest.mark.long
-def test_random_polygons_and_their_images():
-    """Star-shaped or not, with up to 30 vertices; turned, moved and scaled the ratios are the same."""
+def test_random_polygons_have_the_quality_of_a_linear_program():
+    """Rotate, move and scale polygons of up to 30 vertices, too: the ratios stay the same."""
     rng = np.random.default_rng(0)
     for _ in range(200):
         n = int(rng.integers(3, 31))
@@ -82,10 +82,10 @@ def test_random_polygons_and_their_images():
         except vx.MeshError:
             continue
         found = quality_of(mesh, warned=False)
-        assert found.star[0] == pytest.approx(by_linear_program(mesh, 0), abs=1e-7)
-        turn, s = rng.uniform(0, 6), 10.0 ** rng.uniform(-3, 3)
-        R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        image = quality_of(vx.PolygonMesh(s * points @ R.T + 7 * s, [range(n)]), warned=False)
+        assert found.star[0] == pytest.approx(solve_for_star(mesh, 0), abs=1e-7)
+        s = 10.0 ** rng.uniform(-3, 3)
+        image = vx.PolygonMesh(s * points @ rotation(rng.uniform(0, 6)) + 7 * s, [range(n)])
+        image = quality_of(image, warned=False)
         assert image.star[0] == pytest.approx(found.star[0], abs=1e-7)
         assert image.edge[0] == pytest.approx(found.edge[0], rel=1e-9)
 
@@ -93,10 +93,10 @@ def test_random_polygons_and_their_images():
 CROWN = [[0, 0], [1, 0], [1, 1], [0.9, 1], [0.9, 0.1], [0.1, 0.1], [0.1, 1], [0, 1]]
 
 
-def test_where_constants_grow_it_warns():
-    """Stretched by ten, not star-shaped, an edge of 1e-5; ratios of problems/stabilisation_spectrum.py."""
+def test_cells_of_poor_quality_are_reported_with_a_warning():
+    """Use a hexagon stretched by ten, a cell that is not star-shaped, and one with an edge of 1e-5."""
     with pytest.warns(vx.MeshWarning, match=r"1 of 1 cells are stretched.*star < .05.*The worst is cell 0, 0\.043\."):
-        found = polygon(6, 10.0).quality()
+        found = make_polygon(6, 10.0).quality()
     assert found.star[0] == pytest.approx(np.sqrt(3) / 40, rel=1e-8)
     with pytest.warns(vx.MeshWarning, match="not star-shaped"):
         assert vx.PolygonMesh(CROWN, [range(8)]).quality().star[0] == 0.0
@@ -116,10 +116,10 @@ def test_where_constants_grow_it_warns():
 
 @pytest.mark.long
 @pytest.mark.parametrize("aspect", [1.0, 10.0])
-def test_the_threshold_is_where_constants_spread(aspect):
-    """S / a_mu of hexagons is 1.03 to 1.88 as they are, and spreads over a factor of 90 at ten to one, star .043."""
+def test_cells_below_the_threshold_have_large_stability_constants(aspect):
+    """Compare with the spectrum of the stabilisation over the energy of a hexagon, regular or stretched by ten."""
     import stabilisation_spectrum as spectrum
 
     least, greatest, _ = spectrum.spectrum(spectrum.hexagon(aspect))
-    assert (greatest / least > 70) == (quality_of(polygon(6, aspect), warned=False).star[0] < LEAST_STAR)
+    assert (greatest / least > 70) == (quality_of(make_polygon(6, aspect), warned=False).star[0] < LEAST_STAR)
     assert LEAST_EDGE < 1e-3

@@ -1,4 +1,4 @@
-"""Rings, discs and the tubes and cylinders over them; boxes whose cells grow along the axes."""
+"""Rings, discs, tubes and cylinders; boxes whose cells grow along the axes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ TURN = 2 * np.pi
 @pytest.mark.parametrize("radii", [[0.0, 1.0], [0.0, 0.5, 1.5], [0.4, 1.0], [0.4, 0.6, 1.0]])
 @pytest.mark.parametrize("angles", [(0.0, TURN), (-0.3, 1.9), (1.0, 1.0 + 1.5 * np.pi), (0.0, np.pi / 2)])
 def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
-    s, part = 7, (angles[1] - angles[0]) / TURN
-    mesh, turns = ring(radii, s, angles=angles), np.isclose(part, 1.0)
-    step = part * TURN / s
+    s, is_whole = 7, np.isclose(angles[1] - angles[0], TURN)
+    mesh, step = ring(radii, s, angles=angles), (angles[1] - angles[0]) / s
     area = s * np.sin(step) / 2 * (radii[-1] ** 2 - radii[0] ** 2)
     assert mesh.areas.sum() == pytest.approx(area, rel=1e-13)
     assert mesh.n_cells == s * (len(radii) - 1)
     sides = {"outer": s} | ({} if radii[0] == 0 else {"inner": s})
-    sides |= {} if turns else {"first": len(radii) - 1, "last": len(radii) - 1}
+    sides |= {} if is_whole else {"first": len(radii) - 1, "last": len(radii) - 1}
     assert {name: len(edges) for name, edges in mesh.boundaries.items()} == sides | {"boundary": sum(sides.values())}
     for name, radius in (("outer", radii[-1]), ("inner", radii[0])):
         if name in sides:
@@ -33,8 +32,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
             at = mesh.points[np.unique(mesh.boundaries[name])]
             assert at @ [-np.sin(angle), np.cos(angle)] == pytest.approx(0.0, abs=1e-14)
             assert (at @ [np.cos(angle), np.sin(angle)] >= -1e-15).all()
-    # Checked like any mesh of one's own; rays on the axes are there to the bit.
-    vx.PolygonMesh(mesh.points, mesh.cells)
+    vx.PolygonMesh(mesh.points, mesh.cells)  # checks of meshes of users
     if angles == (0.0, np.pi / 2):
         for name, axis in (("first", 1), ("last", 0)):
             assert (mesh.points[np.unique(mesh.boundaries[name]), axis] == 0).all()
@@ -42,7 +40,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
 
 @mostly_long("radii, kinds", [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})], 1)
 def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds, tmp_path):
-    """Of hexahedra and wedges, which other programs read."""
+    """Check the numbers of faces of hexahedra and wedges, a file of Gmsh, and constant stress under shear."""
     solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])
     assert set(np.diff(solid.cell_offsets)) == kinds
     assert {"outer", "bottom", "top"} <= set(solid.boundaries)
@@ -66,15 +64,10 @@ def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds, tmp_path):
 def test_invalid_rings_and_grades_are_refused():
     for make, subject in (
         (lambda: ring([1.0], 4), r"^ring: radii must be .* got \[1\.0\]"),
-        (lambda: ring("ab", 8), "^ring: radii must be .* got 'ab'"),
-        (lambda: ring([2.0, 1.0], 4), "^ring: radii must be"),
         (lambda: ring([-1.0, 1.0], 4), "^ring: radii must be"),
         (lambda: ring([0, 1e61], 9), r"^ring: radii must be at most .* got 1e\+61"),
-        (lambda: ring([1.0, 2.0], 8, angles="ab"), "^ring: angles must be .* got 'ab'"),
         (lambda: ring([0, 1], 9, angles=(0.0, 7.0)), "^ring: angles must be"),
-        (lambda: ring([0.0, 1.0], 2), "^sectors must be at least 3"),
         (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), "^sectors must be at least 2"),
-        (lambda: cubes(2, grade=-1.0), "^grade must be a number from 1e-06"),
         (lambda: tetrahedra(2, grade=(1.0, 2.0)), "^grade must be .*along x, along y, along z"),
     ):
         with pytest.raises(vx.MeshError, match=subject):

@@ -108,7 +108,7 @@ BESIDE = 1
 
 @pytest.mark.long
 def test_linear_scenes_cost_one_solve_a_field(counted):
-    """Each of two loads is a scalar times a field, so more steps need only a few more solves, against rounding."""
+    """Each of two loads is a scalar times a field; more steps need few more solves, for rounded loads."""
     scene = vx.Scene(STEEL, HELD, PULLED, vx.BodyForce(lambda x, t: np.full((len(x), 2), np.sin(t))))
     for steps in (4, 32, 256):
         counted.update(factorised=0, solved=0)

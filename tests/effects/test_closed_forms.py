@@ -236,7 +236,7 @@ def test_one_sided_contact_closes_a_gap(body):
 
 
 def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
-    """The stress of a clamped body is -hot Q' diag(b1, b2) Q, with b the row sums of S^-1 in three dimensions."""
+    """The stress of a clamped body is -hot R diag(b1, b2) R', with b the row sums of S^-1 in three dimensions."""
     young, nu, angle, hot = (100.0, 40.0, 30.0), (0.3, 0.2, 0.25), 0.5, 0.048
     wood = vx.Orthotropic(young, nu, 25.0, angle, plane="strain")
     S = np.diag(1 / np.array(young))
@@ -249,7 +249,7 @@ def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
     assert np.abs(stress - [exact[0, 0], exact[1, 1], exact[0, 1]]).max() < EXACT * 100 * hot
 
 
-def test_friction_of_a_floor_that_supports_drag_is_borne_by_the_supports():
+def test_supports_that_drag_a_rough_side_bear_its_friction():
     """All rubbing nodes have prescribed motions: friction is g against the motion."""
     block, way = make_body(("space", "cubes")), np.array([0.1, 0.2, 0.0])
     dragged = vx.PrescribedDisplacement(lambda x, t: t * way, on="bottom")

@@ -40,7 +40,7 @@ def closed_form(across, path=PATH):
 
 
 def sheared(q, *effects, press=0.0, path=PATH):
-    """Return a scene: the top moves along the path and shears a block; a pressed block has no lateral contraction."""
+    """Return a scene whose top moves along the path and shears a block; nu = 0 if the top also presses."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]
@@ -61,7 +61,7 @@ def tresca(across=None, **settings):
 
 
 def coulomb(across=None, **settings):
-    """Return Coulomb's friction with Tresca's bounds under the pressure BEARS."""
+    """Return Coulomb's friction, whose bounds under the pressure `BEARS` are those of Tresca's."""
     way = {} if across is None else {"direction": ALONG, "across": lambda x, t: across / BEARS}
     return vx.UnilateralContact(on="bottom"), vx.CoulombFriction(BOUND / BEARS, on="bottom", **way, **settings)
 
@@ -101,7 +101,7 @@ def test_a_sheared_block_follows_its_closed_form(family, name):
     moved = np.abs(np.diff(a, axis=0, prepend=0.0)).max(axis=1) > 1e-10
     np.testing.assert_array_equal(slips, np.broadcast_to(moved[:, None], slips.shape))
     if across == 0.0:
-        # Nodes that slide across the line only are not at the bound.
+        # A node that slides only across the line of friction is not at its bound.
         slips &= (np.abs(np.diff(a @ AXES[0], prepend=0.0)) > 1e-10)[:, None]
     # Where nodes slip, |friction| equals the bound in the direction of friction.
     size = np.linalg.norm(contact.traction, axis=2)

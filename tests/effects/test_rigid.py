@@ -67,7 +67,7 @@ def punch(e):
 
 
 def test_a_motion_and_its_reaction_as_a_force_give_the_same_answer():
-    """A motion presses a round tool with a rigid back; then the measured reaction does."""
+    """A motion presses a round tool with a rigid back; then the measured reaction presses it."""
     mesh, clamp, _ = pressed(4)
     round_ = vx.UnilateralContact(on="low|tool", gap=lambda x, t: 0.2 * (x[:, 0] - 0.53) ** 2)
 

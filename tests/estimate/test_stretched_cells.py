@@ -78,7 +78,7 @@ def test_depths_are_sides_of_rectangles_and_heights_of_triangles_but_at_most_the
     assert h == pytest.approx([16.0])
     d, lengths, _ = depths([[0, 0], [8, 0], [0, 1]], [[0, 1, 2]])
     assert d == pytest.approx(8.0 / lengths)
-    # The area over the length of the last edge would be 16,000.
+    # For the short edge, area over length would be 11,000.
     d, lengths, h = depths([[0, 0], [16, 0], [16, 1], [1e-3, 1], [0, 1 - 1e-3]], [[0, 1, 2, 3, 4]])
     assert lengths.min() < 2e-3
     assert d.max() <= 16.0

@@ -22,7 +22,7 @@ NOISE = 1e-6
 
 
 def compare_steps(scene, mesh, times, initial=None, parts=24):
-    """Return the estimated over the true error of the steps, each the largest of a run, and the relative true error.
+    """Return the ratio of the largest estimated to the largest true error of the steps, and the relative true error.
 
     The reference has `parts` steps in each step of the run, and instants where data bend or jump.
     """

@@ -30,7 +30,7 @@ def assert_balanced(history, scene=None):
     assert (left <= 1e-10 * largest + rounding)[begin:].all()
     springs = [i for i, words in enumerate(history.effects) if words.startswith("ElasticFoundation")]
     others = ~np.isin(acting.causes[:, 0], springs)
-    between = [load for _, load in posed.caused_loads if load.between]  # in `acting`, and among the loads of A u - f
+    between = [load for _, load in posed.caused_loads if load.between]  # They are in `acting`, and in f of A u - f.
     nodal = np.zeros_like(history.forces)
     for row, forces in enumerate(acting.force[:, others]):
         np.add.at(nodal[row], acting.ends[others, 0], forces)
@@ -178,7 +178,7 @@ MISTAKES = {
     "no plane": (lambda h: h.section((0.5, 0.5), (0.0, 0.0)), "section: found a normal of length 0"),
     "no cut": (lambda h: h.section((5.0, 0.5), (1.0, 0.0)), "section: the plane through .* does not cut the body"),
     "no field": (lambda h: h.mean("strain"), "mean: there is no field 'strain'"),
-    "no cells": (lambda h: h.mean(on="core"), "mean: on= names cells by a cell datum"),
+    "no cells": (lambda h: h.mean(on="core"), "mean: on= selects the cells where a cell datum"),
 }
 
 
@@ -189,7 +189,7 @@ def test_wrong_arguments_are_refused(pressed, mistake):
         ask(pressed)
 
 
-def test_the_reaction_of_a_contact_side_is_zero_with_a_hint(pressed, caplog):
+def test_the_reaction_of_a_contact_side_is_zero_and_a_hint_is_logged(pressed, caplog):
     assert not pressed.reaction("bottom").any()
     assert "history.force('bottom')" in caplog.text
     assert pressed.force("bottom")[-1, 1] > 0

@@ -12,7 +12,7 @@ from vemcvx.scene import pose_scene
 TIMES = np.linspace(0.0, 1.0, 25)
 STEEL = vx.Elasticity(200.0, 0.3)
 ROUNDED = 1e-13
-"""Sums of 250 positive numbers in two orders differ by less than this."""
+"""Sums of 250 positive numbers, added in different orders, differ by less than this."""
 
 
 def pull_sideways(x, t):

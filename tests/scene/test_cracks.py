@@ -99,7 +99,7 @@ def test_the_opening_converges_to_griffiths():
         found.append(opening(history, "open")[1].max() / exact)
     coarse, fine = np.diff(found)
     assert 1.7 < coarse / fine < 2.5
-    # The boundary at a distance W = 8 a has the displacement without a crack, which costs at most 2 (a / W)^2.
+    # The boundary, at W = 8 a, is moved as without a crack: this causes an error of at most 2 (a / W)^2.
     assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
 
 

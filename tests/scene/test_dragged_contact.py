@@ -89,7 +89,7 @@ def test_a_floor_with_prescribed_slips_needs_no_iteration(family):
 
 
 @pytest.mark.parametrize(("lift", "gap", "touches"), [(0.02, 0.0, False), (0.0, 0.0, True), (-0.02, 0.03, False)])
-def test_a_node_that_supports_lift_is_open(lift, gap, touches):
+def test_a_node_lifted_by_a_support_is_open(lift, gap, touches):
     """The distance to the obstacle is known, although the contact pressure is not."""
 
     scene = vx.Scene(

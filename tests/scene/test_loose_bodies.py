@@ -1,4 +1,4 @@
-"""Errors name bodies that float; between bodies it is no cause for a warning that contact alone holds one."""
+"""Errors name floating bodies; a body that only contact with another body holds causes no warning."""
 
 import logging
 import re

@@ -59,7 +59,7 @@ class NotPolished(AssertionError):
 
 @dataclass
 class Rows:
-    """Directions at nodes: row i is direction_i . u(node_i), with its length int phi_i.
+    """Directions at nodes: row i is direction_i . u(node_i), with its length, the integral of phi_i.
 
     Between bodies row i is direction_i . (u(node_i) - u(partner_i)).
     """
@@ -132,7 +132,7 @@ class Body:
         return Rows(nodes, np.tile(direction, (len(nodes), 1)), lengths[nodes])
 
     def integral(self, side, g):
-        """Return int g phi_i over a side, for each of its nodes and a polynomial g(x)."""
+        """Return the integrals of g phi_i over a side, for each of its nodes i and a polynomial g(x)."""
         basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=8)
         return skfem.LinearForm(lambda v, w: g(np.array(w.x)) * v).assemble(basis)[self.nodes(side)]
 

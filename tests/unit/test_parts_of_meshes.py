@@ -1,4 +1,4 @@
-"""Work in chunks of cells, and checks of a sample of cells."""
+"""Chunks of cells do not change results, and checks of strains read a sample of cells."""
 
 from __future__ import annotations
 

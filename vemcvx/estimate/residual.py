@@ -131,7 +131,7 @@ class Residuals:
         self.constant = CONSTANT if space.in_plane else IN_SPACE
 
     def indicators(self, now: Instant) -> dict[str, Floats]:
-        """Return the squares (n_cells,) of "volume", "jumps", "boundary", "stabilisation" and "data" in eta_K.
+        """Return the parts (n_cells,) of eta_K^2: "volume", "jumps", "boundary", "stabilisation" and "data".
 
         In space there is also "pressure".
         """
@@ -283,7 +283,7 @@ class Residuals:
         return all_contributions(self.posed)
 
     def data(self, now: Instant, strain: Floats) -> Floats:
-        """Return the squares (n_cells,) due to data that are not constant on sides and in cells."""
+        """Return the part (n_cells,) of eta_K^2 due to data that are not constant on sides and in cells."""
         if self.posed.space.in_plane:
             return self._unseen.squares(now, strain)
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners

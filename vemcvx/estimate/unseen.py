@@ -38,7 +38,7 @@ class DataErrors:
         return Reader(self.posed, self.edges, self.edges.mesh.centroids)
 
     def squares(self, now: Instant, strain: Floats) -> Floats:
-        """Return the squares (n_cells,) of the energy norms of the differences."""
+        """Return the squared energy norms (n_cells,) of the differences."""
         reader, edges, posed, t = self.reader, self.edges, self.posed, now.t
         traction, on_pieces = reader.pieces.compare_means(
             reader.on_pieces(t), edge_loads(posed, edges, t) / edges.lengths[:, None]
@@ -61,7 +61,7 @@ class DataErrors:
         return local + reader.body_energies(force, edges.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
-        """Return the squares (b,) due to a bound of friction, and its forces (b, 2) on the whole body."""
+        """Return the squared errors (b,) due to a friction bound, and its forces (b, 2) on the whole body."""
         reader, fine, edges = self.reader, self.reader.fine, self.edges
         lam, bound, slipped, along = self._friction(now)
         at, g, line = fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])
@@ -91,7 +91,7 @@ class DataErrors:
         return size, bound, worn > 0, np.sign(np.where(acts != 0.0, acts, goes))
 
     def _support(self, support: Support, now: Instant) -> Floats:
-        """Return the squares (b,) due to prescribed displacements that are not linear between nodes."""
+        """Return the squared errors (b,) due to prescribed displacements that are not linear between nodes."""
         fine, new = self.reader.fine, support.nodes >= self.reader.fine.old
         if support.value is None:
             return np.zeros(len(self.edges.outer))

@@ -394,6 +394,7 @@ def in_words(history: Results) -> Outline:
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
         *([("units", ", ".join(map(" ".join, history.units.items())))] if history.units else []),
+        *([("per turn", "forces, works and energies are per full turn")] if history.is_axisymmetric else []),
         ("certified", certified),
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors, history.quantities),

@@ -416,6 +416,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
 def _project_start(initial: Projected, posed: PosedScene, times: Floats) -> Balanced:
     """Return the forces a(u_0, v) over the free unknowns, with the nodal values of u_0."""
     t, space = float(times[0]), posed.space
+    space.refuse_revolution("initial: projected")
 
     def u_0(x: Floats) -> Floats:
         return data.vector(initial.displacement, x, t, "initial: projected")

@@ -380,6 +380,7 @@ def _find_free(
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError if there is no bound."""
     plane_mesh(posed.space.mesh, "error_bound", IN_SPACE)
+    posed.space.refuse_revolution("error_bound")
     check_estimable(posed, "error_bound")
     if posed.curves:
         raise SceneError(

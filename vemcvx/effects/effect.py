@@ -412,18 +412,18 @@ class Material:
     ----------
     subject : str
         The name of the effect in messages.
-    moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
+    moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells) array
         Lame's lam (already reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row
         (:mod:`vemcvx.vem.tensors`). Force per area.
     thermal_stress_moduli : (n_cells, components) array
         Minus the stress under a blocked unit strain in all directions of space.
-    plane : {"strain", "stress"}
+    plane : {"strain", "stress", "axisymmetric"}
         The same for all materials of a body; "strain" in space.
     cells : (n_cells,) array of bool, optional
         The cells of the material; None means all.
     out_of_plane : (n_cells, 4) array, optional
         The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus zz for a blocked unit eigenstrain. Zero in
-        plane stress; None in space, and if the law does not define zz.
+        plane stress; None in space, in bodies of revolution, and if the law does not define zz.
     stabilisation : Stabilisation, optional
         S_K; None means "shear" (:func:`vemcvx.vem.softest_shear`).
     at : callable (x, cells) -> (moduli, thermal stress moduli), optional

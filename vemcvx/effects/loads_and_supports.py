@@ -334,6 +334,7 @@ class Rigid(Effect):
     motion: Sequence[data.Datum | None] | None = None
 
     def contribute(self, space: Space) -> Contribution:
+        space.refuse_revolution(self._subject)
         nodes, dim = self._nodes(space), space.dim
         x = space.mesh.points[nodes]
         middle = 0.5 * (x.min(axis=0) + x.max(axis=0))

@@ -7,20 +7,22 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, ClassVar, NamedTuple, TypeGuard
 
 import numpy as np
 
 from vemcvx import vem
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, choice, directions
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, choice, directions
 from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
-from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, amount, where
+from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, Support, amount, where
 from vemcvx.vem import Space, Stabilisation
 from vemcvx.vem.tensors import COMPONENTS
 
 PLANES = ("strain", "stress")
+REVOLVED = "axisymmetric"
+"""The value of `plane` for bodies of revolution."""
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
 """The positions of xx, yy and xy among the components in space."""
 NO_PLANE_IN_SPACE = "leave it out: plane strain and plane stress are for plane bodies"
@@ -52,6 +54,7 @@ class _Elastic(MaterialLaw):
     stabilisation: str | Stabilisation
     on: str | Sequence[str] | None
     _default_plane = "strain"
+    _planes: ClassVar[Sequence[str]] = PLANES
 
     @abstractmethod
     def _law(self, at: data.InCells, space: Space) -> Moduli:
@@ -72,7 +75,7 @@ class _Elastic(MaterialLaw):
         name, dim = type(self).__name__, space.dim
         if not isinstance(self.stabilisation, Stabilisation):
             choice(self.stabilisation, name, "stabilisation", STABILISATIONS)
-        choice(self._plane, name, "plane", PLANES)
+        choice(self._plane, name, "plane", self._planes)
         self._check_dimension(space)
         cells = region(space, self.on, name)
         law, inside = self._law(data.InCells(space.mesh, inside=cells), space), 1.0 if cells is None else 1.0 * cells
@@ -87,11 +90,24 @@ class _Elastic(MaterialLaw):
             thermal_stress_moduli=(law.thermal_stress_moduli.T * inside).T,
             plane=self._plane if space.in_plane else "strain",
             cells=cells,
-            out_of_plane=(law.out_of_plane.T * inside).T if space.in_plane else None,
+            out_of_plane=(law.out_of_plane.T * inside).T if space.components == 3 else None,
             stabilisation=vem.stabilisation_of(self.stabilisation, law.shear * inside),
             at=at if data.varies(*self._constants()) else None,
         )
-        return Contribution(material=material)
+        return Contribution(material=material, supports=self._axis(space) if space.axisymmetric else ())
+
+    def _axis(self, space: Space) -> tuple[Support, ...]:
+        """Return the support u_r = 0 of the nodes on the axis; raise SceneError if a radius is negative."""
+        nodes = nodes_of(space, self.on, type(self).__name__)
+        r, largest = space.mesh.points[nodes, 0], np.abs(space.mesh.points[:, 0]).max()
+        if (r < -SAME * largest).any():
+            raise SceneError(
+                f"{self._subject}: found the radius {r.min():.6g} in a body of revolution; x is the distance from the "
+                "axis, so mesh the half section with x >= 0."
+            )
+        nodes = nodes[r <= SAME * largest]
+        axis = Support(f"{self._subject}: axis", nodes, np.tile([1.0, 0.0], (len(nodes), 1)), space.mesh.points[nodes])
+        return (axis,) if len(nodes) else ()
 
     def _name_of_stabilisation(self) -> str:
         return self.stabilisation.describe() if isinstance(self.stabilisation, Stabilisation) else self.stabilisation
@@ -150,8 +166,13 @@ class Elasticity(_Elastic):
         Young's modulus E > 0, force per area.
     poisson : number, (n_cells,) array, callable or name, like `young`
         Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
-    plane : {"strain", "stress"}, optional
-        The state of a plane body; "strain" by default. It must be left out for bodies in space.
+    plane : {"strain", "stress", "axisymmetric"}, optional
+        The state of a plane body; "strain" by default. It must be left out for bodies in space. "axisymmetric" is a
+        body of revolution about the axis x = 0: the mesh is its half section, x is the radius and y the axial
+        coordinate. Nodes on the axis are held radially. **All forces, works and energies are those of the full turn**;
+        tractions, pressures and friction bounds are forces per area, a `PointLoad` is the force on the whole circle,
+        and the radial component of a resultant is the sum of radial forces around the turn.
+        `history.out_of_plane_stress` is the hoop stress.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: results
         do not depend on units, and the stabilisation does not lock. "unit" is S_K of (3.13), without a factor.
@@ -170,12 +191,13 @@ class Elasticity(_Elastic):
     plane: str | None = field(default=None, metadata={"in the plane": NO_PLANE_IN_SPACE})
     stabilisation: str | Stabilisation = "shear"
     on: str | Sequence[str] | None = None
+    _planes: ClassVar[Sequence[str]] = (*PLANES, REVOLVED)
 
     def contribute(self, space: Space) -> Contribution:
         part = super().contribute(space)
         (simplices, others), fraction = space.simplices
         # Linear triangles lock: at nu = .49 their error is twice the error of polygons.
-        if self._plane == "strain" and fraction > 0.5:
+        if self._plane != "stress" and fraction > 0.5:
             largest = self._read("poisson", data.InCells(space.mesh, inside=region(space, self.on, "Elasticity"))).max()
             if largest > 0.49:
                 words = f"poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not."
@@ -183,7 +205,8 @@ class Elasticity(_Elastic):
         return part
 
     def describe(self) -> str:
-        plane = "" if self.plane is None else f"plane {self.plane}, "
+        words = self.plane if self.plane == REVOLVED else f"plane {self.plane}"
+        plane = "" if self.plane is None else f"{words}, "
         place = "" if self.on is None else f", on {where(self.on)}"
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
         return f"Elasticity: {constants}, {plane}{self._name_of_stabilisation()} stabilisation{place}"
@@ -192,14 +215,18 @@ class Elasticity(_Elastic):
         return self.young, self.poisson
 
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        (lam, mu), strain = self._lame(at), self._plane == "strain"
+        (lam, mu), strain = self._lame(at), self._plane != "stress"
         volume = 3 * lam + 2 * mu if strain else 2 * (lam + mu)
+        if self._plane == REVOLVED:
+            blocked = np.column_stack([volume, volume, np.zeros_like(volume), volume])
+            return Moduli(vem.moduli_of_revolution(lam, mu), blocked, np.zeros((len(mu), 4)), mu)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(strain)
         return Moduli(np.stack([lam, mu]), vem.isotropic_stress(volume, space.dim), out_of_plane, mu)
 
     def _lame(self, at: data.InCells) -> tuple[Floats, Floats]:
-        E, nu, strain = self._read("young", at), self._read("poisson", at), self._plane == "strain"
+        E, nu, strain = self._read("young", at), self._read("poisson", at), self._plane != "stress"
         limit = "< 0.5 in plane strain (use 0.4999999, or plane='stress')" if strain else "<= 0.5"
+        limit = "< 0.5 (use 0.4999999)" if self._plane == REVOLVED else limit
         lawful = (nu > -1) & ((nu < 0.5) if strain else (nu <= 0.5))
         data.require(lawful, nu, at, f"{self._subject}: found poisson", f"it must be > -1 and {limit}")
         return E * nu / ((1 + nu) * (1 - (2 * nu if strain else nu))), E / (2 * (1 + nu))
@@ -460,7 +487,8 @@ class Prestress(Effect):
     Parameters
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
-        xx, yy, xy; in space (6,): xx, yy, zz, xy, yz, xz. Force per area, tension positive, at centroids and t_n.
+        xx, yy, xy; in space (6,): xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz (no hoop stress). Force
+        per area, tension positive, at centroids and t_n.
     on : str or sequence of str, optional
         Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress. By default all
         cells have it.

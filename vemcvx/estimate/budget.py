@@ -35,6 +35,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
 
     The stiffness and the material of a user's effect may disagree.
     """
+    posed.space.refuse_revolution("error estimates")
     stiffness = posed.A if posed.springs is None else posed.A - posed.springs
     about = u - u.mean(axis=0)
     energy = float(about.ravel() @ (stiffness @ about.ravel()))

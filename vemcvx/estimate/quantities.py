@@ -35,7 +35,7 @@ from vemcvx.estimate.finer_steps import finer_instants
 from vemcvx.history import History, scene_of
 from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import nearest
-from vemcvx.results import SPREAD, Corners, Quantity, displacement, record
+from vemcvx.results import Corners, Quantity, displacement, record
 from vemcvx.scene import pose_scene, suppress_scene_warnings
 from vemcvx.simulation import free_unknowns
 from vemcvx.stepping import Memory, march
@@ -116,7 +116,7 @@ def with_quantities(history: History) -> tuple[History, StepErrors]:
         begin = "settled" if _start(history).any() else None
         finer = _run_again(history, history.mesh.refine(), history.trajectory.times, begin)
         mesh = {name: np.abs(difference) for name, difference in _extrapolate_errors(history, finer).items()}
-    over = SPREAD[history.mesh.points.shape[1]][0]
+    over = history.spread[0]
     units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
     estimated = {
         name: Quantity(

@@ -115,6 +115,7 @@ class Residuals:
 
     def __init__(self, posed: PosedScene):
         mesh, space = posed.space.mesh, posed.space
+        space.refuse_revolution("error estimates")
         self.posed, self.mesh = posed, mesh
         self.sides = sides = _in_space(posed, mesh) if isinstance(mesh, PolyhedralMesh) else _in_plane(posed)
         elastic = elastic_matrix(posed.material.moduli, space.dim)

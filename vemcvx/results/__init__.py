@@ -8,7 +8,6 @@ from vemcvx.results.loops import loop_of
 from vemcvx.results.probe import places
 from vemcvx.results.quoted import SINGULAR, Quantity, growth
 from vemcvx.results.results import (
-    SPREAD,
     Results,
     displacement,
     largest_values,
@@ -22,7 +21,6 @@ from vemcvx.results.results import (
 __all__ = [
     "ALONG",
     "SINGULAR",
-    "SPREAD",
     "Contact",
     "Corners",
     "Quantity",

@@ -56,6 +56,7 @@ from vemcvx.results.quoted import Extreme, Quantity
 from vemcvx.results.results import RECORDS, Results, list_arrays, size_of
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import VertexWeights, component_names
+from vemcvx.vem.tensors import AXISYMMETRIC
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
@@ -110,8 +111,7 @@ def _history(arrays: Arrays) -> Results:
         raise ValueError(f"found the format {about['format']!r}, wanted {FORMAT!r}")
     mesh = _mesh(arrays, about["bodies"])
     dim = mesh.points.shape[1]
-    components = len(component_names(dim))
-    _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
+    _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim})
     known = {name: about[name] for name in PLAIN} | {"mesh": mesh, "scene": None}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     # Files do not keep a class defined by the user.
@@ -133,8 +133,9 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
         if not fits or array.dtype.kind != kind:
             raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not fit the other arrays")
         sizes.update((size, n) for size, n in zip(names, array.shape, strict=True) if not size.isdecimal())
-    if sizes["constants"] not in (2, 6, 21):
-        raise ValueError(f"found {sizes['constants']} moduli per cell, wanted 2, 6 or 21")
+    components = {AXISYMMETRIC: 4}.get(sizes["constants"], len(component_names(sizes["dim"])))
+    if sizes["constants"] not in (2, 6, AXISYMMETRIC, 21) or sizes.get("components", components) != components:
+        raise ValueError(f"found {sizes['constants']} moduli per cell, which do not fit the dimension or the stresses")
     numbered = {"contact.nodes": (0, "nodes"), "contact.partners": (-1, "nodes"), "trajectory.stored": (0, "N")}
     for name, (least, size) in numbered.items():
         count = sizes[size]
@@ -338,6 +339,8 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
     """Return displacement and contact as nodal fields; vectors have the opposite sign on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
+    if history.is_axisymmetric:
+        fields["radius"] = history.mesh.points[:, 0]
     for name in (name for name, of in array_fields(type(contact)).items() if of.sizes[0] == "S"):
         values = getattr(contact, name)[row]
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)

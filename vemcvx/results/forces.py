@@ -260,6 +260,7 @@ def force(history: Acting, of: Cause) -> Floats:
 
 def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
     """Return the moment of all effects on a boundary, or of one effect: see :meth:`vemcvx.History.moment`."""
+    history._space.refuse_revolution("moment")
     acting, points = history.acting, history._space.mesh.points
     centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")
     if isinstance(of, str):

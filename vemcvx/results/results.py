@@ -39,6 +39,7 @@ from vemcvx.vem import (
     strains,
     stresses,
 )
+from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 
@@ -177,9 +178,19 @@ class Results:
         """Name and settings of the solver that answered."""
         return self.trajectory.solver
 
+    @property
+    def is_axisymmetric(self) -> bool:
+        """True for a body of revolution, whose forces, works and energies are those of the full turn."""
+        return len(self.moduli) == AXISYMMETRIC
+
+    @property
+    def spread(self) -> tuple[str, str]:
+        """The measure to which contact forces refer, and the unit of these forces."""
+        return SPREAD[3 if self.is_axisymmetric else self.mesh.points.shape[1]]
+
     @cached_property
     def _space(self) -> Space:
-        return Space(self.mesh)
+        return Space(self.mesh, axisymmetric=self.is_axisymmetric)
 
     def reaction(self, name: str) -> Floats:
         """Return the total force (S, dim) of supports on a boundary of the body.
@@ -246,7 +257,7 @@ class Results:
 
         It is 0 in plane stress. In plane strain it is lam (e_xx + e_yy) = nu (xx + yy), or follows from E3, nu13 and
         nu23 of an orthotropic material, minus the stress of blocked eigenstrains (E alpha theta if the body is free in
-        the plane). A Prestress has no component zz.
+        the plane). A Prestress has no component zz. In a body of revolution it is the hoop stress.
 
         Raises
         ------
@@ -255,7 +266,7 @@ class Results:
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         self.row(step)
-        if self.out_of_plane is None:
+        if self.out_of_plane is None and not self.is_axisymmetric:
             raise SceneError(
                 "history: the stress normal to the plane is unknown, because a material gives its law in the plane "
                 "only (Material.out_of_plane); principal_stresses(step) and stress(step) do not need it."
@@ -298,7 +309,11 @@ class Results:
         elastic = stresses(self.moduli, strain)
         stress = elastic if self.prestress is None else elastic + self.prestress[row]
         energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
+        if self.is_axisymmetric:
+            stress, hoop = stress[:, :3], stress[:, 3]
         fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
+        if self.is_axisymmetric:
+            return fields | {"out_of_plane_stress": hoop, "von_mises": equivalent(stress, hoop)}
         if not self._space.in_plane:
             return fields | {"von_mises": equivalent(stress)}
         if self.out_of_plane is None:
@@ -432,7 +447,7 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
     yield "largest_principal_stress", ("largest principal stress", stress, principal[:, 0], mesh.centroids)
     yield "smallest_principal_stress", ("smallest principal stress", stress, principal[:, -1], mesh.centroids)
     if len(contact.nodes):
-        over, unit = SPREAD[mesh.points.shape[1]]
+        over, unit = history.spread
         slip, friction = np.linalg.norm(contact.slip[row], axis=1), np.linalg.norm(contact.traction[row], axis=1)
         yield "slip", ("largest slip", "length", slip, contact.points)
         yield "friction", (f"largest friction per {over}", unit, friction, contact.points)
@@ -550,9 +565,10 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     space, row = posed.space, int(np.argmax(results.energy))
     groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // CHUNK_SIZE)) for group in space.groups]
     cells, mesh = np.concatenate([group.cells for group in groups]), space.mesh
-    tensor = strains(space, results.displacement[row], groups)[cells]
+    count = space.components - space.axisymmetric
+    tensor, hoop = np.split(strains(space, results.displacement[row], groups)[cells], [count], axis=1)
     tensor[:, space.dim :] *= 0.5
-    size = np.abs(principal(tensor)).max(axis=1)
+    size = np.abs(np.hstack([principal(tensor), hoop])).max(axis=1)
     k, volumes = int(np.argmax(size)), mesh.measures[cells]
     # At a singular corner some strain is large on any fine mesh.
     if volumes[size > WARNING_FRACTION].sum() > 0.01 * volumes.sum():

@@ -38,6 +38,7 @@ class Section(NamedTuple):
 def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None) -> Section:
     """Return the resultants across a plane: see :meth:`vemcvx.History.section`."""
     x, space = history.mesh.points, history._space
+    space.refuse_revolution("section")
     p, n = (one_point(raw, space.dim, f"section: {name}") for raw, name in ((point, "point"), (normal, "normal")))
     if not n.any():
         raise SceneError("section: found a normal of length 0; give one that points ahead, such as (1, 0).")
@@ -56,6 +57,7 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
     """Return the mean of a field: see :meth:`vemcvx.History.mean`."""
     check_field(field, "mean")
     space = history._space
+    space.refuse_revolution("mean")
     some, sizes = cells_of(space, on, "mean"), history.mesh.measures
     if field == "displacement":
         found: Floats = np.einsum("n,snd->sd", mean_weights(space, some)[0], history.displacement) / sizes[some].sum()

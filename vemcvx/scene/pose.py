@@ -130,8 +130,8 @@ class PosedScene:
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
-        """A function that returns a sparse F with F'F = K; None if springs or dashpots contribute to the system."""
-        if self.springs is not None or self.viscosity is not None:
+        """A function that returns a sparse F with F'F = K; None with springs, dashpots, or in bodies of revolution."""
+        if self.springs is not None or self.viscosity is not None or self.space.axisymmetric:
             return None
         space, P, C = self.space, self.supports.P, self.material.elastic(self.space.dim)
         stabilisation = self.material.choose_stabilisation(space.dim)
@@ -167,7 +167,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     If effects may act between the instants, give these as `between`, not as `times`: then no effect is dropped. Raise
     SceneError if the mesh lacks a name that the scene uses, or if the body floats.
     """
-    space = Space(mesh)
+    space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
@@ -178,7 +178,9 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
     check_bonds(holds, (*frictions, *stops))
     springs = _sum(p.stiffness for p in parts if p.material is None)
-    pins = find_pins((*holds, *frictions, *stops), mesh.points) if springs is None else ()
+    # The motions of a body of revolution are not those that pins prevent; `floating_motions` refuses it if it floats.
+    floats = springs is None and not space.axisymmetric
+    pins = find_pins((*holds, *frictions, *stops), mesh.points) if floats else ()
     # Nodal frames have the normals of frictions and obstacles as axes.
     supports = resolve([*holds, *pins], (*frictions, *stops), mesh.points)
     known = times if len(times) else between
@@ -232,8 +234,8 @@ def _build_system(
     norms, limited = terms.norms(supports), obstacles.limits(supports)
     kernel = _find_kernel(space, supports, norms, limited, springs)
     warn_of_free_normals(terms.frictions, supports, obstacles, springs)
-    # Springs to the ground resist rigid motions; then the frame does not subtract these motions.
-    body_frame = build_body_frame(space) if springs is None else lambda u: u
+    # The frame subtracts rigid motions of the plane, which springs and bodies of revolution resist.
+    body_frame = build_body_frame(space) if springs is None and not space.axisymmetric else lambda u: u
     return System(
         K=_restrict(A, supports),
         load=build_load(loads, A, supports),

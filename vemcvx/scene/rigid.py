@@ -118,6 +118,8 @@ def floating_motions(
     R, axes = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
+    if space.axisymmetric:  # Only translations along the axis have no strain.
+        free = sp.csr_matrix(free @ sp.diags_array(np.tile([0.0, 1.0, 0.0], free.shape[1] // k)))
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)

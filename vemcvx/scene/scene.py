@@ -13,7 +13,8 @@ from vemcvx import vem
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, drop_tails, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
-from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material
+from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
+from vemcvx.effects.materials import REVOLVED
 from vemcvx.meshes import Mesh
 from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.rows import along, pairs_of
@@ -85,7 +86,8 @@ class InitialStresses:
         """Return sigma_0 (n_cells, components) at the instant `t`."""
         total = np.zeros_like(self.material.thermal_stress_moduli)
         for stress in self.stresses:
-            total += stress.value(t)
+            value = stress.value(t)
+            total[:, : value.shape[1]] += value
         for eigenstrain in self.eigenstrains:
             total -= self.material.thermal_stress_moduli * eigenstrain.value(t)[:, None]
         return total
@@ -303,6 +305,11 @@ class Scene:
     def canonical(self) -> tuple[Effect, ...]:
         """The effects in the order of summation, which does not depend on the order given."""
         return tuple(sorted(self._effects, key=_rank))
+
+    @property
+    def is_axisymmetric(self) -> bool:
+        """True if the body is a body of revolution, by the plane= of a material."""
+        return any(getattr(x, "plane", None) == REVOLVED for x in self._effects if isinstance(x, MaterialLaw))
 
     def with_(self, *effects: Effect) -> Scene:
         """Return a scene with these additional effects."""

@@ -112,6 +112,8 @@ def edge_part(
     across: Ints | None = None,
     mirrors: MirrorPlanes | None = None,
     inside: Bools | None = None,
+    *,
+    axisymmetric: bool = False,
 ) -> Part:
     """Return the part of the boundary that consists of these edges.
 
@@ -128,6 +130,9 @@ def edge_part(
     inside : (m, 2) bool array, optional
         True for nodes in only one cell of the body that defines the boundary. Such a node is a hanging node if the
         boundary is straight there.
+    axisymmetric : bool
+        True for a body of revolution in the coordinates (r, z): then the lengths of sides and nodes, and the weights of
+        quadrature rules, are areas of the full turn.
 
     Returns
     -------
@@ -140,12 +145,16 @@ def edge_part(
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
+    # The extent across the plane at the ends of each edge; linear between them.
+    depth = 2.0 * np.pi * points[edges, 0] if axisymmetric else np.ones(edges.shape)
+    node_lengths = 0.5 * lengths[:, None] * ((2.0 * depth + depth[:, ::-1]) / 3.0)
 
     def rules(count: int) -> tuple[SideRule, ...]:
         node, weight = np.polynomial.legendre.leggauss(count)
         s = 0.5 + 0.5 * node
         at = start[:, None, :] + s[:, None] * chords[:, None, :]
         shares = lengths[:, None, None] * (0.5 * weight * np.stack([1.0 - s, s]))
+        shares = shares * (depth[:, :1] + s * (depth[:, 1:] - depth[:, :1]))[:, None, :]
         return (SideRule(np.arange(len(edges)), edges, at, shares),)
 
     first, last = _find_whole_sides(edges, points, inside)
@@ -157,14 +166,15 @@ def edge_part(
         curvature=np.repeat(1.0 / size, 2),
         noise=np.repeat(TOLERANCE * np.abs(points).max() / size, 2),
         sizes=np.repeat(size, 2),
-        lengths=np.repeat(0.5 * lengths, 2),
+        lengths=node_lengths.ravel(),
         whole_sides=np.repeat(np.column_stack([2 * first, 2 * last + 1]), 2, axis=0),
         position=(np.linalg.norm(points[edges] - corner[:, None], axis=2) / size[:, None]).ravel(),
         beyond=edges[:, ::-1].ravel(),
         partners=np.full(edges.size, -1) if across is None else across.ravel(),
         mirrors=mirrors,
     )
-    return Part(sides=edges, normals=read_only(normals), measures=read_only(lengths), rules=rules, ends=ends)
+    measures = read_only(node_lengths.sum(axis=1))
+    return Part(sides=edges, normals=read_only(normals), measures=measures, rules=rules, ends=ends)
 
 
 def _outward(chords: Floats) -> tuple[Floats, Floats]:
@@ -424,7 +434,7 @@ class SideEnds:
             matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
             ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
             partners=read_only(partners),
-            cosines=read_only(np.where(along < (1.0 - TOLERANCE) * total, along / total, 1.0)),
+            cosines=read_only(np.divide(along, total, out=np.ones(k), where=along < (1.0 - TOLERANCE) * total)),
         )
 
     def _weights(self, order: Ints, row: Ints, k: int) -> Floats:

@@ -43,7 +43,7 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dpstrf
 
 from vemcvx.base.arrays import CHUNK_SIZE, Bools, Floats, Ints
-from vemcvx.vem.projection import CACHED_NUMBERS, CellGroup
+from vemcvx.vem.projection import CACHED_NUMBERS, CellGroup, RingGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
     Stabilisation,
@@ -53,7 +53,7 @@ from vemcvx.vem.stabilisation import (
     products_of_remainder,
     stabilisation_of,
 )
-from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, stresses
+from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, moduli_of_revolution, stresses
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +217,8 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     >>> bool(abs(K @ np.ones(8)).max() < 1e-12)
     True
     """
-    return stiffness_of(space, np.stack([lam, mu]), stabilisation_of(stabilisation, mu)).whole()
+    moduli = moduli_of_revolution(lam, mu) if space.axisymmetric else np.stack([lam, mu])
+    return stiffness_of(space, moduli, stabilisation_of(stabilisation, mu)).whole()
 
 
 def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> SumOverCells:
@@ -357,21 +358,15 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
     >>> vx.vem.consistent_blocks(cells, np.eye(3)[None]).shape
     (1, 4, 4, 2, 2)
     """
-    measures, g = cells.gradients()
-    count, n, dim = g.shape
-    B = _strain_rows(g)
+    measures, rows = cells.strain_rows()
+    count, components, n, dim = rows.shape
+    B = rows.reshape(count, components, n * dim)
     blocks: Floats = np.matmul(B.transpose(0, 2, 1), np.matmul(C / measures[:, None, None], B))
     blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1))
-    return blocks.reshape(count, n, dim, n, dim).transpose(0, 1, 3, 2, 4)
-
-
-def _strain_rows(g: Floats) -> Floats:
-    """Return |K| eps(Pi u), (c, components, n dim), for unit displacements of each vertex along each axis."""
-    count, n, dim = g.shape
-    B = np.zeros((count, len(COMPONENTS[dim]), n, dim))
-    for k, (a, b) in enumerate(COMPONENTS[dim]):
-        B[:, k, :, a], B[:, k, :, b] = g[:, :, b], g[:, :, a]
-    return B.reshape(count, -1, n * dim)
+    blocks = blocks.reshape(count, n, dim, n, dim).transpose(0, 1, 3, 2, 4)
+    if isinstance(cells, RingGroup):
+        blocks[..., 0, 0] += 2.0 * C[:, 2, 2, None, None] * cells.hoop_variation()
+    return blocks
 
 
 def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
@@ -416,10 +411,10 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
 
 def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
     """Return rows (c, r, n dim) whose squares add up to a_K^h(v, v) of cells with n vertices."""
-    measures, g = cells.gradients()
-    count, n, dim = g.shape
+    measures, rows = cells.strain_rows()
+    count, components, n, dim = rows.shape
     upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
-    consistent: Floats = np.matmul(upper, _strain_rows(g))
+    consistent: Floats = np.matmul(upper, rows.reshape(count, components, n * dim))
     if cells.simplices:
         return consistent
     stable = np.zeros((count, n, n, dim, dim))
@@ -456,6 +451,7 @@ def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u:
     >>> vx.vem.cell_energies(space, moduli, vx.vem.stabilisation_of("shear", moduli[1]), space.mesh.points).round(9)
     array([8.])
     """
+    space.refuse_revolution("cell_energies")
     strain = strains(space, u)
     density = np.sum(strain * stresses(moduli, strain), axis=1)
     missed = missed_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
@@ -476,7 +472,8 @@ def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) 
     Returns
     -------
     (n_cells, components) array
-        e_xx, e_yy, 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space.
+        e_xx, e_yy, 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space; in bodies of
+        revolution e_rr, e_zz, 2 e_rz and the hoop strain.
 
     Examples
     --------
@@ -484,20 +481,11 @@ def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) 
     >>> vx.vem.strains(space, space.mesh.points).round(9)
     array([[1., 1., 0.]])
     """
-    dim = space.mesh.points.shape[1]
-    u = np.reshape(u, (-1, dim))
-    result = np.empty((space.mesh.n_cells, len(COMPONENTS[dim])))
+    u = np.reshape(u, (-1, space.dim))
+    result = np.empty((space.mesh.n_cells, space.components))
     for group in space.groups if groups is None else groups:
         for chunk in group.chunks(CACHED_NUMBERS):
-            measures, g = chunk.gradients()
-            v = u.take(chunk.nodes, axis=0)
-            # Subtract the displacement of a vertex, so that a large rigid translation costs no digits.
-            v -= v[:, :1].copy()
-            for k, (a, b) in enumerate(COMPONENTS[dim]):
-                sums = np.einsum("ci,ci->c", v[:, :, a], g[:, :, b])
-                if a != b:
-                    sums += np.einsum("ci,ci->c", v[:, :, b], g[:, :, a])
-                result[chunk.cells, k] = sums / measures
+            result[chunk.cells] = chunk.strains(u.take(chunk.nodes, axis=0))
     return result
 
 

@@ -28,7 +28,7 @@ from vemcvx.meshes.polygons import (
     triangle_areas,
 )
 from vemcvx.vem.boundary import Part, edge_part, face_part
-from vemcvx.vem.projection import CellGroup, PolyhedronGroup
+from vemcvx.vem.projection import CellGroup, PolyhedronGroup, second_moments
 from vemcvx.vem.space import Space
 from vemcvx.vem.tensors import COMPONENTS
 
@@ -70,6 +70,12 @@ def cell_quadrature(group: CellGroup) -> Rule:
     """
     if isinstance(group, PolyhedronGroup):
         return group.quadrature()
+    points, weights, owner = _plane_quadrature(group)
+    return points, weights * group.depth(points), owner
+
+
+def _plane_quadrature(group: CellGroup) -> Rule:
+    """Return a quadrature rule on polygons, without their depth."""
     corners = group.corners
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:
@@ -89,11 +95,7 @@ def cell_quadrature(group: CellGroup) -> Rule:
 
 def _ring(about: Floats, areas: Floats) -> Floats:
     """Return the four points (c, 4, 2) relative to the centroid, given the vertices relative to the centroid."""
-    after = np.roll(about, -1, axis=1)
-    part = cross(about, after) / (12.0 * areas[:, None])
-    both = about + after
-    # int over the triangle (0, p, q): cross/24 (pp' + qq' + (p + q)(p + q)').
-    M = 0.5 * sum(np.einsum("ci,cia,cib->cab", part, p, p) for p in (about, after, both))
+    M = second_moments(about) / areas[:, None, None]
     trace = M[:, 0, 0] + M[:, 1, 1]
     # det may round below zero on cells thinner than 1e-8 of their length; _all_inside rejects these.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
@@ -184,12 +186,11 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     """
     points, matrices, cells = [], [], []
     for group in space.groups:
-        n = group.nodes.shape[1]
         for chunk in group.chunks():
             x, weights, owner = cell_quadrature(chunk)
             points.append(x)
             cells.append(chunk.cells[owner])
-            shares = np.repeat(weights[:, None] / n, n, axis=1)
+            shares = weights[:, None] * chunk.load_shares()[owner]
             matrices.append(_load_matrix(chunk.nodes[owner], shares, space))
     return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr(), np.concatenate(cells)
 
@@ -243,18 +244,19 @@ def stress_load(space: Space) -> sp.csr_matrix:
     >>> vx.vem.stress_load(vx.vem.Space(vx.meshes.squares(1))).shape
     (8, 3)
     """
-    dim, components = space.dim, COMPONENTS[space.dim]
-    rows, columns, values = [], [], []
+    rows, columns, values = list[Ints](), list[Ints](), list[Floats]()
     for group in space.groups:
-        g = group.gradients()[1]
-        cell = np.repeat(group.cells[:, None] * len(components), g.shape[1], axis=1)
-        for k, (a, b) in enumerate(components):
-            for force, slope in {(a, b), (b, a)}:
-                rows.append(dim * group.nodes + force)
-                columns.append(cell + k)
-                values.append(g[:, :, slope])
-    v, i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (values, rows, columns))
-    return sp.coo_matrix((v, (i, j)), shape=(space.n_unknowns, len(components) * space.mesh.n_cells)).tocsr()
+        B = group.strain_rows()[1]
+        components = B.shape[1]
+        unknowns = space.dim * group.nodes[:, :, None] + np.arange(space.dim)
+        rows.append(np.broadcast_to(unknowns[:, None], B.shape).ravel())
+        cell = components * group.cells[:, None] + np.arange(components)
+        columns.append(np.broadcast_to(cell[:, :, None, None], B.shape).ravel())
+        values.append(B.ravel())
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    matrix = sp.coo_matrix(entries, shape=(space.n_unknowns, space.components * space.mesh.n_cells)).tocsr()
+    matrix.eliminate_zeros()
+    return matrix
 
 
 def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:

@@ -14,9 +14,12 @@ from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
     RADON_WEIGHTS,
+    cross,
+    polygon_centroids,
     spans,
     split_at_vertices,
 )
+from vemcvx.vem.tensors import COMPONENTS
 
 
 # The projection Pi_K of Section 3 in vertex values.
@@ -255,6 +258,36 @@ class CellGroup:
         """Return |K| (c,), and |K| G_i (c, n, dim): grad Pi v = sum_i v_i (x) G_i."""
         return area_gradients(self.corners)
 
+    def strain_rows(self) -> tuple[Floats, Floats]:
+        """Return |K| (c,), and |K| eps(Pi u) (c, components, n, dim) for a unit displacement of each vertex."""
+        measures, g = self.gradients()
+        count, n, dim = g.shape
+        B = np.zeros((count, len(COMPONENTS[dim]), n, dim))
+        for k, (a, b) in enumerate(COMPONENTS[dim]):
+            B[:, k, :, a], B[:, k, :, b] = g[:, :, b], g[:, :, a]
+        return measures, B
+
+    def strains(self, v: Floats) -> Floats:
+        """Return eps(Pi v), (c, components), for the vertex values v (c, n, dim)."""
+        measures, g = self.gradients()
+        # Subtract the displacement of a vertex, so that a large rigid translation costs no digits.
+        v = v - v[:, :1]
+        columns = []
+        for a, b in COMPONENTS[v.shape[2]]:
+            sums = np.einsum("ci,ci->c", v[:, :, a], g[:, :, b])
+            if a != b:
+                sums += np.einsum("ci,ci->c", v[:, :, b], g[:, :, a])
+            columns.append(sums / measures)
+        return np.column_stack(columns)
+
+    def depth(self, x: Floats) -> Floats:
+        """Return the extent (k,) of the body across the plane at points x (k, dim) in the cells."""
+        return np.ones(len(x))
+
+    def load_shares(self) -> Floats:
+        """Return the parts (c, n) of a cell's force that its vertices carry: equal parts."""
+        return np.full(self.nodes.shape, 1.0 / self.nodes.shape[1])
+
     def boundary_means(self) -> Floats:
         """Return the weights (c, n) of the mean over the boundary of a cell."""
         return boundary_weights(self.corners)
@@ -320,7 +353,101 @@ class PolyhedronGroup(CellGroup):
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
-def cell_groups(mesh: Mesh) -> tuple[CellGroup, ...]:
+def second_moments(about: Floats) -> Floats:
+    """Return int_K x x' dx, (c, 2, 2), of polygons with the vertices (c, n, 2) about the origin."""
+    after = np.roll(about, -1, axis=1)
+    # int over the triangle (0, p, q): cross/24 (pp' + qq' + (p + q)(p + q)').
+    part = cross(about, after) / 24.0
+    sums = [np.einsum("ci,cia,cib->cab", part, p, p) for p in (about, after, about + after)]
+    return np.asarray(sums[0] + sums[1] + sums[2])
+
+
+# Cells of bodies of revolution, in the coordinates (r, z).
+#
+# The strains are e_rr, e_zz, 2 e_rz and the hoop strain e_tt = u_r / r; integrals over the full turn have the weight
+# 2 pi r. With V = int_K r dA, the means of the strains with this weight are, by Gauss' theorem,
+#
+#     V e_rr = oint r u_r n_r ds - int Pi u_r dA,             V e_zz = oint r u_z n_z ds,
+#     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA,
+#
+# with the plane projection Pi in the integrals over the cell. On edges r and u are linear, so the boundary integrals
+# are exact. u_r = r and u_z = z have exact strains. (Axisymmetric virtual elements: L. L. Yaw, arXiv:2312.01559, 2023.)
+#
+# The mean hoop strain does not see a rotation about the centroid, u_r = z - z_c. So the energy contains the variation
+# of the hoop strain, too: Pi u_r - e_tt r is linear, its integral vanishes, and with the second moments M of the cell
+# about its centroid
+#
+#     2 mu int r (Pi u_r / r - e_tt)^2 dA  ~  2 mu g'M g / r_c,     g = grad Pi u_r - e_tt grad r.
+#
+# This term vanishes if u_r is a multiple of r, and it does not contain lam, so nothing locks.
+@dataclass(frozen=True, eq=False)
+class RingGroup(CellGroup):
+    """A group of cells of a body of revolution: all integrals are those over the full turn."""
+
+    @property
+    def shapes(self) -> tuple[Floats, ...]:
+        """The arrays that determine local matrices: the vertices and the radius of the first vertex."""
+        return (*super().shapes, self.points[self.nodes[:, :1], 0])
+
+    @cached_property
+    def centres(self) -> Floats:
+        """The centroids (c, 2), relative to the first vertex of each cell."""
+        return read_only(polygon_centroids(self.corners)[1])
+
+    @property
+    def radii(self) -> Floats:
+        """The radii (c,) of the centroids."""
+        return self.points[self.nodes[:, 0], 0] + self.centres[:, 0]
+
+    @property
+    def stabilised_size(self) -> Floats:
+        """The circumference (c,) at the centroids."""
+        return 2.0 * np.pi * self.radii
+
+    def depth(self, x: Floats) -> Floats:
+        """Return the circumference (k,) at points x (k, 2)."""
+        return 2.0 * np.pi * x[:, 0]
+
+    def load_shares(self) -> Floats:
+        """Return the means (c, n) of Pi phi_i over each cell: then a body force f / r is exact for constant f."""
+        (areas, g), w = self.gradients(), self.boundary_means()
+        arms = self.centres - np.einsum("ci,cia->ca", w, self.corners)
+        return w + np.einsum("cia,ca->ci", g, arms) / areas[:, None]
+
+    def strain_rows(self) -> tuple[Floats, Floats]:
+        """Return 2 pi V (c,), and 2 pi V times the mean strains (c, 4, n, 2): rr, zz, rz and the hoop strain."""
+        areas, g = self.gradients()
+        edge = np.roll(self.corners, -1, axis=1) - self.corners
+        outward = np.stack([edge[:, :, 1], -edge[:, :, 0]], axis=2)
+        # r minus the radius of the centroid: a body far from the axis loses no digits.
+        r = self.corners[:, :, 0] - self.centres[:, :1]
+        after = np.roll(r, -1, axis=1)
+        own, next_ = ((2.0 * r + after) / 6.0)[:, :, None] * outward, ((r + 2.0 * after) / 6.0)[:, :, None] * outward
+        flux = self.radii[:, None, None] * g + own + np.roll(next_, 1, axis=1)  # oint r phi_i n ds
+        inside = areas[:, None] * self.load_shares()
+        B = np.zeros((len(areas), 4, *self.nodes.shape[1:], 2))
+        B[:, 0, :, 0] = B[:, 2, :, 1] = flux[:, :, 0] - inside
+        B[:, 1, :, 1] = B[:, 2, :, 0] = flux[:, :, 1]
+        B[:, 3, :, 0] = inside
+        return 2.0 * np.pi * areas * self.radii, 2.0 * np.pi * B
+
+    def strains(self, v: Floats) -> Floats:
+        """Return the mean strains (c, 4) of the vertex values v (c, n, 2)."""
+        volumes, B = self.strain_rows()
+        v = v - v[:, :1] * [0.0, 1.0]
+        return np.asarray(np.einsum("ckia,cia->ck", B, v) / volumes[:, None])
+
+    def hoop_variation(self) -> Floats:
+        """Return the matrices (c, n, n) of 2 pi g'M g / r_c in the radial displacements of the vertices."""
+        areas, g = self.gradients()
+        rows = (g / areas[:, None, None]).transpose(0, 2, 1).copy()
+        rows[:, 0] -= self.load_shares() / self.radii[:, None]
+        M = second_moments(self.corners - self.centres[:, None])
+        both: Floats = np.matmul(rows.transpose(0, 2, 1), np.matmul(M, rows))
+        return (np.pi / self.radii)[:, None, None] * (both + both.transpose(0, 2, 1))
+
+
+def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]:
     """Return groups of cells by number of vertices, ascending; cell numbers ascend within a group."""
     offsets, nodes = mesh.cell_nodes
     counts, groups = np.diff(offsets), list[CellGroup]()
@@ -334,7 +461,7 @@ def cell_groups(mesh: Mesh) -> tuple[CellGroup, ...]:
             sizes, centroids = mesh.diameters[cells], mesh.centroids[cells]
             groups.append(PolyhedronGroup(*own, vectors, areas, diameters=sizes, centroids=centroids))
         else:
-            groups.append(CellGroup(*own))
+            groups.append((RingGroup if axisymmetric else CellGroup)(*own))
     return tuple(groups)
 
 

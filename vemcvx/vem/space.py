@@ -20,6 +20,7 @@ from vemcvx.meshes import Mesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, smallest_linked, spans
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, cell_groups
+from vemcvx.vem.tensors import COMPONENTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,9 @@ class Space:
     mesh : Mesh
     mirrors : MirrorPlanes or None
         Planes of symmetry at which curves of contact end.
+    axisymmetric : bool
+        True for a body of revolution: the mesh is its half section in the coordinates (r, z), and all integrals, loads
+        and forces are those of the full turn, of weight 2 pi r.
 
     Examples
     --------
@@ -40,6 +44,7 @@ class Space:
 
     mesh: Mesh
     mirrors: MirrorPlanes | None = None
+    axisymmetric: bool = False
 
     @property
     def dim(self) -> int:
@@ -56,10 +61,15 @@ class Space:
         """True if the body is plane, so that the displacements alone do not determine the out-of-plane stress."""
         return self.dim == 2
 
+    @property
+    def components(self) -> int:
+        """The number of components of strain and stress; in bodies of revolution with the hoop component."""
+        return len(COMPONENTS[self.dim]) + self.axisymmetric
+
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
         """The groups of cells by number of vertices, ascending; cell numbers ascend within a group."""
-        return cell_groups(self.mesh)
+        return cell_groups(self.mesh, self.axisymmetric)
 
     @property
     def simplices(self) -> tuple[tuple[str, str], float]:
@@ -104,6 +114,12 @@ class Space:
     def require_plane(self, subject: str, instead: str) -> None:
         """Raise SceneError on polyhedra: `subject` is for plane bodies only; `instead` suggests an alternative."""
         plane_mesh(self.mesh, subject, instead)
+
+    def refuse_revolution(self, subject: str) -> None:
+        """Raise SceneError in a body of revolution, for which `subject` is not available."""
+        if self.axisymmetric:
+            found = f'{subject}: found a body of revolution (plane="axisymmetric")'
+            raise SceneError(f"{found}; this is available for plane bodies and bodies in space only.")
 
     def part(self, on: str | Sequence[str], subject: str, *, contact: bool = False) -> Part:
         """Return the part of the boundary with these names.
@@ -163,7 +179,8 @@ class Space:
     def _part(self, sides: Ints, across: Ints | None) -> Part:
         if isinstance(self.mesh, PolyhedralMesh):
             return face_part(sides, self.mesh, across, self.mirrors)
-        return edge_part(sides, self.mesh.points, across, self.mirrors, self._inside(sides, across))
+        inside = self._inside(sides, across)
+        return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:

@@ -1,9 +1,10 @@
 r"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
 Components of symmetric tensors have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear
-strains are 2 e_xy and so on. Moduli have one column per cell. They are either (2, n_cells), Lame's lam (reduced in
-plane stress) and mu; or the upper triangle of the elastic matrix C by rows: in the plane (6, n_cells), xx-xx, xx-yy,
-xx-xy, yy-yy, yy-xy, xy-xy, in space (21, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
+strains are 2 e_xy and so on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli have one
+column per cell. They are either (2, n_cells), Lame's lam (reduced in plane stress) and mu; or the upper triangle of the
+elastic matrix C by rows: in the plane (6, n_cells), xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy, in space (21, n_cells),
+in bodies of revolution (10, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
 
 $$ \sigma_{1,2} = \tfrac{xx + yy}2 \pm \sqrt{\big(\tfrac{xx - yy}2\big)^2 + xy^2} \quad \text{(Mohr's circle, 1882)}, \\
 \sigma_v^2 = \tfrac12 \big( (xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2 \big) + 3 (xy^2 + yz^2 + xz^2)
@@ -14,6 +15,8 @@ thermal stress.
 """
 
 from __future__ import annotations
+
+from math import isqrt
 
 import numpy as np
 
@@ -139,7 +142,7 @@ def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
             [0., 0., 2.]]])
     """
     if len(moduli) != 2:
-        size = len(COMPONENTS[2 if len(moduli) == 6 else 3])
+        size = isqrt(2 * len(moduli))
         upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
         C[:, upper[0], upper[1]] = C[:, upper[1], upper[0]] = moduli.T
         return C
@@ -149,6 +152,34 @@ def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
     for a in range(size):
         C[:, a, a] += 2 * mu if a < dim else mu
     return C
+
+
+AXISYMMETRIC = 10
+"""The number of moduli of a cell in a body of revolution: the upper triangle of a matrix (4, 4)."""
+
+
+def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
+    """Return the moduli (10, n_cells) of an isotropic body of revolution, from Lame's constants.
+
+    Parameters
+    ----------
+    lam, mu : (n_cells,) array
+
+    Returns
+    -------
+    (10, n_cells) array
+        The upper triangle of the elastic matrix for e_rr, e_zz, 2 e_rz and the hoop strain.
+
+    Examples
+    --------
+    >>> vx.vem.elastic_matrix(vx.vem.moduli_of_revolution(np.array([1.0]), np.array([2.0])))[0]
+    array([[5., 1., 0., 1.],
+           [1., 5., 0., 1.],
+           [0., 0., 2., 0.],
+           [1., 1., 0., 5.]])
+    """
+    zero, normal = np.zeros_like(lam), lam + 2.0 * mu
+    return np.stack([normal, lam, zero, lam, normal, zero, lam, mu, zero, normal])
 
 
 def upper_triangle(C: Floats) -> Floats:

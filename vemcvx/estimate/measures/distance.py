@@ -193,6 +193,7 @@ def field_of(run: Results | Field, step: int, subject: str) -> Field:
         return run
     if not isinstance(run, Results):
         raise HistoryError(f"{subject}: found {brief(run)}; wanted a History or a vx.measures.Field.")
+    run._space.refuse_revolution(subject)
     row = run.row(step)
     return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]), run.stabilisation)
 

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from declared_cells import TIMES, block, cases, squares, stretched
-from scenes import mostly_slow
+from declared_cells import TIMES, cases, squares, stretched
+from scenes import mostly_slow, paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
@@ -58,8 +58,8 @@ def test_true_errors_meet_the_target_from_stretched_cells(start):
     """With |K|^{1/2} as length of a cell K, true errors were up to .145."""
     one, other = start
     mesh = stretched(one, 4, 16, other) if isinstance(one, str) else squares(one, other)
-    found = vx.adapt(block(), mesh, [0.0, 1.0], 0.08)
-    truth = simulated(block, squares, 256, 256)
+    found = vx.adapt(paper_scene(), mesh, [0.0, 1.0], 0.08)
+    truth = simulated(paper_scene, squares, 256, 256)
     assert found.met
     assert vx.measures.energy_distance(found.history, truth).relative <= 0.08
 

@@ -15,7 +15,7 @@ import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
-from scenes import FAMILIES, SEEDED, drawn
+from scenes import FAMILIES, SEEDED, drawn, moved, rotation
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -36,7 +36,7 @@ class Drawn:
     condense: bool
     start: str
     kinds: set = field(default_factory=set)
-    """kinds of effects and settings, as listed in :func:`draw`"""
+    """Kinds of effects and settings, as listed in :func:`draw`."""
 
     @property
     def scene(self):
@@ -116,7 +116,7 @@ class _Draw:
         angle = self.rng.uniform(-3, 3) if self.chance(0.2) else 0.0
         if angle:
             self.kinds.add("turned")
-            mesh = _rotate(mesh, angle)
+            mesh = moved(mesh, rotation(angle))
         self.along = np.array([np.cos(angle), np.sin(angle)])
         self.up = np.array([-np.sin(angle), np.cos(angle)])
         inside = self.rng.random(mesh.n_cells) < 0.5
@@ -409,9 +409,3 @@ def _has_kernel(effects, mesh):
 
 def _midpoints(mesh, name):
     return mesh.points[mesh.boundaries[name]].mean(axis=1)
-
-
-def _rotate(mesh, angle):
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    turned = vx.PolygonMesh(mesh.points @ turn, mesh.cells)
-    return turned.with_boundaries({name: e for name, e in mesh.boundaries.items() if name != "boundary"})

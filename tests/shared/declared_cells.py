@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scenes import FAMILIES
+from scenes import FAMILIES, paper_scene
 
 import vemcvx as vx
 
@@ -27,16 +27,6 @@ class Case:
     scene: Callable[[], vx.Scene]
     mesh: Callable[[], vx.PolygonMesh]
     fine: Callable[[], vx.PolygonMesh]
-
-
-def block():
-    """Return the paper's scene."""
-
-    def pull(x, t):
-        return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
-
-    friction = vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=4.0, on="bottom")
-    return vx.Scene(STEEL, vx.Clamp(on="right"), vx.Traction(pull, on="left"), *friction)
 
 
 def sheared():
@@ -64,7 +54,7 @@ def cantilever():
     return vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(shear, on="right"))
 
 
-BLOCKS = {"block": (block, 256), "sheared": (sheared, 192), "heavy": (heavy, 192)}
+BLOCKS = {"block": (paper_scene, 256), "sheared": (sheared, 192), "heavy": (heavy, 192)}
 SQUARES = ((8, 8), (16, 16), (32, 4), (64, 4), (128, 4), (256, 8), (200, 2))
 CELLS = {1: 12, 4: 6, 16: 4}
 """Number of cells across the short side of the box, by aspect."""

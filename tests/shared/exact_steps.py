@@ -188,8 +188,8 @@ class Steps:
         B = sp.csr_matrix((0, n)) if system.norms is None else system.norms.B
         E = sp.csr_matrix((0, n)) if system.limits is None else system.limits.D
         self.compliance = np.zeros(0) if system.limits is None else system.limits.compliance
-        self.sigma, B = _rows(B @ D)
-        self.tau, E = _rows(E @ D)
+        self.sigma, B = _scale_rows(B @ D)
+        self.tau, E = _scale_rows(E @ D)
         self.B, self.E = Matrix.from_matrix(B), Matrix.from_matrix(E)
 
     def step(self, before, s, t, guess, settled=False, weights=None):
@@ -207,7 +207,7 @@ class Steps:
         if ground is not None:
             drags = [drag - ground(x) for drag, x in zip(drags, (s, t), strict=True)]
         gap = np.zeros(0) if limits is None else limits.remaining_gap(t)
-        a = _unit(load, before, drags[0] - drags[1], guess[0], power)
+        a = _choose_unit(load, before, drags[0] - drags[1], guess[0], power)
         y = fixed(np.ldexp(before, -power - a))
         K, g = self.K, fixed(np.ldexp(load, power - a)) - self.K @ y
         if self.C is not None and not settled:
@@ -223,7 +223,7 @@ class Steps:
         if motion is not None and motion.remaining_gap is not None:
             e = e - fixed(np.ldexp(motion.remaining_gap(t), -self.tau - a))
         soft = fixed(np.ldexp(self.compliance, -2 * self.tau))
-        law = self._law(t, weights, a)
+        law = self._scale_law(t, weights, a)
         start = (
             fixed(np.ldexp(guess[0], -power - a)),
             fixed(np.ldexp(guess[1], self.sigma - a)),
@@ -240,7 +240,7 @@ class Steps:
         """Convert a scaled fixed-point increment to the package's units."""
         return np.ldexp(floats(d), self.power + unit)
 
-    def _law(self, t, weights, a):
+    def _scale_law(self, t, weights, a):
         """Return (w, M), scaled: the weights are w + M p."""
         norms = self.system.norms
         m, r = self.B.shape[0], self.E.shape[0]
@@ -256,7 +256,7 @@ class Steps:
         return fixed(np.ldexp(base, self.sigma - a)), Matrix.from_matrix(sp.csr_matrix(M))
 
 
-def _rows(matrix):
+def _scale_rows(matrix):
     """Return the exponents of the row sizes, and the matrix with rows of size one."""
     matrix = sp.csr_matrix(matrix)
     size = abs(matrix).max(axis=1).toarray().ravel() if matrix.shape[0] else np.zeros(0)
@@ -264,7 +264,7 @@ def _rows(matrix):
     return power, sp.csr_matrix(sp.diags_array(np.ldexp(1.0, -power)) @ matrix)
 
 
-def _unit(load, before, drag, d, power):
+def _choose_unit(load, before, drag, d, power):
     """Return the exponent a of a step's size."""
     sizes = [np.ldexp(load, power), np.ldexp(before, -power), drag, np.ldexp(d, -power)]
     top = max(np.abs(x).max(initial=0.0) for x in sizes)
@@ -287,13 +287,13 @@ class _Conditions:
     def solve(self, start):
         """Return (d, lam, p, slips, acts) that satisfy all conditions."""
         d, lam, p = start
-        slips, acts = self._sets(d, lam, p, shift=ONE // 8)
-        seen, single, pairs = set(), False, self._parallel()
+        slips, acts = self._choose_sets(d, lam, p, shift=ONE // 8)
+        seen, single, pairs = set(), False, self._find_parallel_rows()
         for _ in range(MOST_SETS):
-            slips = self._released(slips, acts, pairs)
-            x = self._on(slips, acts)
+            slips = self._release_terms(slips, acts, pairs)
+            x = self._solve_on_sets(slips, acts)
             d, lam, p = np.split(x, [len(self.g), len(self.g) + len(self.b)])
-            next_slips, next_acts = self._next(d, lam, p, slips, acts)
+            next_slips, next_acts = self._correct_sets(d, lam, p, slips, acts)
             wrong = np.flatnonzero(np.append(next_slips != slips, next_acts != acts))
             if len(wrong) == 0:
                 return d, lam, p, slips, acts
@@ -309,7 +309,7 @@ class _Conditions:
                 slips, acts = next_slips, next_acts
         raise Stuck("the sets cycle")
 
-    def _parallel(self):
+    def _find_parallel_rows(self):
         """Return (norm term, limit, ratio of the rows) for each pair that reads one unknown, as at corners."""
         rows = []
         for matrix in (self.B, self.E):
@@ -325,7 +325,7 @@ class _Conditions:
             if column == other and self.soft[j] == 0
         ]
 
-    def _released(self, slips, acts, pairs):
+    def _release_terms(self, slips, acts, pairs):
         """Mark terms as slipping if an active limit moves them: sticking may contradict the limit."""
         slips = slips.copy()
         for i, j, ratio in pairs:
@@ -334,20 +334,20 @@ class _Conditions:
                 slips[i] = 1 if slip > 0 else -1
         return slips
 
-    def _weights(self, p):
+    def _compute_weights(self, p):
         w, M = self.law
         return w + M @ p
 
-    def _sets(self, d, lam, p, shift):
-        w, s, z = self._weights(p), self.B @ d - self.b, self.E @ d - self.e
+    def _choose_sets(self, d, lam, p, shift):
+        w, s, z = self._compute_weights(p), self.B @ d - self.b, self.E @ d - self.e
         q = np.array([int(x) + (int(y) * shift >> BITS) for x, y in zip(lam, s, strict=True)], dtype=object)
         slips = np.array([0 if abs(x) <= y and y > 0 else (1 if x >= 0 else -1) for x, y in zip(q, w, strict=True)])
         acts = np.array([int(x) + (int(y) * shift >> BITS) > 0 for x, y in zip(p, z, strict=True)])
         return slips.astype(int), acts.astype(bool)
 
-    def _next(self, d, lam, p, slips, acts):
+    def _correct_sets(self, d, lam, p, slips, acts):
         """Return the sets with every violation corrected."""
-        w, s, z = self._weights(p), self.B @ d - self.b, self.E @ d - self.e
+        w, s, z = self._compute_weights(p), self.B @ d - self.b, self.E @ d - self.e
         new, pressed = slips.copy(), acts.copy()
         for i, (x, y, v) in enumerate(zip(lam, s, w, strict=True)):
             if slips[i] == STICKS:
@@ -362,9 +362,9 @@ class _Conditions:
                 pressed[j] = True
         return new, pressed
 
-    def _on(self, slips, acts):
+    def _solve_on_sets(self, slips, acts):
         """Return the refined solution on given sets."""
-        matrix, right = self._system(slips, acts)
+        matrix, right = self._assemble(slips, acts)
         dense = matrix.dense()
         solve = _factor(dense)
         if solve is None:
@@ -382,7 +382,7 @@ class _Conditions:
             x = x + np.array([int(v) * (1 << shift) >> BITS for v in fixed(solve(unit))], dtype=object)
         return eliminate(matrix.whole(), right)
 
-    def _system(self, slips, acts):
+    def _assemble(self, slips, acts):
         n, m, r = len(self.g), len(self.b), len(self.e)
         w, M = self.law
         size = n + m + r

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import frozen_answers
 import numpy as np
+from scenes import moved, rotation
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Friction, Law
@@ -129,7 +130,7 @@ class _Draw:
             self.sides = {side: f"upper.{side}" for side in ("left", "right", "top")} | {"bottom": "lower.bottom"}
         else:
             mesh = self.block(box, 2)
-            mesh = turn(mesh, self.rng.uniform(-3, 3)) if self.dim == 2 and self.chance(0.15) else mesh
+            mesh = moved(mesh, rotation(self.rng.uniform(-3, 3))) if self.dim == 2 and self.chance(0.15) else mesh
             self.sides = {side: side for side in ("left", "right", "top", "bottom")}
         hard = self.rng.random(mesh.n_cells) < 0.5
         self.two_materials = self.chance(0.1) and hard.any() and not hard.all()
@@ -318,13 +319,6 @@ class _Draw:
             eta = self.young * self.period * self.ten(-2, 1)
             effects.append(vx.Viscosity(eta, eta * self.one(0.0, 1.0)))
         return effects
-
-
-def turn(mesh, angle):
-    """Return a plane mesh, rotated by an angle."""
-    rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    sides = {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
-    return vx.PolygonMesh(mesh.points @ rotation, mesh.cells).with_boundaries(sides)
 
 
 def draw(seed):

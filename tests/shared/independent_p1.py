@@ -26,6 +26,9 @@ import numpy as np
 import skfem
 from skfem.helpers import ddot, div, dot, sym_grad, trace
 
+AGREE = 1e-8
+"""Largest relative difference of the results of both programs."""
+TIMES = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9])
 FIXED_POINT = 1e-13
 MOST_PROGRAMS = 200
 MOST_SETS = 30
@@ -51,6 +54,16 @@ def swelling(v, w):
 def stressed(v, w):
     e = sym_grad(v)
     return w.xx * e[0, 0] + w.yy * e[1, 1] + 2 * w.xy * e[0, 1]
+
+
+def vector(force):
+    """Return force(x, y, t), two components, as a function of points (m, 2) and t."""
+    return lambda x, t: np.column_stack([f + 0 * x[:, 0] for f in force(x[:, 0], x[:, 1], t)])
+
+
+def scalar(value):
+    """Return value(x, y, t) as a function of points (m, 2) and t."""
+    return lambda x, t: value(x[:, 0], x[:, 1], t) + 0 * x[:, 0]
 
 
 class NotPolished(AssertionError):
@@ -358,9 +371,9 @@ class March:
         lengths = [np.full(len(r.nodes), np.inf if k is None else k) * r.lengths for r, _, k in body.obstacles]
         self.spring = np.concatenate(lengths) if lengths else np.zeros(0)
         self.soft = np.isfinite(self.spring)
-        self.press = self._pressing()
+        self.press = self._find_pressing_walls()
 
-    def _pressing(self):
+    def _find_pressing_walls(self):
         """Return the matrix (rubs, walls) with mu where an obstacle presses on the node of a friction row."""
         out = []
         for rows, _, mu in self.body.rubs:
@@ -394,7 +407,7 @@ class March:
         now = State(np.zeros(2 * body.n), np.zeros(len(self.T)), np.zeros(len(self.N)), np.zeros(len(self.E)))
         states, forces, loss, work = [now], [np.zeros(2 * body.n)], [0.0], [0.0]
         for s, t in pairwise(times):
-            before, now = now, self._step(now, s, t)
+            before, now = now, self._solve_step(now, s, t)
             du, f, k = now.u - before.u, self.load(t), t - s
             rubbed = self.bounds(t, now.p) @ np.abs(self.T @ du)
             forces.append(body.K @ now.u + body.C @ du / k - f)
@@ -420,32 +433,32 @@ class March:
             np.array([s.p for s in states]) > 0,
         )
 
-    def _step(self, before, s, t):
+    def _solve_step(self, before, s, t):
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
-            return self._program(before, s, t, self.bounds(t, before.p))
+            return self._solve_program(before, s, t, self.bounds(t, before.p))
         # The first guess is the pressures under very large friction. Friction from the pressures of the last step might
         # not hold a body that only friction holds.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
-        p, state = self._program(before, s, t, tight).p, None
+        p, state = self._solve_program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
-            state = self._program(before, s, t, self.bounds(t, p), state)
+            state = self._solve_program(before, s, t, self.bounds(t, p), state)
             change = np.abs(state.p - p).max()
             p = state.p
             if change <= FIXED_POINT * max(np.abs(p).max(), 1e-300):
                 return state
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
-    def _program(self, before, s, t, bounds, near=None):
+    def _solve_program(self, before, s, t, bounds, near=None):
         """Solve a convex program; begin with the sets of the state `near`, or else with Clarabel's."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)
         problem = H, f, gap, h, bounds, self.T @ before.u
-        sets = self._clarabel(*problem) if near is None else near.sets
-        return self._polished(*problem, sets)
+        sets = self._solve_with_clarabel(*problem) if near is None else near.sets
+        return self._polish(*problem, sets)
 
-    def _clarabel(self, H, f, gap, h, bounds, b):
+    def _solve_with_clarabel(self, H, f, gap, h, bounds, b):
         """Return the sets of Clarabel's answer to the program with scaled variables."""
         unit = np.abs(np.linalg.lstsq(H, f, rcond=1e-12)[0]).max() + np.abs(h).max(initial=0.0)
         unit = unit if unit > 0 else 1.0
@@ -488,7 +501,7 @@ class March:
         # A row sticks if its slip is nearer to zero than its multiplier is to the bound.
         return np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int), acts
 
-    def _polished(self, H, f, gap, h, bounds, b, sets):
+    def _polish(self, H, f, gap, h, bounds, b, sets):
         """Solve the optimality conditions on the sets as a dense linear system; correct sets with wrong signs."""
         sign, acts = sets
         n = len(f)
@@ -500,7 +513,7 @@ class March:
             right = f - self.T.T @ slides + self.N[bent].T @ (self.spring[bent] * gap[bent])
             A = np.vstack([self.E, self.T[stick], self.N[hard]])
             c = np.concatenate([h, b[stick], gap[hard]])
-            x = _solved(stiff, A, right, c)
+            x = _solve_saddle_point(stiff, A, right, c)
             u, m = x[:n], x[n:]
             q, lam, p = m[: len(self.E)], slides.copy(), np.zeros(len(self.N))
             lam[stick] = m[len(self.E) : len(self.E) + len(stick)]
@@ -522,7 +535,7 @@ class March:
         raise NotPolished("no sets satisfy all conditions")
 
 
-def _solved(H, A, f, c):
+def _solve_saddle_point(H, A, f, c):
     """Solve H x + A'm = f, A x = c, with one step of refinement."""
     n, k = len(f), len(c)
     M = np.zeros((n + k, n + k))

@@ -49,19 +49,19 @@ def run(drawn):
         first = vx.simulate(scene, mesh, times[: half + 1], **options)
         return vx.simulate(scene, mesh, times[half:], initial=first.displacement[-1], **options)
     if drawn.start == "resumed" and half < len(times) - 1:
-        return _resumed(scene, mesh, times, half, options)
+        return _run_resumed(scene, mesh, times, half, options)
     initial = drawn.start if drawn.start in ("settled", "equilibrium") else None
     return vx.simulate(scene, mesh, times, initial=initial, **options)
 
 
-def _resumed(scene, mesh, times, half, options):
+def _run_resumed(scene, mesh, times, half, options):
     with tempfile.TemporaryDirectory() as folder:
         with contextlib.suppress(Stopped):
             vx.simulate(scene, mesh, times, stream=folder, progress=stop_at(half), **options)
         return vx.simulate(scene, mesh, times, stream=folder, resume=True, **options)
 
 
-def judged(drawn):
+def run_and_judge(drawn):
     """Run a random scene and compare it with exact steps."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -119,7 +119,7 @@ def _check_steps(drawn, system, t, verdict):
             continue
         error = step.distance(exact.scaled(before, t.state[n], step.unit))
         if system.norms is not None and system.norms.law is not None:
-            error = min(error, _distance_for_weights(exact, t, n, before, guess))
+            error = min(error, _measure_distance_for_weights(exact, t, n, before, guess))
         verdict.steps += 1
         allowed = bound[n]
         verdict.ratio = max(verdict.ratio, error / allowed if allowed > 0 else (np.inf if error > 0 else 0.0))
@@ -201,7 +201,7 @@ def _iterative_error(drawn, system):
     return left
 
 
-def _distance_for_weights(exact, t, n, before, guess):
+def _measure_distance_for_weights(exact, t, n, before, guess):
     """Return the distance from the exact solution for the answer's weights, if these obey the law of its pressures.
 
     With large coefficients a step may have several solutions. An answer that solves the step with its weights is one of

@@ -46,7 +46,7 @@ return Object.entries(faint).slice(0, 20);
 
 
 @contextmanager
-def browser_of(folder):
+def start_browser(folder):
     """Start a headless Chromium that logs its requests; skip the test if it is not installed."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="the browser is driven by selenium")
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
@@ -64,7 +64,7 @@ def browser_of(folder):
         driven.quit()
 
 
-def metrics(browser, width, theme):
+def set_window(browser, width, theme):
     """Set the width of the window in pixels, and the theme, "light" or "dark"."""
     size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": width < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)

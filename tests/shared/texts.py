@@ -29,11 +29,10 @@ def cells(text: str) -> list[str]:
     return blocks(text, "{code-cell}")
 
 
-def file(text: str, caption: str) -> str:
-    """Return a file that a page shows, by its name."""
-    head = rf"```\{{code-block\}} python\n:caption: {re.escape(caption)}\n\n"
-    (found,) = re.findall(rf"^{head}(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-    return found
+def files(text: str) -> dict[str, str]:
+    """Return caption -> content of the files that a page shows."""
+    shown = r"^```\{code-block\} \w+\n:caption: (.+)\n(?::.*\n)*\n((?:.*\n)*?)```$"
+    return dict(re.findall(shown, text, re.MULTILINE))
 
 
 def prose(text: str) -> str:

@@ -17,7 +17,7 @@ import pytest
 from called import call
 from installed import needs
 from pages import words_drawn
-from pages_seen import browser_of
+from pages_seen import start_browser
 
 import vemcvx as vx
 from vemcvx.cli import live_page
@@ -302,7 +302,7 @@ def test_sliders_change_numbers_and_picture_in_a_browser(ran, address, tmp_path)
         return [" ".join(number) for number in app.numbers_of(history, step)][:2]
 
     app, _, found = ran
-    with browser_of(tmp_path) as browser:
+    with start_browser(tmp_path) as browser:
         browser.get(address)
         first = shown((None, []))
         assert first[1][:2] == expected(found["history"], app.STEPS)

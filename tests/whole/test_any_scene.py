@@ -1,6 +1,6 @@
 """A thousand random scenes: true errors are within certificate plus floor, and all errors are of vemcvx.
 
-A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.judged`` runs and judges it.
+A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.run_and_judge`` runs and judges it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from any_scene import draw
 from exact_steps import Steps, floats
-from judged import judge, judged, run
+from judged import judge, run, run_and_judge
 
 import vemcvx as vx
 
@@ -31,7 +31,7 @@ def judge_all(seeds, most_refused):
     for seed in seeds:
         drawn = draw(seed)
         try:
-            verdict = judged(drawn)
+            verdict = run_and_judge(drawn)
         except Exception as error:
             faults.append(f"{type(error).__name__}: {error}\n  {drawn.words}")
             continue
@@ -46,7 +46,7 @@ def judge_all(seeds, most_refused):
 
 
 @cache
-def known():
+def run_known_scene():
     """Return a scene in which bodies slip on two sides and obstacles press, and its history."""
     drawn = draw(83)
     return drawn, run(drawn)
@@ -61,13 +61,13 @@ FALSE = {
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_the_judge_finds_no_fault_in_a_right_answer():
-    assert judge(*known()).faults == []
+    assert judge(*run_known_scene()).faults == []
 
 
 @pytest.mark.parametrize("complaint", FALSE)
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_the_judge_finds_relative_errors_of_a_millionth(complaint):
-    drawn, history = known()
+    drawn, history = run_known_scene()
     trajectory = history.trajectory
     false = replace(history, trajectory=replace(trajectory, **FALSE[complaint](trajectory)))
     assert any(fault.startswith(complaint) for fault in judge(drawn, false).faults)
@@ -75,7 +75,7 @@ def test_the_judge_finds_relative_errors_of_a_millionth(complaint):
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_the_judge_finds_forces_that_do_not_balance():
-    drawn, history = known()
+    drawn, history = run_known_scene()
     forces = np.array(history.forces)
     forces[-1, 0] *= 1 + 1e-9
     assert any(fault.startswith("balance") for fault in judge(drawn, replace(history, forces=forces)).faults)

@@ -25,7 +25,7 @@ PROGRAM = r"(?:python3?|pip|vemcvx|meshio|ruff) \S|\. \.venv|mypy$|\.ci/\w+$"
 SECONDS = 900
 
 
-def commands():
+def list_commands():
     """Return each command once, in the order of the texts."""
     found = []
     for path in TEXTS:
@@ -127,7 +127,7 @@ NOT_RUN = {
 
 
 def test_tables_of_commands_name_commands_of_the_texts():
-    assert {*HOW, *NOT_RUN} <= set(commands())
+    assert {*HOW, *NOT_RUN} <= set(list_commands())
     assert not set(HOW) & set(NOT_RUN)
 
 
@@ -143,8 +143,8 @@ def checkout(tmp_path_factory):
     for name in filter(None, listed.stdout.decode().split("\0")):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, folder / name)
-    (folder / "pad.py").write_text(texts.file(texts.page("howto/problem_file"), "pad.py"))
-    mine = texts.file(texts.page("howto/own_solver"), "mine.py")
+    (folder / "pad.py").write_text(texts.files(texts.page("howto/problem_file"))["pad.py"])
+    mine = texts.files(texts.page("howto/own_solver"))["mine.py"]
     (folder / "mine.py").write_text(f"{mine}\n\nMine = Fista\n")
     square = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
     meshio.Mesh(square, [("triangle", np.array([(0, 1, 2), (0, 2, 3)]))]).write(folder / "a.mesh")
@@ -178,7 +178,7 @@ def test_commands_of_the_texts_run(checkout, env):
     if env != "main":
         made = run(f"python3 -m venv {folder}", checkout, "none")
         assert made.returncode == 0, made.stderr
-    chosen = [(command, HOW.get(command, As())) for command in commands() if command not in NOT_RUN]
+    chosen = [(command, HOW.get(command, As())) for command in list_commands() if command not in NOT_RUN]
     chosen = [(command, how) for command, how in chosen if how.env == env]
     # Extras are installed before the commands that need them.
     chosen.sort(key=lambda one: not one[0].startswith(("pip", "python3 -m venv")) if env != "main" else 0)

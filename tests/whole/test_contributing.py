@@ -15,7 +15,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from test_structure import PACKAGES
-from texts import CONTRIBUTING, blocks, file, page
+from texts import CONTRIBUTING, blocks, files, page
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -26,8 +26,8 @@ ROOT = Path(__file__).parents[2]
 TEXT, EFFECT_PAGE, SOLVER_PAGE = CONTRIBUTING.read_text(), page("howto/own_effect"), page("howto/own_solver")
 BLOCKS = blocks(EFFECT_PAGE, "python") + blocks(page("howto/own_mesh_family"), "python")
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
-FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "mine.py")}
-LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": file(SOLVER_PAGE, "test_mine.py")}
+FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["mine.py"]}
+LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
 ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
 """A recipe has a page with a file, whose first line is its path, and a line of code. CONTRIBUTING.md shows the two
 entries in tests that a new effect needs."""
@@ -76,8 +76,8 @@ def test_an_effect_in_one_file_and_a_line_has_its_closed_form(made):
     assert any(words.startswith("Robin: stiffness 3.0") for words in history.effects)
 
 
-SAMPLE, BED = file(EFFECT_PAGE, "test_slip_weakening.py"), file(EFFECT_PAGE, "contribute of a bed of springs")
-LAW = file(page("howto/own_law"), "contribute of slip weakening")
+SAMPLE, BED = files(EFFECT_PAGE)["test_slip_weakening.py"], files(EFFECT_PAGE)["contribute of a bed of springs"]
+LAW = files(page("howto/own_law"))["contribute of slip weakening"]
 
 
 def test_the_law_on_the_page_is_in_its_problem_file():
@@ -210,7 +210,7 @@ def test_a_solver_of_25_lines_passes_the_suite_first_time(case):
 
 
 DENSE = {"__name__": "dense"}
-exec(file(SOLVER_PAGE, "dense.py"), DENSE)
+exec(files(SOLVER_PAGE)["dense.py"], DENSE)
 test_a_linear_solver_of_25_lines_passes_its_suite = pytest.mark.long(linear_suite(DENSE["Dense"]()))
 
 

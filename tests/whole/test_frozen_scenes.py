@@ -18,7 +18,7 @@ OTHER_ANSWERS = 0.02
 """Largest fraction of scenes with a new solution, which friction that depends on the answer may have."""
 
 
-def in_words(seeds):
+def join_words(seeds):
     return "\n".join(f"seed {seed}: {words}" for seed, words in seeds.items())
 
 
@@ -26,17 +26,17 @@ def check(seeds):
     """Check the scenes of all seeds against their stored answers, and return the judgement."""
     judgement = frozen_scenes.judge(seeds)
     assert not judgement.wrong, (
-        f"{len(judgement.wrong)} answers outside both certificates:\n{in_words(judgement.wrong)}"
+        f"{len(judgement.wrong)} answers outside both certificates:\n{join_words(judgement.wrong)}"
     )
     assert not judgement.crashed, (
-        f"errors of other classes than VemcvxError: {judgement.crashed}\n{in_words(judgement.messages)}"
+        f"errors of other classes than VemcvxError: {judgement.crashed}\n{join_words(judgement.messages)}"
     )
     unclear = {seed: words for seed, words in judgement.messages.items() if not (words.endswith(".") and " " in words)}
-    assert not unclear, f"errors without a sentence:\n{in_words(unclear)}"
-    assert len(judgement.other) <= OTHER_ANSWERS * len(seeds), in_words(judgement.other)
+    assert not unclear, f"errors without a sentence:\n{join_words(unclear)}"
+    assert len(judgement.other) <= OTHER_ANSWERS * len(seeds), join_words(judgement.other)
     # One scene may be refused anew, even if it is a large fraction of few scenes.
     more, allowed = judgement.refused.total() - judgement.refused_before.total(), max(1.0, MORE_REFUSALS * len(seeds))
-    assert more <= allowed, f"{more} more refusals, allowed are {allowed:g}:\n{in_words(judgement.newly_refused)}"
+    assert more <= allowed, f"{more} more refusals, allowed are {allowed:g}:\n{join_words(judgement.newly_refused)}"
     return judgement
 
 

@@ -1,10 +1,10 @@
-"""Functions of users cannot change their arguments, and their results are copied at once."""
+"""User-defined functions cannot change their arguments, and their results are copied at once."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import paper_scene, small
+from scenes import monotone, paper_load, paper_scene, small
 
 import vemcvx as vx
 
@@ -13,7 +13,7 @@ TIMES = [0.0, 0.5, 1.0]
 
 
 def reuse_buffer(function):
-    """Return the function with a change: it writes all its results into one array."""
+    """Return a function with the same values that writes all its results into one array."""
     kept = []
 
     def write(*given):
@@ -45,15 +45,11 @@ def test_a_system_may_return_one_buffer_for_all_instants(system):
         np.testing.assert_array_equal(getattr(same, name), getattr(fresh, name))
 
 
-def pull(x, t):
-    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
-
-
 def test_a_scene_may_return_one_buffer_for_all_instants():
     def scene(wrap):
         parts = (e for e in paper_scene() if not isinstance(e, (vx.Traction, vx.TrescaFriction)))
         bound = wrap(lambda x, t: 1.0 + t + 0 * x[:, 0])
-        return vx.Scene(*parts, vx.Traction(wrap(pull), "left"), vx.TrescaFriction(bound, "bottom"))
+        return vx.Scene(*parts, vx.Traction(wrap(paper_load(monotone)), "left"), vx.TrescaFriction(bound, "bottom"))
 
     fresh, same = (vx.simulate(scene(wrap), small("squares", 4), TIMES) for wrap in (lambda f: f, reuse_buffer))
     np.testing.assert_array_equal(same.displacement, fresh.displacement)

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_p1 import Bodies, March, NotPolished
+from independent_p1 import AGREE, TIMES, Bodies, March, NotPolished, scalar, vector
 
 import vemcvx as vx
 
-AGREE = 1e-8
-TIMES = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9])
 NAMES = ("lower", "middle", "upper")
 
 
@@ -29,14 +27,6 @@ def stack_boxes(rng):
     mesh = vx.meshes.bodies(made)
     other = Bodies(np.array(mesh.points), np.array(mesh.cells), mesh.cell_data["body"].astype(int), names)
     return names, mesh, other
-
-
-def scalar(f):
-    return lambda x, t: f(x[:, 0], x[:, 1], t) + 0 * x[:, 0]
-
-
-def vector(f):
-    return lambda x, t: np.column_stack([part + 0 * x[:, 0] for part in f(x[:, 0], x[:, 1], t)])
 
 
 def draw(seed):

@@ -12,22 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_p1 import Body, March
+from independent_p1 import AGREE, TIMES, Body, March, scalar, vector
 
 import vemcvx as vx
 
-AGREE = 1e-8
 E, NU = 200.0, 0.3
-
-
-def vector(force):
-    """Return force(x, y, t) as a function of points (m, 2) and t."""
-    return lambda x, t: np.column_stack([f + 0 * x[:, 0] for f in force(x[:, 0], x[:, 1], t)])
-
-
-def scalar(value):
-    """Return value(x, y, t) as a function of points (m, 2) and t."""
-    return lambda x, t: value(x[:, 0], x[:, 1], t) + 0 * x[:, 0]
 
 
 # Parts of scenes
@@ -227,7 +216,6 @@ SCENES = {
     "guided": lambda mesh: (elastic(), guide_down(), guide_along(), floor(), coulomb(constant(0.3))),
 }
 SLOW = ("soft floor", "guided")
-TIMES = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9])
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from texts import PAGES, ROOT, SITE, TEXTS, cells, file, is_made, page, prose
+from texts import PAGES, ROOT, SITE, TEXTS, cells, files, is_made, page, prose
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -81,7 +81,7 @@ def test_the_page_of_measurements_has_the_values_of_constants():
 def test_the_problem_file_runs_as_described(tmp_path):
     """The pad of the file slips as a whole in the end: friction is the coefficient times the pressure."""
     text = page("howto/problem_file")
-    (tmp_path / "pad.py").write_text(file(text, "pad.py"))
+    (tmp_path / "pad.py").write_text(files(text)["pad.py"])
     assert "$ vemcvx run pad.py --n 16" in text
     options = ["--n", "6", "--steps", "4", "--set", "coefficient=0.5", "--out"]
     done = CliRunner().invoke(app, ["run", str(tmp_path / "pad.py"), *options, str(tmp_path / "out")])

@@ -71,12 +71,6 @@ def test_a_release_runs_the_main_job_from_the_wheel_before_it_is_published():
     assert made < checked < job < published
 
 
-def test_the_readme_has_a_table_of_ten_rows_and_five_limits():
-    assert len(re.findall(r"^\| \*\*", TEXT, re.MULTILINE)) == 10
-    limits = TEXT[TEXT.index("## Limits") : TEXT.index("## Citing")]
-    assert limits.count("\n- ") == 5
-
-
 def test_the_readme_names_files_without_links():
     """Relative links would be broken where PyPI shows the README."""
     assert re.findall(r"\]\((?!http)", TEXT) == []

@@ -18,19 +18,16 @@ from types import ModuleType
 
 import pytest
 from generator import gallery, reference
-from pages_seen import FAINT, browser_of, metrics
+from pages_seen import FAINT, set_window, start_browser
+from texts import PAGES, ROOT, blocks, files
 
 import vemcvx
 from vemcvx.cli.supplied import lessons, problem_files
 
-ROOT = Path(__file__).parents[2]
 MODULES = "meshes", "estimate.measures", "plots", "program", "effects", "vem", "testing"
 """Modules whose `__all__` is public."""
 SCRIPT = ROOT / "docs" / "build.py"
-PAGES = sorted((ROOT / "docs").glob("**/*.md"))
 FURTHER = "sphinx", "myst_nb", "furo", "numpydoc", "sphinx_design", "sphinx_copybutton", "marimo", "pandas", "xarray"
-COMMAND = re.compile(r"^```console\n(.*?)^```", re.DOTALL | re.MULTILINE)
-FILE = re.compile(r"^```\{code-block\} \w+\n:caption: (\S+)\n(?::.*\n)*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
 def test_every_public_name_is_on_one_page_of_the_reference():
@@ -205,10 +202,10 @@ def test_pages_are_legible_in_a_browser_and_load_no_other_host(served, tmp_path)
     """At 1280 and 380 pixels, light and dark, formulas are rendered, pages fit the window, and words have contrast."""
     from selenium.webdriver.support.wait import WebDriverWait
 
-    with browser_of(tmp_path) as browser:
+    with start_browser(tmp_path) as browser:
         for page in SEEN:
             for width, theme in ((1280, "light"), (1280, "dark"), (380, "light"), (380, "dark")):
-                metrics(browser, width, theme)
+                set_window(browser, width, theme)
                 browser.get(served + page)
                 WebDriverWait(browser, 60, poll_frequency=0.2).until(lambda b: b.execute_script(READY))
                 wide = browser.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
@@ -231,18 +228,19 @@ def test_pages_are_legible_in_a_browser_and_load_no_other_host(served, tmp_path)
 
 def list_commands(page):
     """Return the commands of the console blocks of a page, with continued lines joined."""
-    blocks = "\n".join(COMMAND.findall(page.read_text(encoding="utf-8"))).replace("\\\n", " ")
-    return [line.removeprefix("$ ") for line in blocks.splitlines() if line.startswith("$ ")]
+    lines = "".join(blocks(page.read_text(encoding="utf-8"), "console")).replace("\\\n", " ").splitlines()
+    return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if list_commands(page)], ids=lambda page: page.stem)
 def test_commands_of_a_page_run(page, tmp_path):
     """Commands run in order, in a folder with the files of the page and its downloads."""
-    for name in re.findall(r"\{download\}`([^`]+)`", page.read_text(encoding="utf-8")):
+    text = page.read_text(encoding="utf-8")
+    for name in re.findall(r"\{download\}`([^`]+)`", text):
         shutil.copy(page.parent / name, tmp_path)
-    for name, text in FILE.findall(page.read_text(encoding="utf-8")):
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    for name, content in files(text).items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
     shutil.copytree(ROOT / "problems", tmp_path / "problems", ignore=shutil.ignore_patterns("pictures", "__pycache__"))
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for command in list_commands(page):

@@ -89,26 +89,26 @@ def simulate(given, **options):
     return vx.simulate(given, vx.meshes.squares(4), [0.0, 0.5], **options)
 
 
-def bound_to_cone(folder):
+def trace_bound_to_cone(folder):
     conic.list_installed()  # cvxpy is imported, and not traced
     return trace(lambda: simulate(scene(bound=varying), solver=vx.Clarabel(), condense=False), since="step")
 
 
-def bound_to_newton(folder):
+def trace_bound_to_newton(folder):
     return trace(lambda: simulate(scene(bound=varying)), since="step")
 
 
-def young_to_stiffness(folder):
+def trace_young_to_stiffness(folder):
     return trace(lambda: simulate(scene(young=NUMBER)), since="Elasticity.contribute")
 
 
-def accuracy_to_step(folder):
+def trace_accuracy_to_step(folder):
     problem, accuracy = str(ROOT.parent / "problems" / "feng_han_huang.py"), repr(NUMBER * 2.0**-20)
     asked = ["run", problem, "--n", "2", "--steps", "1", "--solver", "clarabel", "--accuracy", accuracy]
     return trace(lambda: CliRunner().invoke(app, asked), make_finder(NUMBER))
 
 
-def displacement_to_file(folder):
+def trace_displacement_to_file(folder):
     given = scene(bound=3.0)  # One node slips: if the bound were a power of two, the loss would be the same number.
     history = simulate(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
@@ -116,11 +116,11 @@ def displacement_to_file(folder):
 
 
 WALKS = {
-    "bound, from TrescaFriction to the cone": bound_to_cone,
-    "bound, from TrescaFriction to Newton's method": bound_to_newton,
-    "young, from Elasticity to K": young_to_stiffness,
-    "accuracy, from the command line to a step": accuracy_to_step,
-    "u, from the answer to a step to a VTU file": displacement_to_file,
+    "bound, from TrescaFriction to the cone": trace_bound_to_cone,
+    "bound, from TrescaFriction to Newton's method": trace_bound_to_newton,
+    "young, from Elasticity to K": trace_young_to_stiffness,
+    "accuracy, from the command line to a step": trace_accuracy_to_step,
+    "u, from the answer to a step to a VTU file": trace_displacement_to_file,
 }
 """Title -> function that traces a run."""
 RECORD = "effects/effect.py"

@@ -35,7 +35,6 @@ EXCEPTIONS = {
     "scene.supports": "by_precedence resolve",
     "solvers.default": "BY_SIZE name_features",
     "solvers.solver": "ScaledSolver name_failures",
-    "vem.boundary": "CURVE_ANGLE",
     "vem.elasticity": "distinct",
     "vem.projection": "face_groups",
 }

@@ -114,11 +114,11 @@ GIVEN = {
     "coefficient": 0.1, "scene": SCENE, "mesh": MESH, "times": TIMES, "system": vx.System(K, load), "K": K,
     "load": load, "B": np.eye(2), "w": [0.1, 0.2], "D": np.eye(2), "e": [0.1, 0.2], "C": np.eye(2),
     "weights": lambda t, p, past, slip: np.zeros(2), "modes": np.ones((2, 1)), "names": ("all",), "solver": "CLARABEL",
-    "displacement": lambda x, t: 0 * x, "values": [0.0, 1.0], "history": HISTORY, "histories": [HISTORY], "n": 1,
+    "displacement": lambda x, t: 0 * x, "values": [0.0, 1.0], "history": HISTORY, "histories": [HISTORY],
     "program": next(vx.programs(SCENE, MESH, TIMES)), "path": Path(tempfile.mkdtemp()) / "step.npz",
     "radii": [0.5, 1.0], "sectors": 4, "heights": TIMES,
     "points": MESH.points, "cells": MESH.cells, "name": "a", "h": [1.0, 0.5], "errors": [1.0, 0.5], "step": 1,
-    "predicate": lambda x: x[:, 0] > 0.9, "strain": lambda x, t: np.zeros((len(x), 3)), "start": (0, 0),
+    "predicate": lambda x: x[:, 0] > 0.9, "start": (0, 0),
     "end": (1, 1), "run": HISTORY, "reference": HISTORY, "boundaries": {"a": [[0, 1]]},
     "meshes": {"lower": MESH, "upper": vx.meshes.squares(1, ((0, 1), (1, 2)))},
 }  # fmt: skip
@@ -180,7 +180,7 @@ def use(called, made):
         vx.simulate(SCENE, MESH, TIMES, linear=made)
 
 
-def places():
+def list_places():
     """Yield name, and (callable, valid arguments, parameter to test)."""
     for called in CALLABLES:
         is_error = inspect.isclass(called) and issubclass(called, BaseException)
@@ -195,7 +195,7 @@ def places():
         yield from ((f"{called.__qualname__}.{name}", (called, given, name)) for name in parameters if name not in left)
 
 
-PLACES = dict(places())
+PLACES = dict(list_places())
 EVERY = len(WRONG)
 """By default each place receives one value; together the places receive all of them."""
 

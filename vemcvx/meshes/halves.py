@@ -7,7 +7,6 @@ most `NEAR_FRACTION` times their shortest edge. In space the plane must run alon
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +18,8 @@ from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons import corner_edges, offsets_of, rows_in_order
+from vemcvx.meshes.polygons import corner_edges, distinct, insert_hanging, positions, rows_in_order
+from vemcvx.meshes.polyhedra import list_faces
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 NEAR_FRACTION = 0.1
@@ -60,34 +60,33 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     ['shank|head']
     """
     points, side = _sides(mesh, point, normal)
-    offsets, nodes = mesh.cell_nodes
-    low, high = (f.reduceat(side[nodes], offsets[:-1]) for f in (np.minimum, np.maximum))
+    rows = mesh.cell_nodes
+    low, high = (f.reduceat(side[rows[1]], rows[0][:-1]) for f in (np.minimum, np.maximum))
     crossed = np.flatnonzero((low < 0) & (high > 0))
-    if len(crossed) and not isinstance(mesh, PolygonMesh):
+    ends = np.empty((0, 2), dtype=np.int64)
+    if isinstance(mesh, PolygonMesh):
+        ends = mesh.shared_edges.ends
+        ends = ends[side[ends[:, 0]] * side[ends[:, 1]] < 0]
+        rows = insert_hanging(rows, ends, np.arange(len(ends) + 1), mesh.n_nodes + np.arange(len(ends)))
+    elif len(crossed):
         at = coordinates(mesh.centroids[crossed[0]], 6)
         raise MeshError(
             f"cut: the plane crosses {len(crossed)} cells, the first at {at}; in space it must run along faces. Move "
             "the plane to nodes of the mesh, or mesh the body with nodes in the plane."
         )
-    one_body: Any = mesh
-    cells = one_body.cells
-    behind, ahead = ([(c, cells[c]) for c in np.flatnonzero(here).tolist()] for here in (high <= 0, low >= 0))
-    met: dict[tuple[int, int], int] = {}
-    for c in crossed.tolist():
-        halves = _split_cell(cells[c].tolist(), side, met, len(points))
-        if halves is None:
-            at = coordinates(mesh.centroids[c], 6)
-            raise MeshError(f"cut: the line meets cell {c} at {at} more than twice; refine it, or move the line.")
-        behind.append((c, halves[0]))
-        ahead.append((c, halves[1]))
-    if not behind or not ahead:
-        raise MeshError(f"cut: the whole mesh is {'ahead of' if ahead else 'behind'} the cut; move the cut.")
     # new nodes where edges meet the line
-    ends = np.array(list(met), dtype=np.int64).reshape(-1, 2)
-    share = np.abs(side[ends]) / np.abs(side[ends]).sum(axis=1, keepdims=True)
-    points = np.concatenate([points, share[:, 1:] * points[ends[:, 0]] + share[:, :1] * points[ends[:, 1]]])
-    first, second = (_part(mesh, points, sorted(own, key=lambda one: one[0]), met) for own in (behind, ahead))
-    return first, second
+    fraction = np.abs(side[ends]) / np.abs(side[ends]).sum(axis=1, keepdims=True)
+    points = np.concatenate([points, fraction[:, 1:] * points[ends[:, 0]] + fraction[:, :1] * points[ends[:, 1]]])
+    side = np.append(side, np.zeros(len(ends)))
+    several = crossed[np.add.reduceat(side[rows[1]] == 0.0, rows[0][:-1], dtype=np.int64)[crossed] != 2]
+    if len(several):
+        at = coordinates(mesh.centroids[several[0]], 6)
+        raise MeshError(f"cut: the line meets cell {several[0]} at {at} more than twice; refine it, or move the line.")
+    for whole, where in (((high <= 0).all(), "behind"), ((low >= 0).all(), "ahead of")):
+        if whole:
+            raise MeshError(f"cut: the whole mesh is {where} the cut; move the cut.")
+    behind, ahead = (_part(mesh, points, sign * side, rows, ends) for sign in (1.0, -1.0))
+    return behind, ahead
 
 
 def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Floats]:
@@ -114,53 +113,32 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
     return mesh.points - (((mesh.points - p) @ n) * (depth == 0.0))[:, None] * n, depth
 
 
-def _split_cell(
-    cell: list[int], side: Floats, met: dict[tuple[int, int], int], count: int
-) -> tuple[list[int], list[int]] | None:
-    """Return the two polygons, behind and ahead, into which the line splits a cell; add new nodes to `met`.
+def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends: Ints) -> Any:
+    """Return the mesh of the cells and parts of cells where `side` is negative.
 
-    Return None if the line does not meet the outline exactly twice.
+    `rows` are the nodes of all cells with new nodes; in the plane, node n_nodes + k is on the edge ends[k].
     """
-    halves: tuple[list[int], list[int]] = [], []
-    hits = 0
-    for before, a, b in zip([cell[-1], *cell[:-1]], cell, [*cell[1:], cell[0]], strict=True):
-        if side[a] != 0.0:
-            halves[int(side[a] > 0)].append(a)
-        else:
-            hits += 1
-            halves[0].append(a)
-            halves[1].append(a)
-            if not side[before] * side[b] < 0:
-                return None
-        if side[a] * side[b] < 0:
-            hits += 1
-            node = met.setdefault((min(a, b), max(a, b)), count + len(met))
-            halves[0].append(node)
-            halves[1].append(node)
-    return halves if hits == 2 else None
-
-
-def _part(mesh: Any, points: Floats, own: Sequence[tuple[int, Any]], met: dict[tuple[int, int], int]) -> Any:
-    """Return the mesh of the cells `own`: pairs (number of the parent cell, vertices or faces of the cell)."""
-    parents, cells = zip(*own, strict=True)
-    plane = isinstance(mesh, PolygonMesh)
-    used = np.unique(np.concatenate([row for cell in cells for row in ((cell,) if plane else cell)]))
+    parents = np.flatnonzero(np.minimum.reduceat(side[rows[1]], rows[0][:-1]) < 0)
+    offsets, nodes = rows_in_order(*rows, parents)
+    kept = side[nodes] <= 0
+    used = distinct(nodes[kept])
     number = np.full(len(points), -1)
     number[used] = np.arange(len(used))
-    anew = [number[np.asarray(cell)] if plane else [number[face] for face in cell] for cell in cells]
-    data = {name: values[np.array(parents)] for name, values in mesh.cell_data.items()}
-    made, named = type(mesh)(points[used], anew, boundaries={}, cell_data=data), {}
-    outlines: tuple[Ints, Ints] = mesh._outlines
+    if isinstance(mesh, PolygonMesh):
+        counts = np.add.reduceat(kept, offsets[:-1], dtype=np.int64)
+        cells: Any = np.split(number[nodes[kept]], np.cumsum(counts)[:-1])
+    else:
+        listed = list_faces(mesh.faces).in_order(parents)
+        cells = listed._replace(vertices=number[listed.vertices])
+    data = {name: values[parents] for name, values in mesh.cell_data.items()}
+    made, named = type(mesh)(points[used], cells, boundaries={}, cell_data=data), {}
     for name in mesh.boundaries:
-        starts, nodes = rows_in_order(*outlines, mesh._places(mesh.boundaries[name]))
-        pieces = [piece for row in np.split(nodes, starts[1:-1]) for piece in _pieces(row.tolist(), met)]
-        found = made._find_parts(offsets_of(np.array([len(piece) for piece in pieces])), np.concatenate(pieces), number)
+        starts, corners = rows_in_order(*mesh._outlines, mesh._places(mesh.boundaries[name]))
+        if len(ends):  # a crossed edge ends at its new node
+            edge = positions(corners.reshape(-1, 2), ends, len(points))
+            cut = np.repeat(edge, 2)
+            corners = np.where((cut >= 0) & (side[corners] > 0), mesh.n_nodes + cut, corners)
+        found = made._find_parts(starts, corners, number)
         if name != WHOLE and (found >= 0).any():
             named[name] = read_only(made._boundary[np.unique(found[found >= 0])])
     return made._with_named(named)
-
-
-def _pieces(row: list[int], met: dict[tuple[int, int], int]) -> Iterator[list[int]]:
-    """Yield the pieces of an edge (in space: the face itself), split at its new node, if it has one."""
-    node = met.get((min(row), max(row))) if len(row) == 2 else None
-    yield from [row] if node is None else ([row[0], node], [node, row[1]])

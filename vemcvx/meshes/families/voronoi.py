@@ -18,7 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, SINGLE_EPS, Bools, Floats, Ints
+from vemcvx.base.arrays import SAME, SINGLE_EPS, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
     UNIT_BOX,
@@ -41,8 +41,6 @@ from vemcvx.meshes.polygons import (
     close_pairs,
     corner_edges,
     cross,
-    edge_keys,
-    nearest,
     next_corner,
     next_vertex,
     offsets_of,
@@ -250,42 +248,29 @@ def _circumcentres(corners: Floats) -> Floats:
 def collapse_short_edges(
     points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float
 ) -> tuple[Floats, Ints, Ints]:
-    """Collapse edges shorter than ``shortest``, each to its midpoint (or to its end on a side of [0, size]).
+    """Collapse edges shorter than ``shortest``, chains of them to one point each: to the mean of their nodes.
 
-    An edge stays if a triangle would vanish, or a cell would not be star-shaped about its centroid. In each round, a
-    cell takes part in the collapse of one edge at most, shorter edges first; rounds end when no edge is left.
+    Nodes on a side of [0, size] stay on it. Edges between two sides stay, and edges at a cell that would not be
+    star-shaped about its old centroid.
     """
-    refused = np.empty((0, 2))  # midpoints of edges that must stay; node numbers change from round to round
+    edges = corner_edges(offsets, vertices)
+    ends, on = points[edges], (points == 0.0) | (points == size)
+    bridge = on[edges].any(axis=2).all(axis=1) & ~(on[edges].all(axis=1) & (ends[:, 0] == ends[:, 1])).any(axis=1)
+    edges = edges[(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < shortest) & ~bridge]
+    owner, after = cell_of_corner(offsets), next_corner(offsets)
+    centroids = areas_and_centroids(points, offsets, vertices)[1]
     while True:
-        edges = _short_edges(points, offsets, vertices, size, shortest)
-        if len(refused) and len(edges):
-            edges = edges[nearest(refused, points[edges].mean(axis=1))[0] > SAME]
-        if not len(edges):
-            return points, offsets, vertices
-        first = _first_to_touch(edges, offsets, vertices)
-        around = np.full(len(points), len(edges))
-        np.minimum.at(around, vertices, first[cell_of_corner(offsets)])
-        rank = np.arange(len(edges))
-        taken = (around[edges] == rank[:, None]).all(axis=1)
-        ends = points[edges]
-        on, at = _on_sides(ends, size), ends.mean(axis=1)
-        for end in (0, 1):  # ends on a side or corner keep their coordinates
-            at = np.where(on[:, end], ends[:, end], at)
-        moved = points.copy()
-        moved[edges[taken]] = at[taken, None]
-        bad = taken & np.isin(rank, first[_find_not_star_shaped(points, moved, offsets, vertices)])
-        refused = np.concatenate([refused, ends[bad].mean(axis=1)])
-        moved[edges[bad]] = ends[bad]
-        number = np.arange(len(points))
-        number[edges[taken & ~bad, 1]] = edges[taken & ~bad, 0]
-        points, offsets, vertices, _ = _drop_repeats(moved, offsets, number[vertices])
-
-
-def _first_to_touch(edges: Ints, offsets: Ints, vertices: Ints) -> Ints:
-    """Return, for each cell, the first of the edges (m, 2) with an end at the cell, (n_cells,); m if there is none."""
-    first = np.full(int(vertices.max()) + 1, len(edges))
-    np.minimum.at(first, edges.ravel(), np.repeat(np.arange(len(edges)), 2))
-    return np.minimum.reduceat(first[vertices], offsets[:-1])
+        place = smallest_linked(edges, len(points))
+        mean = np.column_stack([np.bincount(place, x) for x in points.T]) / np.bincount(place).clip(1)[:, None]
+        side = np.full_like(mean, -1.0)
+        np.maximum.at(side, place, np.where(on, points, -1.0))
+        moved = np.where(side >= 0.0, side, mean)[place]
+        arm = moved[vertices] - centroids[owner]
+        kept = place[vertices] != place[vertices[after]]
+        bad = (kept & (cross(arm, arm[after]) <= 0.0)) | (np.bincount(owner, kept) < 3)[owner]
+        if not bad.any():
+            return _drop_repeats(moved, offsets, place[vertices])[:3]
+        edges = edges[~np.isin(edges, vertices[np.isin(owner, owner[bad])]).any(axis=1)]
 
 
 def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
@@ -295,39 +280,6 @@ def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats
     left = counts > 2
     used, vertices = np.unique(vertices[fresh & np.repeat(left, np.diff(offsets))], return_inverse=True)
     return points[used], offsets_of(counts[left]), vertices, np.flatnonzero(left)
-
-
-def _on_sides(points: Floats, size: Floats) -> Bools:
-    """Return a mask, shaped like points, of the coordinates on a side of [0, size]."""
-    on: Bools = (points == 0.0) | (points == size)
-    return on
-
-
-def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float) -> Ints:
-    """Return the edges (m, 2) to collapse, the shortest first."""
-    edges = corner_edges(offsets, vertices)
-    chord = points[edges[:, 0]] - points[edges[:, 1]]
-    short = np.hypot(*chord.T) < shortest
-    of_triangles = edge_keys(edges[short & np.repeat(np.diff(offsets) == 3, np.diff(offsets))], len(points))
-    edges = np.unique(np.sort(edges[short], axis=1), axis=0)
-    ends = points[edges]
-    on = _on_sides(ends, size)
-    # two boundary nodes may merge along a side, but not across the box, and corners stay corners
-    same_side = (on[:, 0] & on[:, 1] & (ends[:, 0] == ends[:, 1])).any(axis=1)
-    bridge = np.all(on.any(axis=2), axis=1) & ~same_side
-    kept = bridge | on.all(axis=(1, 2)) | np.isin(edge_keys(edges, len(points)), of_triangles)
-    edges = edges[~kept]
-    return edges[np.argsort(np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T), kind="stable")]
-
-
-def _find_not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Ints) -> Ints:
-    """Find cells that, with moved vertices, are not star-shaped about their old centroid."""
-    _, centroids = areas_and_centroids(points, offsets, vertices)
-    here = moved[vertices] - np.repeat(centroids, np.diff(offsets), axis=0)
-    after = here[next_corner(offsets)]
-    collapsed = (here == after).all(axis=1)
-    fan = np.where(collapsed, np.inf, cross(here, after))
-    return np.flatnonzero(np.minimum.reduceat(fan, offsets[:-1]) <= 0.0)
 
 
 def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces]:

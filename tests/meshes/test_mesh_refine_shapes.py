@@ -6,22 +6,10 @@ import numpy as np
 import pytest
 from scenes import mostly_long
 
+from vemcvx import MeshError
 from vemcvx.meshes import PolygonMesh, refinement
 
 L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
-
-
-def comb(teeth=7):
-    """Return a comb whose tips lie on one line, so that some triangles of its triangulation are flat."""
-    inner = [(x + 0.5 * (k % 2), 5.0 if k % 2 else 1.0) for x in range(teeth, 0, -1) for k in (0, 1)]
-    return np.array([(0.0, 0.0), (teeth + 1.0, 0.0), (teeth + 1.0, 5.0), *inner, (0.0, 5.0)])
-
-
-def spiral(turns=3, points=60):
-    angle = np.linspace(0, 2 * np.pi * turns, points)
-    around = np.column_stack([np.cos(angle), np.sin(angle)])
-    radius = (0.1 + 0.05 * angle)[:, None]
-    return np.concatenate([(radius + 0.04) * around, (radius * around)[::-1]])
 
 
 def regular(n):
@@ -35,12 +23,9 @@ def star(tips, waist):
 
 SHAPES = {
     "L": (L, 6, 12.0),
-    "comb": (comb(), 16, 41.0),
-    "spiral": (spiral(), None, 25.0),
     "500-gon": (regular(500), 5, 5.0),
     "heptagon": (regular(7), 7, 5.0),
     "star": (star(5, 0.3), 10, 28.0),
-    "sharp star": (star(50, 0.02), None, 940.0),
     "tiny edge": (np.array([(0, 0), (0.5, 0), (0.5 + 1e-12, 1e-12), (1, 1e-12), (1, 1), (0, 1)]), 4, 5.5),
     "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
 }
@@ -51,7 +36,7 @@ def make_cell(outline):
     return PolygonMesh(outline, [np.arange(len(outline))])
 
 
-@mostly_long("name", SHAPES, "star", "comb", "L", "tiny edge", "trapezium", "heptagon")
+@mostly_long("name", SHAPES, "star", "L", "tiny edge", "trapezium", "heptagon")
 def test_children_of_every_outline_are_valid_and_not_slender(name):
     outline, children, bound = SHAPES[name]
     mesh = make_cell(outline)
@@ -104,3 +89,9 @@ def test_a_node_near_the_middle_of_a_side_is_used_as_its_middle():
     fine = make_cell(outline).refine()
     assert fine.n_nodes == 5 + 4 + 1
     assert [0.625, 0.0] in fine.points.tolist()
+
+
+def test_a_cell_that_is_not_star_shaped_is_refused():
+    outline = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)])
+    with pytest.raises(MeshError, match=r"cell 0 near .* is not star-shaped"):
+        make_cell(outline).refine()

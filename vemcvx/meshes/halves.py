@@ -132,8 +132,9 @@ def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends
         cells = listed._replace(vertices=number[listed.vertices])
     data = {name: values[parents] for name, values in mesh.cell_data.items()}
     made, named = type(mesh)(points[used], cells, boundaries={}, cell_data=data), {}
+    outlines: tuple[Ints, Ints] = mesh._outlines
     for name in mesh.boundaries:
-        starts, corners = rows_in_order(*mesh._outlines, mesh._places(mesh.boundaries[name]))
+        starts, corners = rows_in_order(*outlines, mesh._places(mesh.boundaries[name]))
         if len(ends):  # a crossed edge ends at its new node
             edge = positions(corners.reshape(-1, 2), ends, len(points))
             cut = np.repeat(edge, 2)

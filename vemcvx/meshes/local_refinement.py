@@ -1,8 +1,8 @@
 """Local refinement of polygonal meshes: marked cells are split; neighbours keep their shape and get hanging nodes.
 
-The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. There are three
+The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. There are two
 exceptions. The midpoints of a triangle are joined to each other (four similar triangles). A long thin convex cell with
-two midpoints is cut across. A cell without a centre is first split into triangles between its vertices. Unrefined
+two midpoints is cut across. A cell that is not star-shaped is refused. Unrefined
 neighbours get the new vertices as hanging nodes, which virtual elements treat like any vertex: no closure is needed.
 
 Grading (`balance`): cells are marked, too, until no unmarked cell has a side with two hanging nodes.
@@ -16,6 +16,8 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
+from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 from vemcvx.meshes.carrying import (
     Origins,
     Refinement,
@@ -40,8 +42,6 @@ from vemcvx.meshes.polygons import (
     rounding,
     rows_in_order,
     sort_edges,
-    spans,
-    split_at_vertices,
 )
 from vemcvx.meshes.quality import largest_balls, walls_of
 
@@ -209,10 +209,9 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
 #     otherwise          the centroid if it is at least .1 diameters inside the lines of all sides; else the centre of
 #                        the largest ball such that the cell is star-shaped about all its points (:mod:`.quality`)
 #
-# A cell has no centre if there is no such ball, or if the ball is so small that angles at its centre would be flat.
-def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
-    """Return the centres of all cells (n_cells, 2), and a mask (n_cells,) of the cells that have one."""
-    centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
+def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats:
+    """Return the centres of all cells (n_cells, 2), or raise MeshError if a marked cell is not star-shaped."""
+    centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
     counts = np.add.reduceat(splitting.bend.astype(np.int64), mesh.offsets[:-1])
     offsets = offsets_of(counts)
@@ -220,16 +219,20 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting) -> tuple[Floats, Bools]:
     four_long = splitting.all_long & (splitting.sides == 4)
     quads = np.flatnonzero((counts == 4) & (four_long | ~splitting.convex))
     centres[quads] = _middles_of_quads(mesh.points[mesh.vertices[bends[offsets[quads, None] + np.arange(4)]]])
-    others = np.flatnonzero(~splitting.convex & (counts != 4))
     walls = walls_of(mesh)
-    others = others[np.minimum.reduceat(walls.away, mesh.offsets[:-1])[others] < 0.1]
+    inside = np.minimum.reduceat(walls.away, mesh.offsets[:-1])
+    others = np.flatnonzero(marked & ~splitting.convex & (counts != 4) & (inside < 0.1))
     if len(others):
         rows, sides = rows_in_order(mesh.offsets, np.arange(len(mesh.vertices)), others)
-        inside, clear = largest_balls(rows, walls.normals[sides], walls.away[sides])
-        centres[others] += inside * mesh.diameters[others, None]
-        # a centre less than .03 diameters from the line of a side would make nearly flat angles
-        seen[others] = clear >= 0.03
-    return centres, seen
+        shift, clear = largest_balls(rows, walls.normals[sides], walls.away[sides])
+        if clear.min() <= SINGLE_EPS:
+            k = others[np.argmin(clear)]
+            raise MeshError(
+                f"refine: cell {k} near {coordinates(mesh.centroids[k], 6)} is not star-shaped, so its parts cannot "
+                "meet in one point. Split it in the program that made it."
+            )
+        centres[others] += shift * mesh.diameters[others, None]
+    return centres
 
 
 def _middles_of_quads(x: Floats) -> Floats:
@@ -243,114 +246,29 @@ def _middles_of_quads(x: Floats) -> Floats:
     return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
 
 
-# The cells of a refined mesh: outlines of the old cells with the new midpoints, cut at the chosen points.
-#
-# One list has the nodes of all outlines, cell by cell, and then the new centres. The vertices of a new cell are a
-# sequence of ranges of this list: a whole outline; or the outline from one midpoint to the next, the next midpoint, and
-# the centre; or the three midpoints of a triangle; or sides and diagonals of a cell without a centre.
+# The cells of a refined mesh are ranges of the outlines of the old cells, in which midpoints have been inserted. A part
+# of a cell has the outline from one midpoint to the next, the next midpoint, and the centre, if there is one.
 
 
-Ranges = tuple[Ints, Ints, Ints]
-"""New cell, start of its range in the list, length of the range."""
-
-
-@dataclass(frozen=True, eq=False)
-class SplitKinds:
-    """The way in which each cell is split, as masks (n_cells,)."""
-
-    parted: Bools  # the sides are split at midpoints: the cell is `centred`, `medial` or cut across
-    centred: Bools  # the midpoints are joined to a new centre
-    medial: Bools  # a triangle, whose midpoints are joined to each other
-    unseen: Bools  # the cell is split into triangles along diagonals, because there is no centre
-
-    @classmethod
-    def from_marks(cls, splitting: Splitting, marked: Bools, seen: Bools) -> SplitKinds:
-        """Choose the split of each cell from masks of the marked cells and of the cells with a centre."""
-        parted = marked & seen
-        medial = parted & (splitting.sides == 3) & splitting.all_long & splitting.convex
-        return cls(parted, parted & ~medial & ~((splitting.places == 2) & splitting.convex), medial, marked & ~seen)
-
-
-@dataclass(frozen=True, eq=False)
-class Outlines:
-    """Old cells with the new midpoints as vertices; the outline of a cell to be split begins with a mark."""
-
-    offsets: Ints
-    nodes: Ints  # the outline of cell c is nodes[offsets[c]:offsets[c + 1]]
-    marks: Ints  # (m,) positions where outlines are split: midpoints of parted cells, all bends of unseen cells
-    cell: Ints  # (m,) cell of each mark
-    stop: Ints  # (m,) end of the part of the outline that begins at a mark
-    follower: Ints  # (m,) position of the next mark of the cell
-
-
-def outlines_of(mesh: PolygonMesh, splitting: Splitting, kinds: SplitKinds, middle: Ints) -> Outlines:
-    """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark points to split."""
-    cell = cell_of_corner(mesh.offsets)
-    new = middle >= 0
-    place = offsets_of(1 + new)
-    offsets, old, inserted = place[mesh.offsets], place[:-1], place[:-1][new] + 1
-    nodes, marked = np.empty(place[-1], dtype=np.int64), np.zeros(place[-1], dtype=bool)
-    nodes[old], nodes[inserted] = mesh.vertices, middle[new]
-    marked[old] = (kinds.parted[cell] & splitting.vertex) | (kinds.unseen[cell] & splitting.bend)
-    marked[inserted] = (kinds.parted[cell] & splitting.edge)[new]
-    order = rotation(offsets, first_in_row(marked, offsets))
-    marks = np.flatnonzero(marked[order])
-    owner = cell_of_corner(offsets)[marks]
-    last = np.append(owner[1:] != owner[:-1], True)
-    after = np.append(marks[1:], 0)
-    stop, follower = np.where(last, offsets[owner + 1], after), np.where(last, offsets[owner], after)
-    return Outlines(offsets=offsets, nodes=nodes[order], marks=marks, cell=owner, stop=stop, follower=follower)
-
-
-def children_of(outlines: Outlines, kinds: SplitKinds, points: Floats, first_centre: int) -> tuple[Ints, Ints, Ints]:
+def _children(
+    outlines: tuple[Ints, Ints], begin: Bools, split: Bools, medial: Bools, centre: Ints
+) -> tuple[Ints, Ints, Ints]:
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
-    ``points`` are the old nodes; new centres are numbered from ``first_centre`` on in the order of the cells.
+    A part begins at each position `begin` of the outlines, which is the first position of the cell at least. The cells
+    `split` have several parts, `medial` triangles one between their midpoints; `centre` is the centre's node, or -1.
     """
-    n_cells = len(outlines.offsets) - 1
-    marks = np.bincount(outlines.cell, minlength=n_cells)
-    cut, whole = np.flatnonzero(kinds.unseen), np.flatnonzero(~kinds.parted & ~kinds.unseen)
-    pieces = _triangles(outlines, cut, points)
-    children = np.where(kinds.parted, marks + kinds.medial, 1)
-    children[cut] = marks[cut] - 2
-    first = offsets_of(children)
-    centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
-    at_centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
-    # parts of parted cells: the outline from a midpoint to the next, the next midpoint, and the centre, if any
-    part = np.flatnonzero(kinds.parted[outlines.cell])
-    cell, start = outlines.cell[part], outlines.marks[part]
-    child = first[cell] + part - offsets_of(marks)[cell]
-    inner, medial = kinds.centred[cell], kinds.medial[cell]
-    one = np.ones(len(part), dtype=np.int64)
-    ranges: list[Ranges] = [
-        (first[whole], outlines.offsets[whole], np.diff(outlines.offsets)[whole]),
-        (child, start, outlines.stop[part] - start),
-        (child, outlines.follower[part], one),
-        (child[inner], at_centre[cell[inner]], one[inner]),
-        (first[cell[medial]] + marks[cell[medial]], start[medial], one[medial]),
-        *((first[c] + number, start, length) for c, (number, start, length) in zip(cut, pieces, strict=True)),
-    ]
-    cell, start, count = (np.concatenate(parts) for parts in zip(*ranges, strict=True))
-    order = np.argsort(cell, kind="stable")
-    vertices = np.concatenate([outlines.nodes, centres])[spans(start[order], count[order])]
-    sizes = np.bincount(cell, weights=count, minlength=first[-1]).astype(np.int64)
-    return offsets_of(sizes), vertices, np.repeat(np.arange(n_cells), children)
-
-
-def _triangles(outlines: Outlines, cells: Ints, points: Floats) -> list[Ranges]:
-    """Return, for each cell, the ranges of its triangles: each edge gives its first corner, or the whole side."""
-    found = []
-    begin = np.searchsorted(outlines.cell, cells)
-    end = np.searchsorted(outlines.cell, cells, side="right")
-    for k in range(len(cells)):  # cells without a centre are rare
-        marks, stops = outlines.marks[begin[k] : end[k]], outlines.stop[begin[k] : end[k]]
-        corners = points[outlines.nodes[marks]]
-        triangles = split_at_vertices((corners - corners[0])[None])[0]
-        start, after = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-        side = after == (start + 1) % len(marks)
-        number = np.repeat(np.arange(len(triangles)), 3)
-        found.append((number, marks[start], np.where(side, stops[start] - marks[start], 1)))
-    return found
+    nodes, owner = outlines[1], cell_of_corner(outlines[0])
+    start = np.flatnonzero(begin)
+    cell, stop = owner[start], np.append(start[1:], len(nodes))
+    after, inner = nodes[start[next_corner(offsets_of(np.bincount(cell)))]], centre[cell] >= 0
+    ends = np.append(stop[split[cell]], stop[inner])
+    vertices = np.insert(nodes, ends, np.append(after[split[cell]], centre[cell[inner]]))
+    middles = start[medial[cell]]
+    counts = np.append(stop - start + split[cell] + inner, np.full(len(middles) // 3, 3))
+    parents = np.append(cell, owner[middles[::3]])
+    order = np.argsort(parents, kind="stable")
+    return *rows_in_order(offsets_of(counts), np.append(vertices, nodes[middles]), order), parents[order]
 
 
 def refine_polygons(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinement[PolygonMesh]:
@@ -359,22 +277,32 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refineme
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     if mesh.interfaces:  # edges of two bodies in one place have one number
         edge = sort_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
-    centres, seen = centres_of(mesh, splitting)
-    seen &= splitting.places >= 2
-    wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
     if balance:
-        marked = mark_crowded(marked, wanted, mesh, splitting.bend, edge)
+        marked = mark_crowded(marked, mesh, splitting, edge)
+    centres, cell = centres_of(mesh, splitting, marked), cell_of_corner(mesh.offsets)
+    single = np.flatnonzero(marked & (splitting.places < 2))
+    if len(single):
+        raise MeshError(f"refine: cell {single[0]} has no two sides that are long enough to be split. Remesh there.")
     split = np.zeros(len(shared.first), dtype=bool)
-    split[shared.number[_split(marked, wanted, mesh, edge)]] = True
+    split[shared.number[_split(marked, splitting, mesh, edge)]] = True
     ends = shared.ends[split]
     check_lengths(mesh.points, ends)
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
     middle = middle[shared.number]
-    kinds = SplitKinds.from_marks(splitting, marked, seen)
-    outlines = outlines_of(mesh, splitting, kinds, middle)
-    offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
-    centred = np.flatnonzero(kinds.centred)
+    medial = marked & (splitting.sides == 3) & splitting.all_long & splitting.convex
+    centred = np.flatnonzero(marked & ~medial & ~((splitting.places == 2) & splitting.convex))
+    centre = np.full(mesh.n_cells, -1)
+    centre[centred] = mesh.n_nodes + len(ends) + np.arange(len(centred))
+    # insert the midpoints, and let each outline begin where it is split
+    after = np.flatnonzero(middle >= 0) + 1
+    nodes = np.insert(mesh.vertices, after, middle[after - 1])
+    begin = np.insert(splitting.vertex & marked[cell], after, (splitting.edge & marked[cell])[after - 1])
+    offsets = offsets_of(np.diff(mesh.offsets) + np.bincount(cell[after - 1], minlength=mesh.n_cells))
+    order = rotation(offsets, first_in_row(begin, offsets))
+    begin = begin[order]
+    begin[offsets[:-1]] = True
+    offsets, vertices, parents = _children((offsets, nodes[order]), begin, marked, medial, centre)
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), centres[centred]])
     made = PolygonMesh.unchecked(points, offsets, vertices)
     (start, end), new = mesh._boundary.T, middle[shared.alone]
@@ -391,21 +319,21 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refineme
     return inherit_parts(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
 
 
-def _split(marked: Bools, wanted: Bools, mesh: PolygonMesh, edge: Ints) -> Bools:
+def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
     """Return a mask of the corners whose edges are split in a marked cell; `edge` has the edge of each corner."""
     split = np.zeros(len(edge), dtype=bool)
-    split[edge[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
+    split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]
 
 
-def mark_crowded(marked: Bools, wanted: Bools, mesh: PolygonMesh, bend: Bools, edge: Ints) -> Bools:
+def mark_crowded(marked: Bools, mesh: PolygonMesh, splitting: Splitting, edge: Ints) -> Bools:
     """Mark further cells, until no unmarked cell would get a second node between two bends of its outline."""
-    marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
+    marked, cell, bend = marked.copy(), cell_of_corner(mesh.offsets), splitting.bend
     order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
     begin = np.flatnonzero(bend[order])
     hanging = np.diff(np.append(begin, len(order))) - 1
     while True:
-        new = np.add.reduceat(_split(marked, wanted, mesh, edge)[order], begin, dtype=np.int64)
+        new = np.add.reduceat(_split(marked, splitting, mesh, edge)[order], begin, dtype=np.int64)
         crowded = (new > 0) & (new + hanging > 1)
         before = np.count_nonzero(marked)
         marked[cell[begin[crowded]]] = True

@@ -268,6 +268,7 @@ def collapse_short_edges(
         arm = moved[vertices] - centroids[owner]
         kept = place[vertices] != place[vertices[after]]
         bad = (kept & (cross(arm, arm[after]) <= 0.0)) | (np.bincount(owner, kept) < 3)[owner]
+        bad |= (on & (moved != points)).any(axis=1)[vertices]
         if not bad.any():
             return _drop_repeats(moved, offsets, place[vertices])[:3]
         edges = edges[~np.isin(edges, vertices[np.isin(owner, owner[bad])]).any(axis=1)]

@@ -13,7 +13,7 @@ CLOSE = 0.04
 """Largest relative error of energies by linear elements on the graded mesh, as measured on rectangles."""
 
 
-def rectangle(a, b):
+def make_rectangle(a, b):
     return np.array([(-a, -b), (a, -b), (a, b), (-a, b)], dtype=float)
 
 
@@ -21,7 +21,7 @@ def rectangle(a, b):
 def test_hourglass_modes_of_rectangles(a, b):
     """(xy, 0) and (0, xy) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
     exact = sorted([6 * a * b / (a * a + 2 * b * b), 6 * a * b / (b * b + 2 * a * a)])
-    assert lesson.spectrum(rectangle(a, b))[:2] == pytest.approx(exact, rel=CLOSE)
+    assert lesson.spectrum(make_rectangle(a, b))[:2] == pytest.approx(exact, rel=CLOSE)
 
 
 def test_size_place_and_direction_do_not_matter():

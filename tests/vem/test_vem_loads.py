@@ -14,18 +14,16 @@ from vemcvx.vem import Space, cell_load, cell_quadrature, edge_load
 # Nodal loads are sums of at most a few hundred products of numbers near one.
 TOLERANCE = 1e-13
 BOX = ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6))
+OFFSET, SLOPE = np.array([1.0, 0.5, -0.2]), np.array([[2.0, -0.3, 0.7], [-1.0, 4.0, 0.1], [0.6, 0.2, 1.5]])
 
 
-def affine(x):
+def evaluate_affine(x):
     """Return an affine vector field (n, dim)."""
     dim = x.shape[1]
-    return (
-        np.array([1.0, 0.5, -0.2])[:dim]
-        + x @ np.array([[2.0, -0.3, 0.7], [-1.0, 4.0, 0.1], [0.6, 0.2, 1.5]])[:dim, :dim]
-    )
+    return OFFSET[:dim] + x @ SLOPE[:dim, :dim]
 
 
-def monomials(x):
+def evaluate_monomials(x):
     return np.column_stack([np.ones(len(x)), x[:, 0], x[:, 1], x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2])
 
 
@@ -33,7 +31,7 @@ def integrate(corners):
     """Integrate the monomials over a polygon: triangles with the origin, by the midpoints of their sides."""
     a, b = corners, np.roll(corners, -1, axis=0)
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    return area @ (monomials(0.5 * a) + monomials(0.5 * b) + monomials(0.5 * (a + b))) / 3
+    return area @ (evaluate_monomials(0.5 * a) + evaluate_monomials(0.5 * b) + evaluate_monomials(0.5 * (a + b))) / 3
 
 
 SHAPES = {
@@ -56,7 +54,7 @@ def test_quadrature_is_exact_for_degree_two_with_points_inside_cells_of_any_shap
     for shift in range(0, len(corners), 3):
         (group,) = Space(vx.PolygonMesh(corners, [np.roll(range(len(corners)), shift)])).groups
         x, weights, owner = cell_quadrature(group)
-        assert weights @ monomials(x) == pytest.approx(integrate(corners), rel=1e-13, abs=1e-14)
+        assert weights @ evaluate_monomials(x) == pytest.approx(integrate(corners), rel=1e-13, abs=1e-14)
         assert shapely.contains_xy(shapely.Polygon(corners).buffer(-1e-3), x).all()
         assert weights.min() >= 0.0
         assert not owner.any()
@@ -84,10 +82,10 @@ def test_vertices_share_the_force_on_a_cell_equally(name):
     mesh = small(name, 4) if name in FAMILIES else solid(name, 2, BOX)
     (offsets, nodes), expected = mesh.cell_nodes, np.zeros(mesh.points.shape)
     count = np.diff(offsets)
-    forces = mesh.measures[:, None] * affine(mesh.centroids) / count[:, None]
+    forces = mesh.measures[:, None] * evaluate_affine(mesh.centroids) / count[:, None]
     np.add.at(expected, nodes, np.repeat(forces, count, axis=0))
     x, matrix, cells = cell_load(Space(mesh))
-    assert np.abs((matrix @ affine(x).ravel()).reshape(expected.shape) - expected).max() < TOLERANCE
+    assert np.abs((matrix @ evaluate_affine(x).ravel()).reshape(expected.shape) - expected).max() < TOLERANCE
     if name in FAMILIES:
         for cell, corners in enumerate(mesh.cells):
             assert shapely.contains_xy(shapely.Polygon(mesh.points[corners]), x[cells == cell]).all()
@@ -104,13 +102,13 @@ def test_tractions_on_edges_are_exact_for_affine_data(family):
     """int f phi_a = |e| (2 f_a + f_b) / 6 on the edge e = [a, b]."""
     space = Space(small(family, 4))
     part = space.part("boundary", "test")
-    values = affine(space.mesh.points)
+    values = evaluate_affine(space.mesh.points)
     expected = np.zeros_like(values)
     for (a, b), length in zip(part.sides, part.measures, strict=True):
         expected[a] += length * (2 * values[a] + values[b]) / 6
         expected[b] += length * (2 * values[b] + values[a]) / 6
     x, matrix, _ = edge_load(space, part)
-    assert np.abs((matrix @ affine(x).ravel()).reshape(-1, 2) - expected).max() < TOLERANCE
+    assert np.abs((matrix @ evaluate_affine(x).ravel()).reshape(-1, 2) - expected).max() < TOLERANCE
 
 
 @pytest.mark.parametrize("name", SOLIDS)

@@ -32,13 +32,13 @@ def mesh(request):
     return small(name, 4) if name in FAMILIES else solid(name, 2, ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6)))
 
 
-def moduli(mesh):
+def draw_moduli(mesh):
     """Return lambda and mu, which differ from cell to cell."""
     return np.random.default_rng(0).uniform(0.5, 3.0, (2, mesh.n_cells))
 
 
 def assemble(mesh, stabilisation="shear"):
-    return stiffness(Space(mesh), *moduli(mesh), stabilisation)
+    return stiffness(Space(mesh), *draw_moduli(mesh), stabilisation)
 
 
 def with_points(mesh, points):
@@ -46,7 +46,7 @@ def with_points(mesh, points):
     return type(mesh).unchecked(points, *(getattr(mesh, name) for name in mesh.ARRAYS[1:]))
 
 
-def largest(A):
+def find_largest(A):
     return np.abs(A.data).max(initial=0.0) if sp.issparse(A) else np.abs(A).max()
 
 
@@ -70,7 +70,7 @@ def test_matrices_are_symmetric_to_the_bit_and_rigid_modes_are_their_kernel(mesh
 
 def test_linear_displacements_have_the_forces_of_their_stresses_and_tractions(mesh):
     """K p = sum over cells of |K| sigma : eps(Pi v) with moduli that jump; uniform stresses balance their tractions."""
-    space, (lam, mu), dim = Space(mesh), moduli(mesh), mesh.points.shape[1]
+    space, (lam, mu), dim = Space(mesh), draw_moduli(mesh), mesh.points.shape[1]
     (a, b), slope = COMPONENTS[dim], SLOPE[:dim, :dim]
     strain, u = 0.5 * (slope + slope.T), mesh.points @ slope.T + [0.2, -0.1, 0.3][:dim]
     assert np.abs(strains(space, u) - strain[a, b] * (1.0 + np.not_equal(a, b))).max() < 1e-13
@@ -90,7 +90,7 @@ def split_centre(gap):
     return vx.PolygonMesh(points, [[0, 1, 5, 4, 3], [1, 2, 6, 5], [3, 4, 8, 7], [4, 5, 6, 9, 8]])
 
 
-def comb():
+def make_comb():
     """Return a comb-shaped cell with two deep notches, each filled by four triangles around a node."""
     points = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]
     middle = [[3.5, 2], [1.5, 2]]
@@ -100,7 +100,7 @@ def comb():
 
 @pytest.mark.parametrize("stabilisation", ["shear", "unit"])
 def test_cells_with_short_edges_and_notches_pass_the_patch_test(stabilisation):
-    for hard in (split_centre(1e-6), split_centre(1e-12), comb()):
+    for hard in (split_centre(1e-6), split_centre(1e-12), make_comb()):
         assert patch_error(stabilisation, hard) < 1e-11
         K = assemble(hard, stabilisation)
         assert is_identical(K, K.T.tocsr())
@@ -112,17 +112,17 @@ def test_triangles_and_tetrahedra_are_linear_finite_elements(dim):
     kind, element = (skfem.MeshTri, skfem.ElementTriP1()) if dim == 2 else (skfem.MeshTet, skfem.ElementTetP1())
     cells = mesh.cell_nodes[1].reshape(-1, dim + 1)
     basis = skfem.Basis(kind(mesh.points.T.copy(), cells.T.copy()), skfem.ElementVector(element))
-    fields = [np.broadcast_to(m[:, None], (mesh.n_cells, basis.X.shape[-1])) for m in moduli(mesh)]
+    fields = [np.broadcast_to(m[:, None], (mesh.n_cells, basis.X.shape[-1])) for m in draw_moduli(mesh)]
     expected, order = linear_elasticity(*fields).assemble(basis), basis.nodal_dofs.T.ravel()
     K = assemble(mesh)
-    assert largest(K - expected[order][:, order]) < 1e-12 * largest(K)
+    assert find_largest(K - expected[order][:, order]) < 1e-12 * find_largest(K)
     assert is_identical(K, assemble(mesh, "unit"))  # nothing to stabilise
 
 
-def formula(mesh, tau):
+def compute_by_formula(mesh, tau):
     """Compute (3.13) by basis functions, with Pi from its three conditions by 6 x 6 systems."""
     K = np.zeros((2 * mesh.n_nodes,) * 2)
-    for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *moduli(mesh), tau, strict=True):
+    for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *draw_moduli(mesh), tau, strict=True):
         x = mesh.points[cell] - mesh.points[cell].mean(axis=0)
         n = len(x)
         chord = np.roll(x, -1, axis=0) - x
@@ -151,11 +151,11 @@ def formula(mesh, tau):
 @pytest.mark.parametrize("stabilisation", ["shear", "unit"])
 def test_matrices_are_those_of_the_paper(family, stabilisation):
     mesh = small(family, 2)
-    mu = moduli(mesh)[1]
-    expected = formula(mesh, 2 * mu if stabilisation == "shear" else np.ones_like(mu))
+    mu = draw_moduli(mesh)[1]
+    expected = compute_by_formula(mesh, 2 * mu if stabilisation == "shear" else np.ones_like(mu))
     K = assemble(mesh, stabilisation)
     # The 6 x 6 systems have condition numbers below 1e3.
-    assert largest(K.toarray() - expected) < 1e-12 * largest(K)
+    assert find_largest(K.toarray() - expected) < 1e-12 * find_largest(K)
 
 
 def test_rotated_bodies_have_rotated_matrices(mesh):
@@ -163,7 +163,7 @@ def test_rotated_bodies_have_rotated_matrices(mesh):
     turn = rotation(0.7) if dim == 2 else np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turn = turn * np.linalg.det(turn)
     R, K = sp.kron(sp.eye_array(mesh.n_nodes), turn, format="csr"), assemble(mesh)
-    assert largest(assemble(with_points(mesh, mesh.points @ turn.T)) - R @ K @ R.T) < 1e-12 * largest(K)
+    assert find_largest(assemble(with_points(mesh, mesh.points @ turn.T)) - R @ K @ R.T) < 1e-12 * find_largest(K)
 
 
 def test_distance_from_the_origin_changes_no_bit(mesh):
@@ -173,7 +173,7 @@ def test_distance_from_the_origin_changes_no_bit(mesh):
 
 
 def test_units_change_no_bit(mesh):
-    (lam, mu), dim, factor = moduli(mesh), mesh.points.shape[1], 2.0**-40
+    (lam, mu), dim, factor = draw_moduli(mesh), mesh.points.shape[1], 2.0**-40
     K = assemble(mesh)
     assert is_identical(assemble(with_points(mesh, factor * mesh.points)), factor ** (dim - 2) * K)
     assert is_identical(stiffness(Space(mesh), factor * lam, factor * mu), factor * K)
@@ -183,17 +183,17 @@ def test_numbering_does_not_matter(family):
     mesh, rng = small(family, 4), np.random.default_rng(2)
     number, order = rng.permutation(mesh.n_nodes), rng.permutation(mesh.n_cells)
     cells = [np.roll(number[mesh.cells[c]], rng.integers(9)) for c in order]
-    lam, mu = moduli(mesh)
+    lam, mu = draw_moduli(mesh)
     K = assemble(mesh)
     other = stiffness(Space(vx.PolygonMesh(mesh.points[np.argsort(number)], cells)), lam[order], mu[order])
     unknowns = (2 * number[:, None] + [0, 1]).ravel()
-    assert largest(other[unknowns][:, unknowns] - K) < 1e-13 * largest(K)
+    assert find_largest(other[unknowns][:, unknowns] - K) < 1e-13 * find_largest(K)
 
 
 def test_lambda_adds_one_constraint_per_cell():
     """It multiplies the mean divergence only, and leaves the stabilisation unchanged."""
     mesh = small("squares", 2)
-    lam, mu = moduli(mesh)
+    lam, mu = draw_moduli(mesh)
     volumetric = stiffness(Space(mesh), lam + 1e6, mu) - stiffness(Space(mesh), lam, mu)
     assert np.linalg.matrix_rank(volumetric.toarray(), tol=1.0) == mesh.n_cells
 

@@ -16,10 +16,8 @@ import numpy as np
 import pytest
 from test_structure import PACKAGES
 from texts import CONTRIBUTING, blocks, files, page
-from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.cli import app
 from vemcvx.testing import linear_suite
 
 ROOT = Path(__file__).parents[2]
@@ -212,18 +210,3 @@ def test_a_solver_of_25_lines_passes_the_suite_first_time(case):
 DENSE = {"__name__": "dense"}
 exec(files(SOLVER_PAGE)["dense.py"], DENSE)
 test_a_linear_solver_of_25_lines_passes_its_suite = pytest.mark.long(linear_suite(DENSE["Dense"]()))
-
-
-@pytest.mark.long
-def test_the_command_compares_the_solver_of_the_recipe(tmp_path):
-    mine = tmp_path / "mine.py"
-    mine.write_text(FILES["mine.py"])
-    problem = str(ROOT / "problems" / "feng_han_huang.py")
-    command = ["compare", problem, "--n", "6", "--steps", "4", "--solvers", f"newton,{mine}:Fista"]
-    done = CliRunner().invoke(app, command)
-    assert done.exit_code == 0, done.output
-    (line,) = (line.split() for line in done.output.splitlines() if line.startswith("Fista"))
-    assert (line[1], line[4], line[7]) == ("own", "yes", "yes")
-    first, second = done.stderr.splitlines()
-    assert re.fullmatch(r"1 of 2: Newton: certified to \S+ in \S+ s", first)
-    assert second.startswith("2 of 2: Fista: certified to")

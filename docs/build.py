@@ -2,7 +2,7 @@
 
 Lessons and the code of pages are run first; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
 MyST-NB takes notebooks and code in pages alike, and a reference without a target fails the build (MkDocs lacks both).
-These have BSD or MIT licences; MathJax, which is shipped inside, has Apache 2.0. `README.md` has the conventions.
+All these packages have BSD or MIT licences; MathJax, a part of the site, has Apache 2.0. `README.md` has conventions.
 
 With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
 """
@@ -29,7 +29,7 @@ ROOT = HERE.parent
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
 PROCESSES = 2
-"""Kernels that run at a time, and processes of Sphinx."""
+"""Number of kernels that run at the same time, and of processes of Sphinx."""
 
 
 def report(task: str) -> None:
@@ -58,7 +58,7 @@ def collect_sources(sources: Path) -> None:
 
 
 def write_kernel(folder: Path) -> None:
-    """Write the kernel of the cells, which Jupyter finds first: this Python, one thread, a log of errors only."""
+    """Write the Jupyter kernel for the cells, which Jupyter finds first: this Python, one thread, a log of errors."""
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}

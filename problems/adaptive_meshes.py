@@ -7,8 +7,8 @@ re-entrant corner. True errors are projected energy distances to a reference. Th
 refined until it is nowhere coarser than the finest uniform mesh. The cells that the estimator marks are then refined
 twice more. An adaptive run starts from a coarse mesh and two instants, and its seconds include all passes. Its target
 is lowered until its true error is no larger than the error of the compared uniform run. The table also has the optimum
-for cells of equal sides. For an error with e_K^2 = c |K|^2 on each cell, sides proportional to c^-1/4 make
-(sum e_K)^2 / E^2 cells for the error E.
+for cells of equal sides. If the errors e_K of cells satisfy e_K^2 = c |K|^2, the best cells have sides proportional to
+c^-1/4: a mesh of (sum e_K)^2 / E^2 such cells has the error E.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def run_adaptive(run_study, target):
 
 
 def reference(run_study, run, n):
-    """Return the run on the mesh of an adaptive run, refined to at most n squares per unit and twice more."""
+    """Return a run on the mesh of `run`, refined to cells no larger than those of `mesh(n)`, and twice more."""
     mesh, h = run.history.mesh, run_study.mesh(n).h
     while (coarser := mesh.diameters > 1.01 * h).any():
         mesh = mesh.refine(coarser)
@@ -108,7 +108,7 @@ def match_error(run_study, beside, truth):
 
 
 def optimal_fraction(beside, run):
-    """Return the ratio of cell counts, best mesh of equal-sided cells over uniform mesh, at the same error.
+    """Return the ratio of two numbers of cells at the same error: best mesh of unstretched cells, uniform mesh.
 
     The error density is taken from the adaptive run, which resolves the singular points.
     """
@@ -120,7 +120,7 @@ def fit_slope(runs):
 
 
 def run_study(case):
-    """Return uniform runs, pairs of the two finest with adaptive runs, further adaptive runs, and the reference."""
+    """Return uniform runs, the two finest paired with adaptive runs, further adaptive runs, and the reference."""
     equal = [run_uniform(case, n) for n in case.sizes]
     finest, _ = run_adaptive(case, 1.2 * equal[-1].estimate)
     truth = reference(case, finest, case.sizes[-1])

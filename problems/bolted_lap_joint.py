@@ -1,10 +1,10 @@
 r"""Two lapped plates clamped by two bolts, in space: the joint slips at mu times the bolt tension, then the bolts bear.
 
 Each bolt goes through a hole in both plates; it fits the hole of the lower plate and has the clearance c in the upper
-one. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened. The turns of the nuts would push heads
-and plates into each other by delta, which is modelled as the gap -delta t under the heads. Then the end of the upper
-plate is moved along x. Heads, nuts and walls of the holes are smooth, so that the bolts take no shear before they touch
-the walls. At each instant, to rounding,
+one. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened. Turning the nuts would push heads and
+plates into each other by delta, which is modelled as the gap -delta t under the heads. Then the end of the upper plate
+is moved along x. Heads, nuts and walls of the holes are smooth, so that the bolts take no shear before they touch the
+walls. At each instant, to rounding,
 
 $$
 \text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
@@ -72,7 +72,7 @@ def grid(x, y):
 
 
 def plate(n, side, heights):
-    """Return two holes in squares, and rectangles from there to the end on the side -1 or 1."""
+    """Return a plate: two squares with holes, and rectangles from there to its left (side -1) or right end (1)."""
     around = tube([HOLE, HEAD, HALF], n, heights)
     outer = np.hypot(*around.points[:, :2].T) > 0.5 * (HEAD + HALF)
     widening = np.where(outer, HALF / np.abs(around.points[:, :2]).max(axis=1), 1.0)[:, None] ** [1, 1, 0]

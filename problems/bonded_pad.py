@@ -12,9 +12,9 @@ $$
 
 (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959; with compressibility Chalhoub and Kelly, J. Eng. Mech. 117, 1991).
 With one side bonded, this is the pressure of a pad of twice the height between two clamps. A free pad would resist with
-4 mu d/h: the clamp makes it stiffer by the factor (a/h)^2 / 4, until compressibility limits it. The thin layer is a
-model: under the plate -sigma_yy is p + 3/2 mu d/h. At the free edge the mean of sigma_xx vanishes, but p does not; this
-adds up to 3 mu d/h.
+4 mu d/h: the clamp makes it stiffer by the factor (a/h)^2 / 4, until compressibility limits this factor. The formula is
+for a thin layer. Under the plate the stress -sigma_yy is p + 3/2 mu d/h. At the free edge the mean of sigma_xx
+vanishes, so that p is not zero there; this adds at most 3 mu d/h to p.
 
     vemcvx run problems/bonded_pad.py --n 12 --steps 1 --plot
 """

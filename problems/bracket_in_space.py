@@ -8,8 +8,8 @@ $$
 \qquad C = -\cos(a + 1) b / \cos(a - 1) b,
 $$
 
-with f from the bisector of the body, b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin 2 a b = a. It is
-prescribed on the sides far from the edge. The ends slide in their planes. Strains are known everywhere.
+with the angle f from the bisector of the body, b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin 2 a b = a.
+It is prescribed on the sides far from the edge. The ends slide in their planes. Strains are known everywhere.
 
 Cells of size h(r) at the distance r from an edge make the squared error int r^(2a - 3) h^2 dr, and their number is
 int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for h = c r^((4 - 2a) / 5): both integrals

@@ -2,13 +2,13 @@ r"""A brake pad, pressed while its disc turns forward and relieved while it turn
 
 The disc is a ring a < r < b on a rigid hub, which rotates by the small angle phi(t). A pad lies on its rim, |x| < b sin
 alpha. Its sides are guided along y, and its flat top is pressed by P(t). Only Coulomb friction and unilateral contact
-join pad and disc. A cycle: the hub rotates forward by PHI under the full pressure, the pad is relieved to P0 / 10, the
-hub rotates back, the pad is pressed again. Both bodies are elastic; at first the pad sticks and is sheared.
+join pad and disc. In a cycle the hub rotates forward by `ANGLE` under the full pressure, the pressure falls to a tenth,
+the hub rotates back, and the pad is pressed again. Both bodies are elastic; at first the pad sticks and is sheared.
 
 Once all of the pad slips, friction is mu p at every node, always at the radius b: the torque is mu b N, N = integral of
-p. The equilibrium of the pad along y, 2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds with theta forward
-from its middle, gives N if p(theta) is known. For p_0 cos theta, as in a lining that has worn to fit (Shigley and
-Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
+p. The equilibrium of the pad along y, 2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds with the angle
+theta measured forward from its middle, gives N if p(theta) is known. For p_0 cos theta, as in a lining that has worn to
+fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
 
 $$ N = 2 b \sin(\alpha) P (4 \sin \alpha) / (2 \alpha + \sin 2 \alpha), $$
 

@@ -8,8 +8,8 @@ u = (a + gamma z, 0) with vectors a, gamma in the plane of the floor and, step b
 $$ \gamma_n = P((U_n - a_{n-1}) / H), \qquad a_n = U_n - \gamma_n H. $$
 
 P is the projection on the disc of radius g / mu: a play operator. With r = g H / mu < R the sole tends to the circle of
-radius sqrt(R^2 - r^2), and lags behind the top at a right angle. A turn dissipates 2 pi g A sqrt(R^2 - r^2). In steps
-of the angle alpha the radius of the sole's path is
+radius sqrt(R^2 - r^2), and lags behind the top: the vector from sole to top is perpendicular to the radius of the sole.
+A turn dissipates 2 pi g A sqrt(R^2 - r^2). In steps of the angle alpha the radius of the sole's path is
 
 $$ \rho = \sqrt{R^2-r^2 \cos^2(\alpha/2)} - r \sin(\alpha / 2), $$
 

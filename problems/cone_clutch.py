@@ -10,8 +10,8 @@ $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
 
 the torque of a cone clutch under uniform pressure (Shigley, *Mechanical Engineering Design*, 16-9, with the axial force
 p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors, because nodes of one body on the chords of the other would wedge the
-rotating joint. Their layers do not match. The pressure of all nodes is p within (pi / 4n)^2. With n = 8 the torque is
-.64 % below the torque of the cone, because polygons replace the circles.
+rotating joint. Their layers do not match. The pressure of all nodes is p up to a relative error of (pi / 4n)^2. With
+n = 8 the torque is .64 % below the torque of the cone, because polygons replace the circles.
 
     vemcvx run problems/cone_clutch.py --n 8 --steps 10 --accuracy 1e-6 --plot
 """

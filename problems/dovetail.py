@@ -5,7 +5,9 @@ x > 0. The pull P(t) (1 + c z / l), -l < z < l, acts on the top of the whole bla
 pressed harder. Let N be the normal force on a flank, and T its friction force, which is directed towards the floor of
 the slot while the root slides out. Forces balance exactly:
 
-$$ N \sin b + T \cos b = P / 2, \qquad \text{moment of the flank's forces about } x = -c l P / 6. $$
+$$ N \sin b + T \cos b = P / 2, \qquad M_x = -c l P / 6, $$
+
+where M_x is the moment of the forces on the flank about the x-axis.
 
 Friction is at most mu N, so that N stays between the lines of full slip,
 
@@ -55,7 +57,7 @@ def scene(friction=FRICTION, slant=SLANT):
 
 
 def flank(y):
-    """Return half the width of root and neck at a height."""
+    """Return half the width of root and neck at the height y."""
     return NECK + np.tan(LEAN) * np.maximum(-y, 0.0)
 
 

@@ -1,4 +1,4 @@
-r"""A block that yields after von Mises: the same abstract problem with second-order cones.
+r"""A block that yields by the criterion of von Mises: Problem 2.1 with second-order cones.
 
 The model of `elastoplastic_truss.py` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7). The plastic
 strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
@@ -8,14 +8,14 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-with strains out of the plane that no displacement has. With the deviator s = 2 mu (dev eps - P),
+where N_2 has a strain out of the plane, which no plane displacement has. With the deviator s = 2 mu (dev eps - P),
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
 \qquad |s - H P| \le R = \sqrt{2/3} \sigma_y, \qquad \text{loss} \qquad R |P'|.
 $$
 
-On virtual elements P is constant on cells and couples to the strain of Pi u, eps = dev eps + volume: y = (u, p),
+On virtual elements P is constant on cells, and couples to the deviatoric strain of Pi u. For y = (u, p)
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -23,7 +23,7 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-one cone of three components per cell. The library has none of this: K is assembled below from its matrices.
+with one cone of three components per cell. The library has no plasticity: K is assembled below from its matrices.
 
 **Exact on every mesh.** Under tractions on the whole boundary that belong to a uniform stress S(t), the block stays
 uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy). Each
@@ -32,7 +32,7 @@ step is the *return mapping*
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
 Under shear alone, S_xy = tau, it is the play of `spring_slider_chain.py`: p_3 = play_R(sqrt 2 tau) / H, and
-gamma = tau / mu + sqrt 2 p_3 has no error in time. Where the direction turns, backward Euler makes an error.
+gamma = tau / mu + sqrt 2 p_3 has no error in time. If the direction of s changes, backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """
@@ -85,14 +85,17 @@ def block(mesh, stress):
 
 
 def _support_unknowns(mesh):
-    """Return the lower left corner's displacements and the lower right corner's height: no force arises there."""
+    """Return the numbers of three unknowns that are fixed: lower left corner, and height of the lower right corner.
+
+    No force arises there, because the tractions balance.
+    """
     corner = np.argmin(mesh.points.sum(axis=1))
     other = np.argmax(mesh.points[:, 0] - mesh.points[:, 1])
     return [2 * corner, 2 * corner + 1, 2 * other + 1]
 
 
 def spiral():
-    """Return stresses (N + 1, 3) with S_yy = -S_xx whose deviator turns twice while it grows."""
+    """Return stresses (N + 1, 3) with S_yy = -S_xx whose deviator makes two turns while it grows."""
     size = 2.5 * RADIUS * SPIRAL / SPIRAL[-1]
     x, xy = size * np.cos(SPIRAL) / np.sqrt(2), size * np.sin(SPIRAL) / np.sqrt(2)
     return np.column_stack([x, -x, xy])

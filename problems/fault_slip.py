@@ -5,7 +5,7 @@ A block |x|, |y| < 10 a in plane strain has no supports. The fault |x| < a, y = 
 $$ s = \frac{4 (1 - \nu^2)}{E} \tau(a^2 - x^2)^{1/2}, $$
 
 the slip of a crack in an infinite body that loses the shear stress tau (Starr 1928). The shear stress on the fault
-therefore falls by tau. In a block of 10 a this is accurate to 1 %, except in the cells next to the tips.
+therefore falls by tau. In this finite block the fall is tau within 1 %, except in the cells next to the tips.
 
     vemcvx run problems/fault_slip.py --n 8 --steps 2 --plot
 """
@@ -25,7 +25,7 @@ def slip(x, t, drop=DROP):
 
 
 def stress_drop(history):
-    """Return places x (m,) along the fault and the shear stress (S, m) that it lost there, the force that drives it."""
+    """Return places x (m,) along the fault, and the shear stress (S, m) that the fault has lost at these places."""
     contact = history.contact
     return contact.points[:, 0], history.forces[:, contact.nodes, 0] / contact.lengths
 

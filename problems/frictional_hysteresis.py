@@ -6,7 +6,7 @@ sheared block, so that the block is sheared uniformly: u = (a + gamma y, 0) with
 
 $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm g / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
-The block sticks (a constant) while mu |gamma| < g, and slips as a whole otherwise. A closed loop of the amplitude
+The block sticks (a is constant) while mu |gamma| < g, and slips as a whole otherwise. A closed loop of the amplitude
 U0 > g H / mu dissipates 4 g L (U0 - g H / mu). The displacement is linear, so virtual elements reproduce it on any
 mesh: every difference from it is an algebraic error.
 
@@ -47,7 +47,7 @@ def exact(points, instants, floor=0.0):
 
 
 def scene():
-    instants = times(25)  # gamma is linear between these: it turns at multiples of 1/5 only
+    instants = times(25)  # gamma is linear between these: its kinks are at multiples of 1/5
     gamma, _ = exact_solution(instants)
 
     def shear(sign):
@@ -78,7 +78,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the sheared block at the first turn, and the loop of friction over the displacement of the top."""
+    """Draw the sheared block at the first reversal, and the loop of friction over the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

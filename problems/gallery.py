@@ -12,7 +12,7 @@ This folder has two kinds of problem:
 - A *program* has a function main(path) that draws its own picture; `PROGRAMS` lists the quick ones.
 
 A picture is PROBLEM.png, drawn by plain matplotlib in the style `STYLE`: in it C0, C1, ... are the colours of
-vemcvx.plots, which stay apart for colour-blind readers.
+vemcvx.plots, which colour-blind readers can tell apart.
 """
 
 import argparse
@@ -110,7 +110,7 @@ def title(name):
 
 
 def write_page(folder):
-    """Write the page of all pictures in the folder that a file of this folder has drawn."""
+    """Write a page with all pictures in `folder` that have a problem file beside this file."""
     lines = [
         "# Gallery",
         "",

@@ -11,8 +11,8 @@ bars shrink with h.
 
 Over whole histories the bounds cover mesh and steps at once. Steps make no error in a load that is proportional to one
 function of time: the bound of this block is the same in one step as in sixteen. The third panel therefore shows the
-block of `missed_reversal.py`, whose load turns back between two steps. The bound includes the error of the steps, and
-decreases with more steps to the error of the mesh.
+block of `missed_reversal.py`, whose load reverses between two instants of the run. The bound includes the error of the
+steps, and decreases with more steps to the error of the mesh.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """
@@ -23,7 +23,7 @@ import vemcvx as vx
 
 POISSON = 0.3
 LAMBDA = 2.0 * POISSON / (1.0 - 2.0 * POISSON)
-"""For the shear modulus 1."""
+"""Lame's modulus lambda; the shear modulus is 1."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 4}
 TOP = vx.Traction((1.0, 0.0), on="top")
@@ -90,7 +90,7 @@ def scene():
 
 
 def turning_scene():
-    """Return the scene of `missed_reversal.py`, whose load turns back at t = 1/2."""
+    """Return the scene of `missed_reversal.py`, whose load reverses at t = 1/2."""
 
     def pull(x, t):
         return np.column_stack([16.0 * (1.25 - x[:, 1]), np.full(len(x), -0.01)]) * (1.0 - abs(2.0 * t - 1.0))

@@ -59,14 +59,14 @@ def coordinates(n):
 
 
 def grid(x, y):
-    """Return the mesh of rectangles between as many lines x and y."""
+    """Return the mesh of rectangles between lines x and lines y, which have the same number."""
     lattice = vx.meshes.squares(len(x) - 1, box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     return vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells)
 
 
 def mesh(n, family="graded"):
-    """Return both bodies, the upper one in 3/4 of the cells."""
+    """Return both bodies: n cells across the half-width in the lower body, and 3n/4 in the upper one."""
     below, above = coordinates(n), coordinates(max(2, 3 * n // 4))
     return vx.meshes.bodies({"lower": grid(below, -below[::-1]), "upper": grid(above, above)})
 

@@ -8,9 +8,9 @@ below the top is (Janssen, Z. VDI 39, 1895)
 
 $$ B ds / dz = w B - \mu K s, \qquad s = w l (1 - \exp(-z / l)), \qquad l = B / (\mu K), $$
 
-in place of s = w z without friction. The pressure on the wall is K s, and the walls carry w B H - B s(H). That a slice
-stays plane is a model: friction shears the slice, which makes an error O((B / l)^2) in the stresses. The floor prevents
-slip, and so supports the wall, within about B of it.
+in place of s = w z without friction. The pressure on the wall is K s, and the walls carry w B H - B s(H). The formula
+assumes that slices stay plane; friction shears them, which makes an error O((B / l)^2) in the stresses. Within about B
+of the floor the filling cannot settle, and friction on the wall is below its bound.
 
     vemcvx run problems/janssen_silo.py --n 4 --steps 4 --plot
 """
@@ -31,7 +31,7 @@ def decay_length(friction=FRICTION):
 
 
 def vertical_stress(z, friction=FRICTION):
-    """Return the mean compression of the slice at the depth z."""
+    """Return the mean compressive stress of the slice at the depth z."""
     length = decay_length(friction)
     return WEIGHT * length * (1 - np.exp(-z / length))
 

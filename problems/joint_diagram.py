@@ -69,7 +69,7 @@ def mesh(n, family="squares"):
 
 
 def times(steps):
-    """Return four steps for the tightening of the bolt, and in proportion for the rest."""
+    """Return instants with four steps per unit of time; the bolt is tightened in the first unit."""
     return np.arange(steps + 1) / 4
 
 

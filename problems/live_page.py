@@ -3,7 +3,8 @@
     vemcvx app [FILE]
 
 It is a marimo app: `marimo edit live_page.py` opens it as a notebook. It takes any problem file. Every parameter of the
-scene that is a positive number has a slider. A scene with the parameter `course`, its load in time, has load paths.
+scene that is a positive number has a slider. If the scene has the parameter `course`, its load in time, the page offers
+load paths.
 """
 
 import marimo
@@ -44,7 +45,7 @@ with app.setup:
         "viscous strip under a pull": ("kelvin_voigt_creep", 6),
         "bracket with a sharp corner": ("l_shaped_bracket", 14),
     }
-    GIVEN = os.environ.get("VEMCVX_APP", "")  # the problem file that `vemcvx app FILE` was asked for
+    GIVEN = os.environ.get("VEMCVX_APP", "")  # the FILE of `vemcvx app FILE`
     if GIVEN and GIVEN not in [name for name, _ in SCENES.values()]:
         SCENES = {Path(GIVEN).stem: (GIVEN, None)} | SCENES
     FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]  # families that fill a box
@@ -56,7 +57,7 @@ with app.setup:
         "growing cycles": (0, 0.5, -0.5, 0.75, -0.75, 1, -1),
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
-    STEPS = 30  # every turn of every path is an instant
+    STEPS = 30  # with this number every reversal of every path is an instant
     WIDTH, LETTERS = 4.0, 10  # inches and points: letters have 12 px where a picture is 346 px wide
     GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
 
@@ -95,7 +96,7 @@ def course_of(path, problem):
 
 @app.function
 def solve(problem, mesh, settings, path, solver):
-    """Return the history; if a step misses the requested accuracy, its certificate states the reached one."""
+    """Return the history; if a step misses the requested accuracy, its certificate states the accuracy reached."""
     course = {} if PATHS[path] is None else {"course": course_of(path, problem)}
     scene = run_user_code(problem.path, "its scene", lambda: problem.module.scene(**settings, **course))
     times = problem.times(STEPS)
@@ -283,7 +284,7 @@ def _(scene):
 def _(family, n, name, path, scene, settings, solver, step):
     mo.sidebar(
         [
-            # The smallest letters of marimo are three quarters of the root's.
+            # marimo's smallest letters have three quarters of the font size of the root element.
             mo.Html("<style>:root{font-size:16px}</style><h1>friction, live</h1>"),
             mo.vstack([scene, step, path, *settings.elements.values(), family, n, solver], gap=1.2),
         ],

@@ -7,14 +7,14 @@ $$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)), $$
 whose divergence is of the size of grad u / lambda: stresses stay bounded as lambda grows. On y = 0 the normal
 displacement vanishes, and the whole contact slips to the right against the bound g(x) = t mu x^2 (lambda + 2) / (6
 (lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other sides. Data are proportional to t, so
-that backward Euler makes no error: only the mesh does. With any increasing phi(t) in place of t the same holds for
-phi(t) u, in any number of steps. (At t = 1 strains are of the order of one, and a run warns about them. In a linear
-theory their size does not matter. The picture shows a tenth of the displacements.)
+that backward Euler makes no error: only the mesh does. With any increasing phi(t) in place of t the same holds, in any
+number of steps. (At t = 1 strains are of the order of one, and a run warns about them. In a linear theory their size
+does not matter. The picture shows a tenth of the displacements.)
 
 With u prescribed on all the other sides, its nodal values change the volume by O(h^2) more than div u, unless nodes on
-two sides match. Its energy is proportional to lambda: at lambda = 1e6 and h = 1/8 it triples the error on hexagons.
-With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and errors are the same for all
-lambda.
+two sides match. The energy of this change is proportional to lambda: at lambda = 1e6 and h = 1/8 it triples the error
+on hexagons. With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and errors are the same
+for all lambda.
 
     vemcvx run problems/manufactured_full_slip.py --mesh voronoi --n 32 --steps 4
 """
@@ -89,7 +89,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the slipping block, and the pressure, of either sign, and the friction along its contact."""
+    """Draw the slipping block, and the friction and the pressure (of either sign) along its contact."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -4,13 +4,13 @@ The block has the displacement of `manufactured_full_slip.py` with another funct
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
-in units of 1e-3 of a length. At t = 0 the block is strained and slips, with friction at its bound. u_0 = w / 2 is no
-state of rest. It satisfies (2.1), because loads and friction at the bound balance its stresses. At t = 1/2 the block
-stops. From then on the bound exceeds the friction by b (t - 1/2), and all nodes stick.
+in units of 1e-3 of a length. At t = 0 the block is strained and slips, with friction at its bound. So u_0 = w / 2 is
+not a state of rest. It satisfies (2.1), because loads and friction at the bound balance its stresses. At t = 1/2 the
+block stops. From then on the bound exceeds the friction by b (t - 1/2), and all nodes stick.
 
 Runs begin from P^h u_0, (2.11). With an odd number N of steps the block stops in the middle of a step. At the end of
-that step the bound is b / (2 N) too large, and backward Euler slips less than the block did until it stopped: the error
-of u is O(k) from then on. With N even there is no error in time, and only the error of the mesh is left.
+that step the bound is b / (2 N) too large, and in backward Euler the block slips less in this step than it should: the
+error of u is O(k) from then on. With N even there is no error in time, and only the error of the mesh is left.
 
     vemcvx run problems/manufactured_start_and_stop.py --mesh voronoi --n 16 --steps 17
 """

@@ -16,17 +16,17 @@ $$ K_{ij} = |K| G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dof
 
 a force per area gives each vertex of K an equal part of int_K f, and so does the bound g.
 
-**Exact on every mesh: a strip pulled at its rough edge.** (0, L) x (0, H), u = 0 above; below the edge is pulled by
-q(t) and held by friction; the sides are free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
+**Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. Its lower edge is
+pulled by q(t) and held by friction; its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
 The strip sticks, slips and reverses; u is linear, so virtual elements reproduce it. A closed loop between q = +-Q
 dissipates 4 g L H (Q - g).
 
-**Exact up to O(h): a membrane on a rough table.** (0, L) x (0, H), u = 0 at x = L, pulled by q(t) at x = 0, other sides
-free, friction g per area. Friction reduces the tension T = -du/dx along x: the membrane is the chain of
-`spring_slider_chain.py` with infinitely many blocks,
+**Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
+x = 0; its other sides are free. Friction has the bound g per area. Friction reduces the tension T = -du/dx along x: the
+membrane is the chain of `spring_slider_chain.py` with infinitely many blocks,
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
@@ -132,7 +132,7 @@ def pose_on_table(mesh, pull):
 
 
 def table_exactly(x, turns=TURNS, bound=BOUND):
-    """Return u and lambda at the turning points, (len(turns), len(x)); only the first swing may be the largest."""
+    """Return u and lambda (len(turns), len(x)) at the turning points; no slip zone may exceed the zone before it."""
     u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
     for n, swing in enumerate(np.diff(turns), start=1):
         # Friction rises from 0 to g in the first loading, and from -g to g after a reversal.
@@ -160,7 +160,7 @@ def solve_on_table(mesh, increment=0.5, solver=None):
 
 
 def energy_error(posed, trajectory, at, points):
-    """Return |u_h - u|_a at the turning points, relative to the largest |u|_a; u by its values at the nodes."""
+    """Return |u_h - I u|_a at the turning points over the largest |I u|_a; I u has the nodal values of the exact u."""
     exact, _ = table_exactly(points[posed.free, 0])
     off, K = trajectory.state[at] - exact, posed.system.K
     size = np.einsum("ni,ni->n", exact, (K @ exact.T).T)

@@ -1,7 +1,8 @@
 r"""Why backward Euler: comparison with the midpoint rule, on slips that are known in closed form.
 
-Quasistatic friction is a play operator in the energy norm. Let C = {z : a(z, v) <= j(v) for all v}, the displacements
-whose forces friction can balance, u_l(t) the displacement of the body without friction, and z = u_l - u. Then
+Quasistatic friction is a play operator in the energy norm. Let C = {z : a(z, v) <= j(v) for all v} be the set of
+displacements whose forces friction can balance. Let u_l(t) be the displacement of the body without friction, and
+z = u_l - u. Then
 
 $$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}), $$
 
@@ -13,23 +14,24 @@ $$
 \qquad = 2 \min_e \; a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e).
 $$
 
-So it is one convex program per step, too: backward Euler to the middle, and then a reflection,
+So the midpoint rule is one convex program per step, too: backward Euler to the middle, and then a reflection,
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-Its map in z is 2 P_C - 1, which is nonexpansive like P_C: algebraic errors do not grow either. But
+Its map of z is 2 P_C - 1, which is nonexpansive like P_C: algebraic errors do not grow either. But
 
-1. The step ends outside of C. z_n is in C only at the middles of steps. At the ends friction exceeds its bound and
-   (2.1) fails: friction cannot balance the state that one step passes to the next.
+1. At the ends of steps z may be outside of C: it is in C only at the middles. Then friction exceeds its bound and (2.1)
+   fails: friction cannot balance the state that one step passes to the next.
 2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2; a
-   reflection only keeps distances. If a place begins to slip inside a step, z ends that step eta beyond its bound, at
-   most k |u_l'| / 2, the next step eta below it, and so on forever: from then on the order is one.
-3. Its order is two only where slips are smooth: where they turn without beginning or ending.
+   reflection only keeps distances. If a place begins to slip inside a step, z is beyond its bound by some eta
+   <= k |u_l'| / 2 at the end of this step, below it by eta at the end of the next step, and so on forever: from then on
+   the order is one.
+3. Its order is two only where slips are smooth: where they change their direction, but neither begin nor end.
 
-The order of backward Euler is one where slips turn. In the plane they do not turn. There, and in space where they keep
-their direction, backward Euler is *exact* at the instants, as long as these include the instants at which loads turn
-back (:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. Sums over steps, work and
-dissipation, are of second order in either case (`dissipated_second_order`).
+The order of backward Euler is one where slips change their direction. Slips of plane bodies can only reverse. For these
+bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if these include the
+reversals of the loads (:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. Sums over
+steps, work and dissipation, are of second order in either case (`dissipated_second_order`).
 
     python problems/midpoint_rule.py [--picture FILE]
 
@@ -82,7 +84,7 @@ def midpoint(top, times, start):
 
 
 def there_and_back(t):
-    """Return a straight pull to 3 and back to -3, which turns at t = 1."""
+    """Return a straight pull to 3 and back to -3, which reverses at t = 1."""
     return np.array([3.0 * t if t <= 1 else 9.0 - 6.0 * t, 0.0])
 
 
@@ -122,8 +124,8 @@ def extrapolate():
 
 
 def errors(steps):
-    """Return the largest errors of both rules by experiment; of the midpoint rule also in the middles of the pull."""
-    # The turn at t = 1 is an instant. The last experiment has no closed form: we extrapolate backward Euler.
+    """Return the largest errors of both rules by experiment, and in the straight pull also at the middles of steps."""
+    # The reversal at t = 1 is an instant. The last experiment has no closed form: we extrapolate backward Euler.
     pull, turn, rest = np.linspace(0, 2, steps + 1), np.linspace(0, 1, steps + 1), np.linspace(0, 2, 2 * steps + 1)
     middles = 0.5 * (pull[1:] + pull[:-1])
     exact = [

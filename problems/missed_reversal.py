@@ -1,15 +1,16 @@
-"""A load that turns back between two steps: the error of the time steps, and when there is none.
+"""A load that reverses between two instants: the error of the time steps, and when there is none.
 
 The block of the paper's Section 4 is taken ten times as stiff and twice as strongly pulled. The load grows until
-t = 1/2 and then returns to zero. While it grows, slip spreads along the contact. When it turns, all nodes stick at
+t = 1/2 and then returns to zero. While it grows, slip spreads along the contact. When it reverses, all nodes stick at
 once; then slip in the other direction spreads, over less of the contact. At the end the body is unloaded but not
 stress-free: friction locks stresses in.
 
-Backward Euler evaluates the load only at the ends of its steps. An odd number of equal steps misses the turn by k/2 on
-either side, hence the fraction k of the largest load. The slip that is missing on the way up is not recovered on the
-way down: from the turn to the end the error is O(k), as (3.28) of the paper allows. With an even number of steps a step
-ends at the turn. While the load only grows, as in the paper (`feng_han_huang.py`), the response is piecewise affine and
-no slipping node sticks again; then any number of steps gives the same displacement.
+Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
+k/2 away from the nearest instants, and the run misses the fraction k of the largest load. The slip that is missing on
+the way up is not recovered on the way down: from the reversal to the end the error is O(k), as (3.28) of the paper
+allows. With an even number of steps a step ends at the reversal. While the load only grows, as in the paper
+(`feng_han_huang.py`), the response is piecewise affine and no slipping node sticks again; then any number of steps
+gives the same displacement.
 
     vemcvx run problems/missed_reversal.py --n 16 --steps 27 --plot
 """

@@ -10,12 +10,12 @@ differences and their known causes.
 
 In these units S_K to the letter has an effect. The factor 1 in place of 2 mu = 154 makes the remainder of Pi so soft
 that loads bend the cells on which they act. Little of the load reaches the contact. With n = 96 and k = 1/8 the largest
-slips at t = 1 are .0114 to .0115 mm on all meshes with 2 mu. With 1 they are .0114 on squares, .0113 on Voronoi cells
-and hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other units, N for daN, the same
-text gives other numbers.
+slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1 they are .0114 on squares,
+.0113 on Voronoi cells and hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other
+units, N for daN, the same text gives other numbers.
 
-The deviations of the package from the text of the paper, and the options that restore the text, are printed too; alone
-with
+The deviations of the package from the text of the paper, and the options that restore the text, are printed too. This
+command prints them alone:
 
     python problems/paper_figures.py --deviations
 """
@@ -40,7 +40,7 @@ from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 
 FAMILIES = ("squares", "voronoi", "hexagons", "nonconvex")
-"""Fig. 1 shows four types of meshes; the text names squares and the polygons of Talischi and others. We chose two."""
+"""Fig. 1 shows four types of meshes. The text names two: squares, and polygons of Talischi. We chose the other two."""
 SIZES, REFERENCE = (4, 8, 16, 32, 64), 256
 PRINTED_ERRORS = {4: 0.1745, 8: 0.0911, 16: 0.0458, 32: 0.0221, 64: 0.0099}
 PRINTED_NODES = {50: (99, 36), 200: (400, 121), 800: (1601, 441), 5000: (9986, 2601)}
@@ -73,7 +73,7 @@ DEVIATIONS = (
     ),
     (
         "(2.6), l^h(0) = l(0), implies (2.13); the l^h of Section 3 violates it if f_1(0) is not 0",
-        "`projected` begins at the end of one step at times[0] from P^h u_0; there (2.13) holds, O(h) from P^h u_0",
+        "`projected` begins at the end of one step at times[0] from P^h u_0: (2.13) holds, at the distance O(h)",
         "`vx.projected(u_0, settle=False)` begins at P^h u_0, as (3.26) says",
     ),
     (
@@ -223,7 +223,7 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
         "projected: of Pi u, constant on cells. nodal: |I u_ref - u|_{a^h}, what the coarse nodes see, in the a^h of "
         "the run; consistent: its first part, without S_K. (In the a^h of 2 mu the nodal distances of unit runs are "
         f"{of_ours}.)",
-        f"k alone: {in_time:.0e} at most, the distance to as many steps as the reference takes, on the same mesh. The "
+        f"in time: at most {in_time:.0e}, the distance to a run on the same mesh with the steps of the reference. The "
         "load is proportional and no slipping node sticks again: backward Euler makes no error here, and only the mesh "
         "makes an error.",
         f"printed: {' '.join(nearest_to_print(every, sizes))} No reading of the text that we tried gives the printed "
@@ -268,7 +268,10 @@ def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
 
 
 def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[tuple[int, int, int, int, int, float]]:
-    """Return elements, nodes of polygons (fewest, most over seeds; none collapsed), of triangles, and longest side."""
+    """Return rows of numbers.
+
+    They are elements; nodes of polygons: fewest, most, and without collapsed edges; nodes of triangles; longest side.
+    """
     rows = []
     for count in counts:
         side = round(np.sqrt(count / 2))
@@ -309,7 +312,8 @@ def table_4(rows: Sequence[tuple[int, int, int, int, int, float]]) -> Table:
 
 NOTE_4 = (
     "n polygons that meet three at a node have 2 n + 2 nodes; every collapsed short edge removes one. The paper has "
-    "3, 2, 1 and 16 nodes fewer; ours vary with the seeds. The triangles, n/2 squares cut in two, have as many nodes."
+    "3, 2, 1 and 16 nodes fewer; our numbers vary with the seeds. The triangles, n/2 squares cut in two, have the "
+    "printed numbers of nodes."
 )
 
 

@@ -6,7 +6,7 @@ The faces touch with the pressure S - p until p = S. Beyond that the crack in an
 
 $$ \frac{4 (1 - \nu^2)}{E} (p - S) (a^2 - x^2)^{1/2}. $$
 
-In a block of 10 a it opens by 1 % more. The mesh error of the opening is O(h).
+In this finite block it opens by 1 % more. The mesh error of the opening is O(h).
 
     vemcvx run problems/pressurised_crack.py --n 8 --steps 8 --plot
 """

@@ -5,7 +5,7 @@ at the distance e from its middle. It sinks and rotates until the reaction balan
 
 $$
 p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
-\qquad \text{turn } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}.
+\qquad \text{rotation } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}.
 $$
 
 Beyond e = a / 2 it lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2. The

@@ -4,13 +4,14 @@ A column of height H, plane stress, is pressed down by D on a rough layer `gap` 
 times its compression (Martins and Oden 1987). Uniaxial stress is exact on every mesh. Up to the gap there is no stress;
 then column and layer act like springs in series,
 
-$$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{the layer by } p / c. $$
+$$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{compression of the layer } = p / c. $$
 
 A large c is a rigid floor. With `radius=R` and the mesh `punch_mesh` the block of `hertz_contact.py` is pressed on a
 rough cylinder. The layer spreads Hertz' pressure and lowers its peak, and the pressure rises gradually at the edge of
 the contact (Johnson, *Contact Mechanics*, 13.5).
 
-While the column moves freely it stores no energy, and 1e-8 of no energy is below rounding: use the accuracy 1e-6.
+While the column moves freely its energy is almost zero, and an error of 1e-8 of this energy is below rounding: use the
+accuracy 1e-6.
 
     vemcvx run problems/rough_layer.py --n 6 --steps 10 --accuracy 1e-6 --plot
 """
@@ -21,7 +22,7 @@ import vemcvx as vx
 
 WIDTH, HEIGHT, YOUNG, POISSON, LAYER, GAP, DEPTH = 1.0, 2.0, 100.0, 0.3, 50.0, 0.01, 0.05
 RADIUS, HALF_WIDTH, PUNCH_YOUNG, PUNCH_DEPTH = 1.0, 0.02, 1000.0, 9e-4
-"""For the block on a cylinder."""
+"""Dimensions and stiffness of the block on a cylinder."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 6, "steps": 10, "accuracy": 1e-6}
 
@@ -67,7 +68,7 @@ def mesh(n, family="hexagons"):
 
 
 def punch_mesh(n):
-    """Return rectangles that grow away from the contact: from a/n up to 1.6 a to the height 20 a."""
+    """Return rectangles up to the distance 20 a: of the width a/n up to 1.6 a, and growing from there."""
     line, step = list(np.arange(0.0, 1.6 * HALF_WIDTH, HALF_WIDTH / n)), HALF_WIDTH / n
     while line[-1] < 20 * HALF_WIDTH:
         step *= 1.15

@@ -9,8 +9,8 @@ $$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \
 and sticks between: S_n = clip(S_{n-1}, P_n tan(theta - phi), P_n tan(theta + phi)) for stiff blocks. (Ring springs of
 railway buffers work like this: S is proportional to the displacement. In every cycle two thirds of the work are
 dissipated if tan(theta + phi) = 3 tan(theta - phi), as here.) Forces balance exactly on any two meshes. The elasticity
-of the blocks makes an error of the size of the stiffness ratio of springs and blocks, and lets slip turn a little near
-edges.
+of the blocks makes an error of the size of the stiffness ratio of springs and blocks, and lets the direction of slip
+change a little near edges.
 
     vemcvx run problems/skew_joint.py --n 4 --steps 36 --plot
 """

@@ -16,7 +16,7 @@ $$
 This is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
 `softening`, and `vemcvx show` compares it with the stiffness of the block.
 
-Backward Euler agrees with the closed form at every instant, if steps end where the top turns.
+Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.
 
     vemcvx run problems/slip_weakening.py --n 4 --steps 40
 """
@@ -113,7 +113,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the block at the first turn, and friction over the displacement of the top."""
+    """Draw the block at the first reversal, and friction over the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

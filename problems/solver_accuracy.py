@@ -14,26 +14,28 @@ $$ |u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}, \text{ of 
 relative to the largest |u_m*|_K so far, K the full stiffness. A row that violates this is printed as WRONG, and the
 exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run.
 Before each step the solver solves the step before it, because OSQP and SCS start from their last solution. The median
-is taken. Set-up is factorisation and condensation, and the additional time of the first step (compilation by cvxpy).
-For each solver the accuracy is increased until it misses one; a miss takes up to three attempts.
+over the repetitions is taken. Set-up is factorisation and condensation, and the additional time of the first step
+(compilation by cvxpy). For each solver the accuracy is increased until it misses one; a miss takes up to three
+attempts.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
 - The gap is of first order in the multipliers, and the error of the solution of second order. Without degenerate terms
-  conic solutions are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With them
-  Clarabel's errors are within a factor of two of the certified ones: the bound is sharp.
+  conic solutions are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With degenerate
+  terms Clarabel's errors are within a factor of two of the certified ones: the bound is sharp.
 - Clarabel stops at 2e-8 for every requested accuracy, condensed and full. Degenerate terms cost it 18 and 36 iterations
-  in place of 10 and 11, for 1e-7. On the chain it keeps 1e-6; at 1e-8 it misses in 55 of 117 steps and ends at 5.7e-7.
-  From all of these, and from an error of 5e-3, one active-set step (polish=True) leads to the solution, certified to
-  rounding.
+  in place of 10 and 11, for 1e-7. On the chain it meets 1e-6; at 1e-8 it misses in 55 of 117 steps and ends at 5.7e-7.
+  From all these answers, and from an answer with the error 5e-3, one active-set step (polish=True) leads to the
+  solution, certified to rounding.
 - OSQP finds the active set by its own polishing, in all four programs and at every accuracy: 2e-14. On the chain this
-  fails in some steps, which reach the limit of 100,000 iterations at every attempt. It ends at 9e-7, and at the
-  requested accuracy 1e-8 at 1.4e-5. polish=True corrects that too, to rounding.
-- OSQP counts iterations by 25: condensed 100 to 700, with degenerate terms 175 to 2,975; on the full program 175 to 625
-  and 100 to 350. So 1e-10 takes 1.5 to 2 times as long as 1e-2.
+  fails in some steps, which reach the limit of 100,000 iterations at every attempt. It ends at 9e-7 for the requested
+  accuracy 1e-6, and at 1.4e-5 for 1e-8. polish=True corrects that too, to rounding.
+- OSQP counts iterations in multiples of 25. On the condensed program it takes 100 to 700, with degenerate terms 175 to
+  2,975; on the full program 175 to 625, with degenerate terms 100 to 350. So 1e-10 takes 1.5 to 2 times as long as
+  1e-2.
 - Newton ends at rounding after finitely many steps; accuracy costs nothing.
-- HiGHS 1.15 reports a solution as optimal that is 14 % off, in one step, and is right in the other: the certificate
-  shows which. 1.16 is right in both, certified to 4.1e-9 and to rounding.
+- In one of the two steps HiGHS 1.15 reports a solution as optimal that is 14 % off; in the other it is right. The
+  certificate shows which. 1.16 is right in both, certified to 4.1e-9 and to rounding.
 
     python problems/solver_accuracy.py [--n 32] [--repeats 5] [--table FILE.csv] [--picture FILE.png]
 """

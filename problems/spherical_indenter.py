@@ -9,14 +9,15 @@ causes no slip (a rigid obstacle and nu = 1/2; nearly so here, where nu = .45),
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), \quad c / a = (1 - Q / \mu P)^{1/3}, $$
 
-with stick in r < c (7.2). The closed form neglects the small slip across the direction of Q; the computation includes
-it. The block extends 6 a to all sides and is not quite a half-space: pressing widens it. Friction therefore acts only
-once the block is pressed, from t = 1 on. One half of the block is computed. Cells grow outwards from a/n at the
-contact, and downwards from the start. The top is pressed down and then dragged without rotation; P and Q are measured.
+with stick in r < c (Johnson, 7.2). The closed form neglects the small slip across the direction of Q; the computation
+includes it. The block extends 6 a to all sides and is not quite a half-space: pressing widens it. Friction therefore
+acts only once the block is pressed, from t = 1 on. One half of the block is computed. Cells grow outwards from a/n at
+the contact, and downwards from the first layer on. The top is pressed down and then dragged without rotation; P and Q
+are measured.
 
-With n = 8 the radius agrees with Hertz within 2 % and the peak within 5 %, or 2 % where cells are also even downwards
-(`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, judged by
-single nodes, is .94 of the closed form.
+With n = 8 the radius agrees with Hertz within 2 % and the peak within 5 %, or 2 % if the cells near the contact have
+equal heights, too (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick
+radius, judged by single nodes, is .94 of the closed form.
 
     vemcvx run problems/spherical_indenter.py --n 8 --steps 8 --plot
 """

@@ -58,8 +58,8 @@ TURNS = (0, 6, -6, 2, -3, 0.5, -3, 2, 6, -6)
 """Turning points of the force: a loop in a loop in a loop, and then the outermost loop again."""
 
 SOLVERS = (vx.Newton(), vx.Clarabel(accuracy=1e-5), vx.OSQP(accuracy=1e-5))
-"""At every return to a turning point some block is exactly at its bound without slipping. There interior points and
-operator splitting converge slowly; therefore their accuracy is 1e-5 in place of the usual 1e-6."""
+"""At every return to a turning point some block is exactly at its bound without slipping. At these steps interior-point
+methods and operator splitting converge slowly; therefore their accuracy is 1e-5 in place of the usual 1e-6."""
 
 
 def course(turns, increment=0.5, first=None):

@@ -9,8 +9,9 @@ $$
 T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{before}.
 $$
 
-In full slip, when c tends to 0, T = 2/3 mu P R with P = p pi R^2 for every pad. (The axis does not move. At the end of
-these steps c < R/5, and c^3 is less than .2 % of 4 R^3.) With n = 6 the error of the torque of full slip is below .5 %.
+In full slip, when c tends to 0, T = 2/3 mu P R with P = p pi R^2 for every pad. (Nothing slips on the axis, so that c
+is not zero. At the end of these steps c < R/5, and c^3 is less than .2 % of 4 R^3.) With n = 6 the error of the torque
+of full slip is below .5 %.
 
     vemcvx run problems/twisted_pad.py --n 8 --steps 16 --plot
 """

@@ -12,7 +12,7 @@ from bs4 import BeautifulSoup
 
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 MADE_LATER = "search.html", "genindex.html"
-"""Pages whose headings are made by a script, or are letters."""
+"""Pages whose headings are not checked: a script makes them, or they are single letters."""
 
 
 def find_faults(site: Path) -> list[str]:
@@ -42,7 +42,7 @@ def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
 
 
 def _check_headings(page: BeautifulSoup) -> Iterator[str]:
-    """Yield faults unless there is one heading of the first level, and no level is skipped."""
+    """Yield a fault if there is not exactly one heading of the first level, and one for each skipped level."""
     body = page.find("article") or page.find("main") or page
     levels = [int(tag.name[1]) for tag in body.find_all(re.compile(r"^h[1-6]$"))]
     if levels.count(1) != 1:

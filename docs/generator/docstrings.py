@@ -55,7 +55,7 @@ def keep_public_bases(app: Sphinx, name: str, thing: object, options: object, ba
 
 
 def describe_pictures(app: Sphinx, tree: nodes.document) -> None:
-    """Give pictures of cells the text that their figures print as their description (event doctree-read)."""
+    """Use the text that the figure of a cell prints as the description of its picture (event doctree-read)."""
     for bundle in tree.findall(nodes.container):
         if bundle.get("nb_element") == "mime_bundle":
             texts = [child.astext() for child in bundle.children if child.get("mime_type") == "text/plain"]

@@ -34,7 +34,7 @@ class Problem:
 
     @cached_property
     def text(self) -> str:
-        """The file."""
+        """The text of the file."""
         return (PROBLEMS / f"{self.name}.py").read_text(encoding="utf-8")
 
     @cached_property

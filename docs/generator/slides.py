@@ -117,7 +117,7 @@ def split_sentences(paragraph: Tag) -> list[str]:
 
 
 def fit(sentences: list[str], lines: int, first: bool = False) -> list[str]:
-    """Return the last sentences that fit into some lines, or the first ones."""
+    """Return the last sentences that fit into `lines` lines, or the first sentences with `first`."""
     kept = sentences if first else sentences[::-1]
     while len(kept) > 1 and count_lines(" ".join(kept)) > lines:
         kept = kept[:-1]

@@ -23,7 +23,7 @@ def polygon_among_triangles(corners):
 
 
 def squash(aspect):
-    """Return squares squeezed to a layer of needles of that aspect ratio along the floor."""
+    """Return squares squeezed to a layer of needles of the aspect ratio `aspect` along the floor."""
     nx, ny = 8, 8
     heights = np.concatenate([np.linspace(0, 0.125 * ny / aspect, ny), [1.0]])
     points = np.array([(x, y) for y in heights for x in np.linspace(0, 1, nx + 1)])

@@ -117,7 +117,7 @@ def as_if_level(setting, history):
     apart = np.abs(history.energy - level.energy).max() / level.energy.max()
     # The relative error of an energy is twice the relative error in the energy norm, for both runs.
     allowed = 2 * (history.certificate_total[-1] + level.certificate_total[-1]) + 1e-12
-    return "" if apart <= allowed else f"energies differ by {apart:.1e} from those before the turn"
+    return "" if apart <= allowed else f"energies differ by {apart:.1e} from those of the unrotated block"
 
 
 def overlapping():

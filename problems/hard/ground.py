@@ -25,7 +25,7 @@ def cyclic(t):
 
 
 def block(course=cyclic, *, young=200.0, poisson=0.3, bound=4.0, clamp="right", contact="bottom", plane="strain"):
-    """Return the scene of the paper's Section 4, with another load in time."""
+    """Return the scene of the paper's Section 4, whose load is multiplied by `course(t)`."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
@@ -94,7 +94,7 @@ def trace_outline(follows):
 
 
 def split_nodes(n, part):
-    """Return squares whose inner nodes are split in two, `part` of a side apart along the diagonal."""
+    """Return squares whose inner nodes are split into two, which differ by `part` of a side in both coordinates."""
     mesh = vx.meshes.squares(n)
     inside = np.flatnonzero((np.abs(mesh.points - 0.5) < 0.5 - 0.25 / n).all(axis=1))
     twin = np.full(mesh.n_nodes, -1)

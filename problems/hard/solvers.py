@@ -39,7 +39,7 @@ def setting_with_check(case_times=TIMES, **more):
 
 
 def resting_load():
-    """Return a load that rests in every other step: nothing is solved there, and nothing changes."""
+    """Return a load that changes in every fourth step only: in other steps nothing is solved, and nothing changes."""
     return on(MESH, lambda t: np.floor(4 * t), times=np.linspace(0, 1, 17))
 
 
@@ -61,7 +61,7 @@ def all_but_one_degenerate():
 
 CASES = (
     Case(
-        "one system of sets allowed: Clarabel takes over", setting_with_check(), solvers=(vx.Newton(max_iterations=1),)
+        "one linear system allowed: Clarabel takes over", setting_with_check(), solvers=(vx.Newton(max_iterations=1),)
     ),
     Case(
         "Clarabel, one iteration allowed",

@@ -66,7 +66,7 @@ def same_answer(length):
         apart = np.abs(history.displacement / length - before.displacement).max() / np.abs(before.displacement).max()
         if "Newton" in history.solver and apart > max(1e-9, 100 * before.certificate_floor.max()):
             return f"displacements differ by {apart:.1e}"
-        # OSQP checks its residuals every 25 iterations, and units change them within a power of two.
+        # OSQP checks its residuals every 25 iterations, and units change these residuals by a factor of up to two.
         if "OSQP" not in history.solver and np.abs(history.iterations - before.iterations).max() > 1:
             return f"iterations {history.iterations} and {before.iterations}"
         if "Newton" in history.solver and (history.contact.sticking != before.contact.sticking).any():

@@ -37,7 +37,7 @@ print(f"the error of the mean is {norm(sigma - mean):.6f}, half the bound is {0.
 assert abs(norm(sigma - mean) - 0.5 * bound) < 1e-12 * bound
 
 # %% [markdown]
-# **2.** Their difference is half the square of the diameter:
+# **2.** The difference of the two energies is half the square of the diameter:
 # $\tfrac12 |v|^2 - f^T v + \tfrac12 |\tau|^2 = \tfrac12 |\delta|^2$ with $\delta = \tau - \mathbb C\,\varepsilon(v)$,
 # because $f^T v = \tau^T \varepsilon(v)$. So the duality gap of lesson 6 is half the squared diameter of the circle.
 
@@ -61,10 +61,10 @@ assert abs(better - error) < 1e-10 * error
 assert better < bound
 
 # %% [markdown]
-# **4.** Take some nodes, and divide by their smallest reserve $w_i - |\lambda_i|$. This bounds the sum of their slips.
-# So the *size* of the slips is certainly small. It is not certain that a node sticks, because a slip of any small size
-# is possible. In a net one could also bound $|\lambda_i|$ node by node; in a continuum an error bound in energy bounds
-# no traction at a point.
+# **4.** Keep only the terms of some nodes in the sum, and divide by the smallest reserve $w_i - |\lambda_i|$ of these
+# nodes. This bounds the sum of their slips. So the *size* of the slips is certainly small. It is not certain that a
+# node sticks, because a slip of any small size is possible. In a net one could also bound $|\lambda_i|$ node by node;
+# in a continuum an error bound in energy bounds no traction at a point.
 
 # %%
 w = np.full(free, 0.8)

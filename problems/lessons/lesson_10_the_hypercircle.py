@@ -143,8 +143,8 @@ _figure
 # ## 3. A number that one may measure
 #
 # We are interested in one quantity, the displacement of one node, $Q(u) = u_i$. Let $z$ be the solution of the same net
-# under a unit force at this node. It has admissible fields $v_z$ and $\tau_z$, and a circle of its own. Products of
-# forces are $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
+# under a unit force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a circle of its
+# own. Products of forces are $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
 # $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$ is a product of two forces, one on each
 # circle. Let $\delta_z$ be the difference $\delta$ for $z$. The centres of both circles give a value $m$, and the radii
 # bound the deviation:
@@ -225,8 +225,8 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 #
 # ## 5. A body
 #
-# A finite element mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work: on the
-# triangles of every cell, with tractions that agree across edges, and
+# A finite element mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. They are
+# polynomials on the triangles of every cell, their tractions agree across edges, and they satisfy
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #
@@ -282,7 +282,7 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 # 1. Show that the error of the mean of both fields, $\tfrac12(\tau + \mathbb C\,\varepsilon(v))$, is exactly half the
 #    bound, and check it.
 # 2. The complementary energy $-\tfrac12 |\tau|^2$ is below the least energy $\tfrac12 |u|^2 - f^T u$, and the energy of
-#    any $v$ is above. How are the two related to the circle?
+#    any $v$ is above. How are these two energies related to the circle?
 # 3. Improve a bad $\tau$: add the state of force without a load that makes the bound smallest. What remains?
 # 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. Which
 #    statement about nodes that seem to stick is certain, and which is not?

@@ -69,9 +69,9 @@ assert ride(50) == w / K
 
 # %% [markdown]
 # **5.** Clipping two points to the same interval does not increase their distance. A second proof carries over to many
-# unknowns (lesson 4). Take $v = u_{prev,1} + u_2 - u_{prev,2}$ in the inequality of the first block: this is the slip
-# of the second block. Exchange the roles, and add both inequalities. The terms in $w$ cancel, and
-# $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps add up and are not
+# unknowns (lesson 4). Take $v = u_{prev,1} + u_2 - u_{prev,2}$ in the inequality of the first block: with this $v$ the
+# first block slips as the second block does. Exchange the roles, and add both inequalities. The terms in $w$ cancel,
+# and $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps add up and are not
 # amplified.
 
 # %%

@@ -19,10 +19,10 @@ def walk(loads, u=0.0, bound=w):
 
 # %% [markdown]
 # **1.** After a largest load $f$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
-# $w/K$. So the end is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ the end does not depend on the
-# peak. A smaller peak costs the unseen part of the load, divided by $K$. In the worst case the steps see nothing of the
-# peak, and the error is $w/K$. No certificate of a step can detect this. (`vemcvx` has an indicator for it: see
-# `missed_reversal.py` among the problems.)
+# $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ it does not depend on
+# the peak. For a smaller peak, the error is the part of the peak that the steps do not see, divided by $K$. In the
+# worst case the steps see nothing of the peak, and the error is $w/K$. No certificate of a step can detect this.
+# (`vemcvx` has an indicator for it: see `missed_reversal.py` among the problems.)
 
 
 # %%
@@ -55,8 +55,8 @@ assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 # %% [markdown]
 # **3.** $c\,\dot u$ becomes $c\,s/k$ with $s = u - u_{n-1}$, and the program gets the term $\tfrac{c}{2k} s^2$. A
 # square does not scale like a seminorm, so $k$ stays in the program, and the speed of the load matters. The energy
-# balance gets the term $c\,s^2/k$, the energy lost in the damper; its sum is of order one. One step minimises
-# $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
+# balance gets the term $c\,s^2/k$, the energy lost in the damper; the sum of this term over all steps is of order one.
+# One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
 
 
 # %%

@@ -90,7 +90,7 @@ assert np.array_equal(step.operators.B.toarray(), np.eye(32))
 
 
 def shift(K, size):
-    """Return the shift in units of one over the flexibility of each node, so that `size` has no unit."""
+    """Return a shift for each node: `size`, which has no unit, divided by the flexibility of the node."""
     return size / np.diag(np.linalg.inv(K))
 
 
@@ -228,7 +228,7 @@ errors_picture()
 # $$K = \begin{pmatrix} 1 & -1 \\ -1 & 2 \end{pmatrix}, \quad f = (-3, 2), \quad w = (1, 1).$$
 #
 # In the solution the first block slides back to $u_1 = -2$. Its spring then pulls the second block back by 2. This
-# balances the pull on the second block, which sticks. But if the shift is large, the smallest slip decides the guess:
+# balances the pull on the second block, which sticks. But if the shift is large, even a tiny slip decides the guess:
 #
 # | guess | solution of the system | next guess |
 # |---|---|---|
@@ -294,7 +294,8 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # iteration a *sure step*.
 #
 # *The combination:* continue Newton's method as long as the gap is halved at least once in five rounds. Otherwise take
-# one sure step, from the point where the last sure step ended, and continue Newton's method from there.
+# one sure step, from the point where the last sure step ended, and continue Newton's method from the result of this
+# step.
 #
 # **Theorem.** The best gap tends to zero. *Proof.* If the gap is halved again and again, the claim holds. If not, from
 # some round on the sure steps never stop. They are the iterates of the projected gradient, so the gap of these iterates

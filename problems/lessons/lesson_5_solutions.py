@@ -91,7 +91,7 @@ def small_shift(K):
 
 
 gamma = small_shift(rod(0.7)[0])
-# Pulls of half a node's friction more avoid ties, which rounding would decide.
+# The pulls exceed .7 and .63 by half a node's friction. This avoids ties, which rounding would decide.
 cold = active_sets(rod(0.705), gamma, rounds=200)[2]
 warm_start = active_sets(rod(0.635), gamma, rounds=200)[:2]
 warm = active_sets(rod(0.705), gamma, rounds=200, start=warm_start)[2]
@@ -105,7 +105,8 @@ print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths
 # **4.** One projected gradient reduces the distance to the solution at least by the factor $1 - \kappa_1/\kappa_m$,
 # where $\kappa_1$ and $\kappa_m$ are the smallest and the largest eigenvalue of $K$. Their ratio, the condition number,
 # is up to $10^3$ here, so thousands of steps are needed for a factor of a thousand. Newton's method in between saves
-# most of them. A sure method with momentum, as in the package, needs about the root of the condition number.
+# most of them. With momentum, as in the package, the number of sure steps is proportional to the root of the condition
+# number.
 
 
 # %%

@@ -17,9 +17,10 @@ mu = young / (2 * (1 + poisson))
 mesh = vx.meshes.voronoi(4)
 
 # %% [markdown]
-# **1.** The matrix is the matrix of springs with two stiffnesses. To test $c_t$ alone, shear the bar. Hold the right
-# side, forbid motion along $x$ on top and bottom, and pull the left side along $y$ by $p$. Then $u = (0, U (1 - x))$,
-# and the only stress is $\sigma_{xy} = -\mu U$, so $c_t \dot U + \mu U = p$. The answer must not depend on $c_n$.
+# **1.** The matrix of the dashpots is the matrix of springs with two stiffnesses. To test $c_t$ alone, shear the bar.
+# Hold the right side, forbid motion along $x$ on top and bottom, and pull the left side along $y$ by $p$. Then
+# $u = (0, U (1 - x))$, and the only stress is $\sigma_{xy} = -\mu U$, so $c_t \dot U + \mu U = p$. The answer must
+# not depend on $c_n$.
 
 
 # %%

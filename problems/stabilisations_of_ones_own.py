@@ -11,8 +11,8 @@ D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i    L. Beirao da V
             virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
 
 On a square an hourglass (1, -1, 1, -1) differs by 2 between the ends of each of four edges. So the boundary form is
-mu / 2 * 16 = 8 mu, as is our 2 mu sum_i v_i^2. On a square of side a the diagonal of the consistent part is 
-(lam + 3 mu) / 4, because |K| G_i = a / 2 (+-1, +-1). It is at most mu if lam <= mu: up to Poisson's ratio 1/4 the D-recipe is
+mu / 2 * 16 = 8 mu, as is our 2 mu sum_i v_i^2. On a square of side a the diagonal of the consistent part is (lam + 3
+mu) / 4, because |K| G_i = a / 2 (+-1, +-1). It is at most mu if lam <= mu: up to Poisson's ratio 1/4 the D-recipe is
 half of our default. For larger ratios it grows with lam, and locks; deviatoric=True uses a_K with lam = 0.
 
     python problems/stabilisations_of_ones_own.py [--picture FILE]

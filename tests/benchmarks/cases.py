@@ -111,7 +111,7 @@ def measure_space(n: int, steps: int = 16) -> list[Row]:
 
 
 def measure_assembly(n: int) -> list[Row]:
-    """Measure the assembly of K: scikit-fem on the same meshes, and Voronoi cells against distorted squares."""
+    """Measure the assembly of K: ours against scikit-fem on equal meshes, Voronoi cells against distorted squares."""
     rows = []
     for family, kind in (("squares", skfem.MeshQuad), ("triangles", skfem.MeshTri)):
         mesh, theirs = getattr(vx.meshes, family)(n), grid(n, kind)
@@ -133,7 +133,7 @@ def assemble(mesh: vx.PolygonMesh) -> sp.csr_matrix:
 
 
 def measure_growth(sizes: list[int], linear: str) -> list[dict]:
-    """Measure 20 certified steps on finer and finer squares, each in a new process because of peak memory."""
+    """Measure 20 certified steps on finer and finer squares, each size in a new process with its own peak memory."""
     given = {"steps": 20, "solver": "vx.Newton(accuracy=1e-8)", "linear": LINEAR[linear]}
     return [in_a_process(program(SIMULATE, n, **given)) for n in sizes]
 
@@ -165,7 +165,7 @@ def measure_imports() -> list[Row]:
 
 
 def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
-    """Draw ratios as dots; below, time and memory against unknowns."""
+    """Draw ratios as dots, and below them time and memory against unknowns."""
     figure = new_figure(9.4, 8.8)
     above, below = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
     draw_ratios(above.subplots(), rows)
@@ -189,7 +189,7 @@ def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) ->
 
 
 def draw_ratios(ax: Axes, rows: list[Row]) -> None:
-    """Draw one dot per row, its ratio, in groups with a common reference."""
+    """Draw the ratio of each row as a dot; rows with the same reference form a group."""
     shown = [row for row in rows if not row.name.startswith("growth")]
     places, names, heads = [], [], []
     for row, before in zip(shown, [None, *shown], strict=False):

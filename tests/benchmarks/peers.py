@@ -1,4 +1,4 @@
-"""Times of Coulomb's law beside Siconos and GetFEM, on the same matrices; a ratio is printed if the answers agree.
+"""Times of Coulomb's law compared with Siconos and GetFEM on the same matrices; ratios are printed if answers agree.
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 4] [--python /usr/bin/python3]
 
@@ -6,8 +6,8 @@ A block (1 x 1 x 1/4, tetrahedra, n x n x n/4 cells, E = 200, nu = .3) is held a
 pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU seconds.
 
 Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, u = W r + q on Coulomb's cones, by nonsmooth
-Gauss-Seidel (NSGS) to 1e-8, from the forces of the step before. We solve the condensed program of the step. Both
-matrices are computed once per run and are not counted. Times are medians over steps; our first step is left out.
+Gauss-Seidel (NSGS) to 1e-8, starting from the forces of the previous step. We solve the condensed program of the step.
+Both matrices are computed once per run and are not counted. Times are medians over steps; our first step is left out.
 
 GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for
 nodal contact with friction (`add_basic_contact_brick`: the augmented Lagrangian of Alart and Curnier, version 1, with
@@ -90,7 +90,7 @@ for f in d["f"]:
     model.set_private_rhs(load, f)
     model.solve("max_res", 1e-10, "max_iter", 100, "lsolver", "mumps")
     motions.append(model.variable("u"))
-    model.set_variable("before", -motions[-1])  # GetFEM 5.4 adds what its manual subtracts
+    model.set_variable("before", -motions[-1])  # GetFEM 5.4 adds this vector; its manual subtracts it
 seconds = time.process_time() - start
 np.savez(sys.argv[2], motions=motions)
 print(json.dumps(seconds))
@@ -103,7 +103,7 @@ def block(n: int) -> vx.meshes.PolyhedralMesh:
 
 
 def run_peer(python: str, code: str, *arguments: str) -> object:
-    """Run a program by the Python of the peer, and return the JSON that it prints."""
+    """Run a program with the Python of the peer, and return the JSON that it prints."""
     one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     made = subprocess.run([python, "-c", code, *arguments], capture_output=True, text=True, env={**os.environ, **one})
     if made.returncode:
@@ -112,7 +112,7 @@ def run_peer(python: str, code: str, *arguments: str) -> object:
 
 
 def compare_siconos(n: int, steps: int, python: str) -> None:
-    """Compare steps of ours with NSGS on the same condensed data."""
+    """Compare the steps of our solver with NSGS on the same condensed data."""
     times = np.linspace(0.0, 1.0, steps + 1)
     solved = list(vx.programs(SCENE, block(n), times, initial="settled", solver=vx.Newton(1e-9)))
     ends: list[float] = []
@@ -143,7 +143,7 @@ def compare_siconos(n: int, steps: int, python: str) -> None:
 
 
 def compare_getfem(n: int, steps: int, python: str) -> None:
-    """Compare whole runs: ours with assembly, and GetFEM on our stiffness matrix."""
+    """Compare our whole run, including assembly, with a run of GetFEM on our stiffness matrix."""
     times = np.linspace(0.0, 1.0, steps + 1)
     system, start = pose_scene(SCENE, block(n)).system, time.process_time()
     history = vx.simulate(SCENE, block(n), times, initial="settled")

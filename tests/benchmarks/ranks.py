@@ -41,7 +41,7 @@ def peak() -> str:
 
 
 def measure(given: argparse.Namespace) -> float:
-    """Print times and memory for one matrix; return the CPU seconds before its set-up."""
+    """Print times and memory for one matrix; return the CPU seconds of this rank before the set-up."""
     linear = vx.PETSc() if given.linear == "petsc" else vx.Iterative()
     system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
     print(f"{system.n} unknowns; posed, {peak()}", flush=True)

@@ -12,12 +12,12 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 
 def factor_and_solve(K: sp.csc_matrix, f: np.ndarray) -> np.ndarray:
-    """Factorise the stiffness matrix and solve once, by the fastest settings of SciPy: T0."""
+    """Factorise K and solve once, with the fastest settings of SciPy; T0 is the time of this call."""
     return splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(f)
 
 
 def assemble_elasticity(mesh: skfem.Mesh) -> tuple[sp.csr_matrix, skfem.Basis]:
-    """Return the stiffness matrix of scikit-fem, Q1 or P1."""
+    """Return the stiffness matrix and the basis of scikit-fem, for Q1 or P1 elements."""
     element = skfem.ElementQuad1() if isinstance(mesh, skfem.MeshQuad) else skfem.ElementTriP1()
     basis = skfem.Basis(mesh, skfem.ElementVector(element))
     return skfem.asm(linear_elasticity(*lame_parameters(YOUNG, POISSON)), basis), basis

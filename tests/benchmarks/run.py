@@ -77,7 +77,7 @@ def conditions() -> str:
 
 
 def write_page(table: Table, picture: Path) -> None:
-    """Replace the table between the marks of the page of benchmarks, and the picture."""
+    """Replace the picture, and the table between BEGIN and END on the page of benchmarks."""
     root = Path(__file__).parents[2]
     page = root / "docs" / "benchmarks.md"
     before, rest = page.read_text().split(BEGIN)

@@ -2,11 +2,11 @@
 
 Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
 functional that u minimises. The triangles of w are parts of the split fans of the cells. So v is quadratic on each
-triangle, and |w - v|_a is integrated exactly. Triangles are graded to points where stresses are singular.
+triangle, and |w - v|_a is integrated exactly. Triangles are graded towards points where stresses are singular.
 
 The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
-normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We halve all triangles. J then falls by more
-than the finer w can still gain, which bounds the error of the finer w.
+normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We then refine all triangles once: J falls
+by more than the rest J(w) - J(u) of the finer w, so that this fall bounds the error of the finer w.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def shapes(s):
 
 @dataclass(frozen=True)
 class Solution:
-    """The minimiser, the functional J there, and its energy."""
+    """The minimiser w of J, the value J(w), and the energy of w."""
 
     basis: skfem.Basis
     w: np.ndarray
@@ -140,7 +140,7 @@ def solve_with_cvxpy(case, mesh):
         held = np.union1d(held, dofs[:, 1])
     contact = np.setdiff1d(dofs, held)
     rest = np.setdiff1d(np.arange(len(f)), np.union1d(held, contact))
-    # A Schur complement eliminates the unknowns away from the floor.
+    # A Schur complement eliminates all unknowns that are not on the floor.
     inner = spla.splu(K[rest][:, rest])
     coupling = K[rest][:, contact].toarray()
     back = inner.solve(np.column_stack([coupling, f[rest]]))
@@ -151,7 +151,7 @@ def solve_with_cvxpy(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """Return the rows (m e, contact) of combinations (m, 3) of the values on each edge."""
+        """Return a row for each of m combinations `weights` (m, 3) of the values on each of e edges."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)

@@ -1,4 +1,4 @@
-"""Bounds on linear quantities enclose the exact value: by a theorem without friction, closely with friction."""
+"""Bounds on linear quantities enclose exact values, which are closed forms or values of much finer meshes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROUNDING = 1e-10
 
 
 def check_inside(bound, exact, error=0.0):
-    """Check that bounds enclose an exact value, which is known up to an error; return their distance."""
+    """Check that bounds enclose an exact value, which is known up to an error; return the width of the interval."""
     slack = ROUNDING * (abs(exact) + abs(bound.value)) + error
     assert bound.low - slack <= exact <= bound.high + slack
     return bound.high - bound.low
@@ -103,7 +103,7 @@ def test_intervals_of_linear_scenes_intersect_and_shrink(name):
     coarse, middle, fine = (vx.simulate(LINEAR[name], vx.meshes.squares(n), [0.0, 1.0]) for n in (2, 4, 8))
     for of in list(QUANTITIES.values())[:: 3 if name == "moved" else 1]:
         bounds = [vx.error_bound(history, -1, of) for history in (coarse, middle, fine)]
-        # Loads that are not linear add a quadrature error, which is the smaller part.
+        # Loads that are not linear add a quadrature error, which is the smaller part of the width.
         assert all(bound.guaranteed == (bound.reading == 0.0) == (name == "moved") for bound in bounds)
         assert all(bound.reading <= 0.3 * (bound.high - bound.low) for bound in bounds)
         assert max(bound.low for bound in bounds) <= min(bound.high for bound in bounds)
@@ -186,7 +186,7 @@ def test_intervals_of_the_problem_file_enclose_the_closed_form_and_shrink():
     assert np.ptp(means[1]) < 0.7 * np.ptp(means[0])
     bounds = guaranteed_bounds.bounds_over_steps(4, (5, 17))
     assert bounds[1] < 0.8 * bounds[0]
-    # Loads are proportional to time, so that the bound hardly depends on steps.
+    # Loads are proportional to time, so that the bound hardly depends on the number of steps.
     once = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(1))
     assert vx.error_bound(once).upper[-1] == pytest.approx(vx.error_bound(history).upper[-1], rel=1e-3)
 

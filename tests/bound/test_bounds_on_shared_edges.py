@@ -62,7 +62,7 @@ def test_a_bump_between_nodes_increases_the_bound_of_a_body_on_an_inclined_suppo
             vx.UnilateralContact(on="bottom", gap=gap),
         )
 
-    # The run does not see the bump, so that its displacement is inadmissible; admissible displacements cost more.
+    # The bump is between nodes, so that the body of the run penetrates it; admissible displacements have more energy.
     bumped, flat = bound_over(9e-3), bound_over(0.0)
     assert bumped.potential[1] > flat.potential[1] + 1e-6
     assert bumped.upper > 1.1 * flat.upper

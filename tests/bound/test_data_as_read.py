@@ -1,4 +1,4 @@
-"""Bounds for data with features between the points of assembly, and between the points at which bounds read data."""
+"""Bounds for data with features between the quadrature points, both of the assembly and of the bounds themselves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BAR = (vx.Elasticity(1.0, 0.0), vx.Symmetry(on=["top", "bottom"]))
 
 
 def along(of):
-    """Return a datum along x, of the size t of(x)."""
+    """Return a vector field along x, of size t of(x)."""
     return lambda x, t: t * np.column_stack([of(x), 0.0 * x[:, 0]])
 
 
@@ -56,7 +56,7 @@ def test_loads_that_assemble_as_zero_are_in_the_bound(effects, true):
 
 
 @pytest.mark.slow
-def test_loads_that_assemble_as_zero_are_in_the_bounds_of_runs_and_of_meshes():
+def test_loads_that_assemble_as_zero_are_in_the_bounds_of_runs_and_of_adapted_meshes():
     scene, mesh = vx.Scene(*PRESSED, vx.Traction(along(patch), on="left")), vx.meshes.squares(4)
     history = vx.simulate(scene, mesh, [0.0, 1.0], bound=True)
     assert history.inactive
@@ -79,8 +79,8 @@ def test_friction_that_is_zero_at_nodes_is_in_the_bound():
     assert vx.error_bound(history).upper[-1] >= vx.error_bound(history, -1).upper >= 0.03
 
 
-# Loads along a bar that no quadrature rule integrates exactly: u' is minus the integral of f. Quantities are also
-# evaluated by quadrature.
+# Body forces f along a bar with E = 1, where u' is minus the integral of f. Quadrature integrates only the linear force
+# exactly. Quantities are also evaluated by quadrature.
 
 
 def jump(x):
@@ -168,7 +168,7 @@ def test_quantities_that_assemble_as_zero_are_bounded():
     assert not bound.guaranteed
 
 
-# Between instants: a layer in uniform shear, which has no mesh error. The reference is a run in fine steps.
+# Changes between instants. A layer in uniform shear has no mesh error; the reference is a run with small steps.
 
 SIDES = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
 LAYER = (vx.Elasticity(2.0, 0.0), SIDES, vx.BilateralContact(on="bottom"))

@@ -28,7 +28,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 
 
 def slipping(poisson):
-    """Return manufactured full slip, held on the left alone, where the displacement is linear."""
+    """Return the scene of manufactured full slip, held only on its left side, where the displacement is linear."""
     lam = full_slip.lame(poisson)
 
     def moved(x, t):
@@ -78,7 +78,7 @@ def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
     locks = family == "triangles" and poisson > 0.4
     assert (0.88 if n == 6 else 0.9 if locks else 0.95) * error <= bound.lower <= error * (1.0 + rounding)
     assert np.isclose(bound.cells.sum(), bound.upper**2)
-    # Loads are exponentials, so that bounds have a quadrature error, which is small on coarse meshes.
+    # Loads are exponentials, so that bounds have a quadrature error, which is small beside the error of a coarse mesh.
     assert bound.kind == "bound for data as read at points"
     if n == 6:
         assert bound.energy[0] <= integrate_energy(poisson) <= bound.energy[1]
@@ -107,7 +107,7 @@ def test_bounds_hold_for_wrong_solutions(seed):
 
 
 def tilted(*contact):
-    """Return a block that a load presses on its floor on the left, lifts on the right, and pulls along."""
+    """Return a block under a load that presses its left half on the floor, lifts its right half, and pulls along x."""
 
     def load(x, t):
         return np.column_stack([np.full(len(x), 8.0 * t), (12.0 - 28.0 * x[:, 0]) * t])
@@ -180,7 +180,7 @@ def test_bounds_hold_against_finer_meshes(name, family, sizes):
     meshes = small(family, sizes[0]), vx.meshes.squares(sizes[1])
     coarse, fine = (vx.simulate(SCENES[name], mesh, [0.0, 1.0]) for mesh in meshes)
     bound, (apart, of_fine) = vx.error_bound(coarse, step=-1), distance(coarse, fine)
-    # Strains jump within triangles of the other mesh, so that the quadrature of distances is off by .01.
+    # Strains jump within triangles of the other mesh, so that distances have a relative quadrature error of .01.
     assert bound.upper >= 0.99 * apart - of_fine
     assert bound.lower <= 1.01 * apart + of_fine
     # The error of the finer run adds to the distance.
@@ -198,7 +198,7 @@ def one_step(seed):
 
 
 def check_beside_refined(coarse):
-    """Compare the bounds of a run with a run on smaller cells, whose error is at most a twentieth."""
+    """Compare the bounds of a run with a run on smaller cells, whose error is at most a twentieth of their distance."""
     bound = vx.error_bound(coarse, step=-1)
     apart, own, ahead = beside_refined(coarse, 0.05)
     assert apart >= 20.0 * own
@@ -310,7 +310,7 @@ def sine(t):
 
 
 def measure_effectivities(scene, times, n, finer, parts):
-    """Return upper bounds over distances from a finer run, at up to four steps.
+    """Return the ratios of upper bounds to distances from a finer run, at up to four steps.
 
     Each step of the run, and each interval between bends of the data, has `parts` steps in the finer run.
     """
@@ -349,14 +349,14 @@ def case(scene, steps, most):
     ],
 )
 def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, n, finer, parts, most):
-    """Loads also reverse inside steps; bounds then contain an estimate of this loss."""
+    """Some loads reverse inside a step; bounds then contain an estimate of the error that this causes."""
     found = measure_effectivities(scene, np.linspace(0.0, 1.0, steps + 1), n, finer, parts)
     assert found.min() >= 1.0
     assert found.max() <= most
 
 
 @pytest.mark.long
-def test_a_reversal_inside_a_step_is_named_and_vx_instants_meet_it(caplog):
+def test_a_reversal_inside_a_step_causes_a_warning_and_vx_instants_includes_it(caplog):
     """The bound of a run that misses a reversal warns, and is larger."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)
     missed = vx.simulate(scene, mesh, times)
@@ -454,14 +454,14 @@ def test_bounds_of_adapted_meshes_meet_the_target():
     assert found.bound.relative.max() <= 0.12
     assert found.history.bound == found.bound.largest
     assert np.allclose(found.budget.space, found.bound.relative)
-    # The target is beyond 8 x 8 equal squares.
+    # A mesh of 8 x 8 equal squares does not meet the target.
     equal = vx.error_bound(vx.simulate(paper_scene(), vx.meshes.squares(8), [0.0, 1.0]), step=-1)
     assert found.bound.relative.max() < equal.relative
     assert np.isclose(found.bound.cells.sum(), found.bound.upper.max() ** 2)
 
 
 def measure_distance(found, time):
-    """Return the distance from a run on cells refined twice in halved steps, and the bound of that run."""
+    """Return the distance from a finer run (cells refined twice, steps halved), and the finer run's error bound."""
     run = found.history
     times = run.trajectory.times
     finer = np.union1d(times, 0.5 * (times[1:] + times[:-1]))

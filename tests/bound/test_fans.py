@@ -134,7 +134,7 @@ def least_energy(one, k, u, force, lam):
 
 @mostly_long("lam", [1.5, 1e6])
 def test_linear_displacements_have_constant_strains_inside_cells(family, lam):
-    """Rounding is 1e-12 of the energy: lambda times the square of the error of strains."""
+    """For large lambda, rounding is measured as an energy: lambda times the squared error of strains."""
     for one in fans(family, lam):
         inner = inside(one, outline_of(one, linear), np.zeros((len(one.cells), 6)))
         error = np.abs(strains_at_stations(one, inner) - STRAIN).max()

@@ -1,4 +1,4 @@
-"""The certified error, gap and rounding together, is the same number wherever it is printed."""
+"""The certified error, the sum of gap and rounding, is the same number wherever it is printed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def history():
 
 
 def find_line(history, **parts):
-    """Return the line of the summary about certificates, with some parts of the run replaced."""
+    """Return the line about certificates in the summary of a run some of whose results are replaced."""
     changed = dataclasses.replace(history, trajectory=dataclasses.replace(history.trajectory, **parts))
     return next(line for line in changed.summary().splitlines() if line.startswith("certified"))
 

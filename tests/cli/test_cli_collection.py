@@ -26,7 +26,7 @@ GRADES = {instance.grade for instance in INSTANCES}
 
 
 def choose_small():
-    """Return a small condensed instance of each grade; without an optimum, one of each status."""
+    """Return a small condensed instance of each grade; of the grade without optima, return one of each status."""
     large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
     small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
     first = {(one.grade, one.without): one for one in reversed(small)}
@@ -88,7 +88,7 @@ def test_a_sequence_has_one_set_of_matrices_and_the_programs_of_its_steps(tmp_pa
         programs = sequence_from_npz(tmp_path / "all" / f"{one.name}.npz")
         assert [program.step for program in programs] == [2, 3, 4, 5, 6, 7, 8]
         assert all(program.operators is programs[0].operators for program in programs)
-        # Last digits depend on the steps before, so the intervals of the optimum overlap without being equal.
+        # Last digits depend on previous steps, so the intervals of the optimum overlap without being equal.
         (low, high), (lowest, highest) = last.bounds, programs[-1].bounds
         assert max(low, lowest) <= min(high, highest)
         words = json.loads((tmp_path / "all" / f"{one.name}.json").read_text())
@@ -139,7 +139,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
 
 
 def count_degenerate(program):
-    """Count norm terms that are at rest and at their bound, within the certificate."""
+    """Count norm terms that are at rest and at their bound, each to a relative 1e-9."""
     slip = np.linalg.norm(program.slip(program.answer.d), axis=1)
     room = program.w - np.linalg.norm(program.answer.lam, axis=1)
     return np.count_nonzero((slip <= 1e-9 * slip.max(initial=0.0)) & (room <= 1e-9 * program.w))
@@ -167,7 +167,7 @@ def test_the_script_does_not_confirm_gaps_that_are_too_small(tmp_path, monkeypat
 
 
 @pytest.mark.long
-def test_two_collections_are_equal_to_the_byte(tmp_path):
+def test_two_collections_are_equal_byte_for_byte(tmp_path):
     for name in ("a", "b"):
         write_collection(tmp_path / name, "cbf", instances=choose_small()[:3])
     for path in (tmp_path / "a").iterdir():

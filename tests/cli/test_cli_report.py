@@ -1,4 +1,4 @@
-"""`vemcvx run --report` writes one self-contained page with the numbers of the summary and its own command."""
+"""`vemcvx run --report` writes one self-contained page with the numbers of the summary and the command of the run."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_texts_of_users_are_escaped(hung, tmp_path):
     assert 'hung&: Hung <by> its top & "pulled" down.' in read.text
     assert "1 < 2 & 3" in read.text
     assert "'</pre><script>alert(1)</script>'" in read.text
-    # A problem without names of units has consistent units. A scene without contact has no slip.
+    # A problem file that names no units has consistent units. A scene without contact has no slip.
     assert "force/length²" in read.text
     assert "slip" not in read.text.split("Results")[1].split("Error budget")[0]
     assert read.tags.count("img") == 4
@@ -152,7 +152,7 @@ def test_a_missing_error_budget_has_its_reason(hung, tmp_path):
     assert "Error budget There is no error budget. error_budget: there is no estimate for scenes with Viscosity" in text
 
 
-def test_the_error_budget_is_that_of_all_steps_or_of_the_largest_energy(monkeypatch):
+def test_the_error_budget_has_all_steps_or_the_first_the_largest_and_the_last_step(monkeypatch):
     history = vx.simulate(paper_scene(lambda t: 4 * t * (1 - t)), vx.meshes.squares(2), [k / 8 for k in range(9)])
     assert report._choose_steps(history) == list(range(1, 9))
     monkeypatch.setattr(report, "MOST_STEPS", 2)

@@ -1,4 +1,4 @@
-"""Lines on a terminal break between words, lines in pipes do not break, and an interrupt is one line."""
+"""Lines on a terminal break between words, lines in pipes do not break, and an interrupt prints one line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TERMINAL = SimpleNamespace(isatty=lambda: True)
 
 
 def split_words(text):
-    """Return the words without digits, which differ from run to run, and without the frames of help."""
+    """Return the words except numbers, which differ from run to run, and except the frames of help."""
     return {word for word in text.split() if word.isascii() and not any(map(str.isdigit, word)) and word != "-"}
 
 

@@ -47,7 +47,7 @@ def run(command, block, *options):
 
 
 @pytest.mark.long
-def test_default_meshes_in_space_have_fewer_cells(block, tmp_path, monkeypatch):
+def test_default_meshes_in_space_are_coarser_than_in_the_plane(block, tmp_path, monkeypatch):
     own = tmp_path / "own.py"
     own.write_text(BLOCK.replace('family="cubes"', 'family="own"').replace("SPACE_FAMILIES[family]", "cubes"))
     assert read_problem(own).family == "own"

@@ -1,4 +1,4 @@
-"""A parameter study: values separated by commas are runs in folders, and become a table, files and a picture."""
+"""A parameter study runs each of several values in its own folder, and writes a table, files and a picture."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_a_study_writes_a_table_and_the_files_of_each_run(pad, tmp_path):
 
 
 @pytest.mark.long
-def test_a_run_that_is_refused_is_a_row(pad, tmp_path):
+def test_a_refused_run_has_a_row_in_the_table(pad, tmp_path):
     code, printed = run(pad, "--set", "friction=.1,-1", "--set", "kind=soft", "--out", "study")
     assert code == 2, printed
     assert re.search(r"^ *\.1 .*\d+ *$", printed, re.MULTILINE)

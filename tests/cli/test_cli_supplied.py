@@ -51,7 +51,7 @@ def test_all_problem_files_are_listed_with_a_sentence():
     assert max(map(len, printed.split("\n\n")[0].splitlines())) <= 80
 
 
-def test_a_sentence_ends_at_its_own_full_stop(tmp_path):
+def test_a_sentence_does_not_end_at_the_stop_of_an_initial_or_a_number(tmp_path):
     file = tmp_path / "one.py"
     strip = "A strip (S. P. Timoshenko, 1925), heated by 0.5 degrees."
     for text, first in [(f'"""{strip}\nIt bends."""', strip), ('"""No stop"""', "No stop"), ("x = 1", "")]:
@@ -59,7 +59,7 @@ def test_a_sentence_ends_at_its_own_full_stop(tmp_path):
         assert supplied.Supplied(file).sentence == first
 
 
-def test_problems_are_found_by_name_after_local_files(tmp_path):
+def test_a_local_file_precedes_a_problem_of_the_same_name(tmp_path):
     assert run("show", "feng_han_huang", "--n", "4").startswith("feng_han_huang: A block pushed over a rough obstacle")
     (tmp_path / "feng_han_huang").write_text("")
     assert supplied.problem_path("feng_han_huang") == Path("feng_han_huang")
@@ -124,7 +124,7 @@ def test_a_lesson_for_homework_is_copied_without_solutions(tmp_path, options, su
         ("99", "no lesson 99"),
     ],
 )
-def test_copies_of_no_lesson_are_refused(word, says):
+def test_options_without_a_number_and_unknown_lessons_are_refused(word, says):
     assert says in refuse("lesson", word)
 
 

@@ -1,4 +1,4 @@
-"""`vemcvx cost`: rows are the results of single runs, a killed sweep continues, and failures of runs are rows."""
+"""`vemcvx cost`: each row has the results of one run, a killed sweep continues, and a failed run has a row."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def cost(*arguments):
 
 
 def read_rows_of_journal(folder):
-    """Return the whole rows that a sweep has written so far."""
+    """Return the complete rows that a sweep has written so far."""
     path = folder / "journal.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []
     return [json.loads(line) for line in lines if line.endswith("}")]
@@ -137,7 +137,7 @@ def test_rows_have_the_results_of_single_runs(killed):
 
 @pytest.mark.long
 @pytest.mark.usefixtures("in_process")
-def test_a_sweep_with_given_meshes_adapts_none(tmp_path):
+def test_a_sweep_with_given_meshes_adapts_no_mesh(tmp_path):
     done = cost(PROBLEM, "--mesh", "squares", "--n", "2,4", "--steps", "2", "--solver", "newton", "--out", tmp_path)
     assert done.exit_code == 0, done.output
     found = read_table(tmp_path)
@@ -186,7 +186,7 @@ def pose(point):
         ("ill-posed", "refused", "Elasticity"),
     ],
 )
-def test_failed_runs_are_rows(tmp_path, solver, status, words):
+def test_failed_runs_have_rows_in_the_table(tmp_path, solver, status, words):
     point = replace(UNIFORM, n=5, solver=solver)
     row = run_to_row("key", point, partial(measure_point, pose, point, np.array([1.0]), tmp_path / "none", None))
     assert (row["status"], row["key"], row["n"]) == (status, "key", 5)
@@ -214,7 +214,7 @@ def test_foreign_files_are_not_replaced(tmp_path, name):
 
 
 class Own(vx.SceneError):
-    """An error of a user's file."""
+    """An error class that a user's file defines."""
 
 
 def raise_own():
@@ -222,7 +222,7 @@ def raise_own():
 
 
 @pytest.mark.long
-def test_a_process_that_ends_or_takes_too_long_is_an_error():
+def test_a_process_that_ends_or_takes_too_long_raises_an_error():
     with pytest.raises(Crashed, match="ended with exit code 3"):
         call_in_process(os._exit, 3)
     with pytest.raises(TookTooLong):
@@ -232,7 +232,7 @@ def test_a_process_that_ends_or_takes_too_long_is_an_error():
 
 
 def list_children(pid):
-    """Return the processes that a process has started, and their own children."""
+    """Return the numbers of all descendants of a process."""
     parents = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -290,7 +290,7 @@ def test_torn_lines_of_a_journal_are_ignored(tmp_path):
 
 
 def test_no_other_run_is_better_than_one_on_the_front():
-    """The last run costs twice as much as the third one and is hardly more accurate, so it is left out."""
+    """The run of 4 s is hardly more accurate than the run of 3 s, so it is left out."""
     assert front([], "seconds") == []
     seconds, errors = [3, 1, 2, 2, 4], [0.1, 0.5, 0.5, 0.2, 0.0999]
     found = [make_row(*pair) for pair in zip(errors, seconds, strict=True)]
@@ -396,7 +396,7 @@ def times(steps):
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_process")
 def test_cells_across_the_border_of_two_materials_are_named(tmp_path):
-    """A column of three squares lies across the border, and no column of four."""
+    """With three columns of squares the middle column lies across the border; with four columns none does."""
     (tmp_path / "two.py").write_text(TWO_MATERIALS)
     asked = ("--mesh", "squares", "--n", "3,4", "--steps", "2", "--solver", "newton", "--workers", "1")
     done = cost(tmp_path / "two.py", *asked, "--out", tmp_path / "out")

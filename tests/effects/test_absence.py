@@ -103,12 +103,12 @@ def turning(x, t):
 
 
 BESIDE = 1
-"""Number of solves of a run that do not depend on its steps: one solve estimates rounding errors."""
+"""Number of solves of a run besides its steps: one solve estimates rounding errors."""
 
 
 @pytest.mark.long
-def test_linear_scenes_cost_one_solve_a_field(counted):
-    """Each of two loads is a scalar times a field; more steps need few more solves, for rounded loads."""
+def test_linear_scenes_cost_few_solves_for_any_number_of_steps(counted):
+    """Each of two loads is a function of time times a fixed field, so that a few solves serve any number of steps."""
     scene = vx.Scene(STEEL, HELD, PULLED, vx.BodyForce(lambda x, t: np.full((len(x), 2), np.sin(t))))
     for steps in (4, 32, 256):
         counted.update(factorised=0, solved=0)
@@ -118,7 +118,7 @@ def test_linear_scenes_cost_one_solve_a_field(counted):
 
 
 @mostly_long("steps", [8, 32])
-def test_scenes_without_friction_cost_one_solve_a_step(steps, counted):
+def test_scenes_without_friction_cost_one_solve_per_step(steps, counted):
     """The load has a new shape in every step; its shape at the start needs one more solve."""
     scene = vx.Scene(STEEL, HELD, TOUCHING, vx.Traction(turning, on="left"))
     vx.simulate(scene, mesh("voronoi", 6), np.linspace(0, 1, steps + 1), initial="equilibrium", store="last")

@@ -55,7 +55,7 @@ class Body:
         return vx.simulate(vx.Scene(material or self.material, *effects), self.mesh, times, **options)
 
     def squeezed(self, pressure, floor=0.0):
-        """Return the displacement under pressure on top of a block that bulges freely; the floor sinks by `floor`."""
+        """Return the displacement of a block that bulges freely under pressure on top; its floor sinks by `floor`."""
         u = self.mesh.points * ([self.poisson] * (self.dim - 1) + [-1.0]) * pressure / self.young
         u[:, -1] -= floor
         return u
@@ -159,13 +159,13 @@ def test_elastic_foundation(body):
 
 
 def test_thermal_strain(body):
-    """A free body expands without stress; one blocked along x has stress along x, a clamped one in all directions."""
+    """Free bodies have no stress, bodies blocked along x have stress along x, clamped bodies in all directions."""
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)
     assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
-    # Heat counts as a load: 1/2 a(u, u) is the energy of the total strain, and the ledger closes with 1/2 a(du, du).
+    # Heat counts as a load: 1/2 a(u, u) is the energy of the total strain, and ledgers close up to 1/2 a(du, du).
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
     assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
     rest = np.diff(free.work - free.energy - free.dissipated)
@@ -198,7 +198,7 @@ def test_prestress(body):
 
 
 @pytest.mark.long
-def test_viscosity_creeps_as_backward_euler_says(body):
+def test_viscous_creep_follows_backward_euler(body):
     """Without lateral contraction, sigma = 2 (mu e + eta e')."""
     shear, eta = 80.0, 30.0
     times = np.array([0.0, 0.2, 0.5, 1.0])
@@ -236,7 +236,7 @@ def test_one_sided_contact_closes_a_gap(body):
 
 
 def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
-    """The stress of a clamped body is -hot R diag(b1, b2) R', with b the row sums of S^-1 in three dimensions."""
+    """A clamped body has the stress -hot R diag(b1, b2) R', where b has the row sums of S^-1 in three dimensions."""
     young, nu, angle, hot = (100.0, 40.0, 30.0), (0.3, 0.2, 0.25), 0.5, 0.048
     wood = vx.Orthotropic(young, nu, 25.0, angle, plane="strain")
     S = np.diag(1 / np.array(young))
@@ -249,8 +249,8 @@ def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
     assert np.abs(stress - [exact[0, 0], exact[1, 1], exact[0, 1]]).max() < EXACT * 100 * hot
 
 
-def test_supports_that_drag_a_rough_side_bear_its_friction():
-    """All rubbing nodes have prescribed motions: friction is g against the motion."""
+def test_supports_that_drag_the_bottom_of_a_block_bear_its_friction():
+    """All rubbing nodes have prescribed motions: friction has size g and opposes the motion."""
     block, way = make_body(("space", "cubes")), np.array([0.1, 0.2, 0.0])
     dragged = vx.PrescribedDisplacement(lambda x, t: t * way, on="bottom")
     rubs = vx.BilateralContact(on="bottom"), vx.TrescaFriction(3.0, on="bottom")

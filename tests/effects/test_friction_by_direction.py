@@ -12,7 +12,7 @@ BOX = ((0.0, 1.0), (0.0, 1.2), (0.0, HEIGHT))
 BOUND, ACROSS, ANGLE = 1.0, 0.4, 0.5
 AXES = np.array([[np.cos(ANGLE), np.sin(ANGLE)], [-np.sin(ANGLE), np.cos(ANGLE)]])
 ALONG = (*(3.0 * AXES[0]), 5.0)
-"""Direction of friction, of any length; its component normal to the floor does not matter."""
+"""A vector in the direction of friction; its length and its component normal to the floor do not matter."""
 PATH = np.array([(0, 0), (0.05, 0.02), (0.15, 0.05), (0.2, 0.2), (0.05, 0.25), (-0.15, 0.05), (0.0, -0.1)])
 TIMES = np.arange(float(len(PATH)))
 BLOCK = vx.meshes.cubes(2, BOX)
@@ -20,7 +20,10 @@ SIDES = ("left", 0, -1), ("right", 0, 1), ("front", 1, -1), ("back", 1, 1)
 
 
 def nearest(trial, across):
-    """Return the point of the ellipse nearest to a trial force: friction of a block equally stiff in all directions."""
+    """Return the point of the ellipse nearest to a trial force.
+
+    It is the friction of a block that is equally stiff in all directions.
+    """
     at, squares = AXES @ trial, np.array([BOUND, across]) ** 2
     if across == 0.0:
         return AXES.T @ [np.clip(at[0], -BOUND, BOUND), 0.0]
@@ -40,7 +43,7 @@ def closed_form(across, path=PATH):
 
 
 def sheared(q, *effects, press=0.0, path=PATH):
-    """Return a scene whose top moves along the path and shears a block; nu = 0 if the top also presses."""
+    """Return a block whose top moves along the path; if the top also presses, nu = 0 and nothing bulges."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]
@@ -101,7 +104,7 @@ def test_a_sheared_block_follows_its_closed_form(family, name):
     moved = np.abs(np.diff(a, axis=0, prepend=0.0)).max(axis=1) > 1e-10
     np.testing.assert_array_equal(slips, np.broadcast_to(moved[:, None], slips.shape))
     if across == 0.0:
-        # A node that slides only across the line of friction is not at its bound.
+        # Nodes that slide only at right angles to the line are not at the bound.
         slips &= (np.abs(np.diff(a @ AXES[0], prepend=0.0)) > 1e-10)[:, None]
     # Where nodes slip, |friction| equals the bound in the direction of friction.
     size = np.linalg.norm(contact.traction, axis=2)
@@ -118,7 +121,7 @@ def test_a_sheared_block_follows_its_closed_form(family, name):
 
 @pytest.mark.long
 @pytest.mark.parametrize("across", [0.15, 0.6, 0.0])
-def test_coulombs_law_equals_trescas_with_the_same_pressures(across):
+def test_coulombs_law_equals_trescas_law_with_bounds_from_its_pressures(across):
     """Pressures are not uniform, and some nodes open."""
     times, mesh = np.linspace(0.0, 1.0, 5), vx.meshes.voronoi3(3)
     frame = (

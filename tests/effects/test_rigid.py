@@ -46,7 +46,10 @@ def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
 
 @pytest.mark.parametrize(("n", "near"), [(4, 0.021), pytest.param(8, 0.009, marks=pytest.mark.long)])
 def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
-    """p = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)): a third of P is within a / 2, 1/2 + 2 e / (pi a) on the right."""
+    """p = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)).
+
+    So P / 3 acts on abs(x) < a / 2, and (1/2 + 2 e / (pi a)) P acts on x > 0.
+    """
     below, tool = vx.meshes.squares((16 * n, 8 * n), box=((-8, 8), (-8, 0))), ((-1, 1), (0, 1))
     mesh = vx.meshes.bodies({"low": below, "tool": vx.meshes.squares((2 * n, 1), box=tool)})
     own = vx.simulate(punch(0.0), mesh, [0.0, 1.0]), vx.simulate(punch(0.2), mesh, [0.0, 1.0])
@@ -61,13 +64,13 @@ def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
 
 
 def punch(e):
-    """Return the scene of a rigid tool of half width 1 that a force at x = e presses; it may turn."""
+    """Return the scene of a rigid tool of half width 1, which a force at x = e presses down and may turn."""
     rigid = vx.Rigid(on="tool", at=(e, 0.0), force=lambda x, t: (0.0, -t), motion=(0.0, None, None))
     return vx.Scene(STEEL, vx.Clamp(on="low.bottom"), vx.UnilateralContact(on="low|tool"), rigid)
 
 
-def test_a_motion_and_its_reaction_as_a_force_give_the_same_answer():
-    """A motion presses a round tool with a rigid back; then the measured reaction presses it."""
+def test_a_prescribed_motion_and_its_reaction_as_a_load_give_the_same_answer():
+    """A round tool with a rigid back is pressed by a motion, and then by the measured reaction."""
     mesh, clamp, _ = pressed(4)
     round_ = vx.UnilateralContact(on="low|tool", gap=lambda x, t: 0.2 * (x[:, 0] - 0.53) ** 2)
 
@@ -85,7 +88,7 @@ def test_a_motion_and_its_reaction_as_a_force_give_the_same_answer():
     assert by_force.force(vx.Rigid)[-1] == pytest.approx(F[-1], abs=1e-12)
 
 
-def test_a_rigid_body_is_the_limit_of_stiff_ones():
+def test_a_rigid_body_is_the_limit_of_stiff_bodies():
     mesh, clamp, contact = pressed(2)
     load = vx.Traction(lambda x, t: np.tile([0.2 * t, -2.0 * t], (len(x), 1)), on="tool.top")
     rest = clamp, contact, vx.CoulombFriction(0.3, on="low|tool"), load

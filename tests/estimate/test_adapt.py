@@ -22,11 +22,11 @@ PAD = vx.Scene(
     vx.UnilateralContact(on="bottom"),
     vx.CoulombFriction(0.3, on="bottom"),
 )
-"""A pad on a rough floor, pressed and rubbed to and fro by its top."""
+"""A pad on a rough floor, whose top presses it and rubs it to and fro."""
 
 
 def measure_error(found, scene):
-    """Return the larger relative error at t = 0.5 and 1, against the mesh refined twice with every step halved."""
+    """Return the larger relative error at t = 0.5 and 1. The reference has twice refined cells and halved steps."""
     times = found.history.trajectory.times
     fine = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     truth = vx.simulate(scene, found.history.mesh.refine().refine(), fine, store=np.searchsorted(fine, [0.5, 1.0]))
@@ -90,7 +90,7 @@ def test_a_scene_without_friction_needs_one_step():
     assert found.budget.time[-1] == 0.0
 
 
-def test_marked_cells_carry_a_part_theta_of_the_error_unless_less_is_enough():
+def test_marked_cells_carry_a_fraction_theta_of_the_error_unless_fewer_cells_suffice():
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
@@ -239,7 +239,7 @@ def test_files_contain_quantities_and_their_errors(tmp_path):
 
 @pytest.mark.long
 def test_a_load_that_begins_and_ends_within_a_step_is_found():
-    """The preload acts alone at the requested instants, so that errors must be estimated between them, too."""
+    """At the requested instants only the preload acts, so that errors must be estimated between them, too."""
 
     def shaken(t):
         return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])

@@ -71,7 +71,7 @@ def test_uniform_pressure_leaves_no_residual_where_three_bodies_meet():
 
 @pytest.mark.long
 def test_uniform_pressure_across_a_curve_leaves_a_residual_of_second_order():
-    """Normals at nodes are means of the normals of two chords, which are off by the square of their angle."""
+    """A normal at a node is the mean of the normals of two chords. Its error is of second order in their angle."""
     found = []
     for sides in (16, 32):
         disc, ring = vx.meshes.ring([0.0, 0.5, 2.0], sides), vx.meshes.ring([2.0, 3.0], sides)
@@ -88,9 +88,9 @@ def test_uniform_pressure_across_a_curve_leaves_a_residual_of_second_order():
 
 @pytest.mark.long
 def test_bonded_blocks_have_the_budget_of_one_body():
-    """Jumps across the joint become boundary residuals, against the multiplier of friction: they may only grow.
+    """The jump across a joint becomes two residuals, the distances of both stresses from the multipliers.
 
-    Cells are alike on both sides of the joint; then the growth is of higher order.
+    So the budget can only grow. If the cells are alike on both sides of the joint, its growth is of higher order.
     """
     added = []
     for n in (4, 8):

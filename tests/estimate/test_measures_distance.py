@@ -92,7 +92,7 @@ def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kin
 def test_hourglasses_on_nested_squares_have_exact_norms():
     """The field u_1 = x_1 x_2 is bilinear on one square, so that it has no distance from its refinement.
 
-    int e_xx^2 = int x_2^2 = 1/3, int (2 e_xy)^2 = int x_1^2 = 1/3; both mean strains, of the projection, are 1/2.
+    int e_xx^2 = int x_2^2 = 1/3, int (2 e_xy)^2 = int x_1^2 = 1/3; the projection has both strains 1/2.
     """
 
     def twist(x):
@@ -130,7 +130,7 @@ def test_cells_a_thousand_times_as_wide_as_high_have_correct_distances():
     assert there.absolute == pytest.approx(back.absolute, rel=1e-11)
 
 
-def test_the_moduli_of_the_first_mesh_count_and_a_difference_is_logged(caplog):
+def test_distances_use_the_moduli_of_the_first_mesh_and_log_different_moduli(caplog):
     a, b = field(vx.meshes.squares(3), affine), field(vx.meshes.squares(2), nothing, lam=3.0)
     apart = vx.measures.energy_distance(a, b)
     assert apart.moduli_apart == pytest.approx(1.5 / (LAM + 2 * MU))
@@ -149,7 +149,7 @@ def test_isotropic_moduli_may_be_given_as_a_full_matrix():
 
 
 def test_nodal_distance_is_the_norm_of_the_stiffness_matrix(family):
-    """The fields have one mesh, so that interpolation changes nothing."""
+    """Both fields have the same mesh, so that interpolation changes nothing."""
     from vemcvx.vem import Space, stiffness
 
     a, b = field(mesh_of(family, 5), wavy), field(mesh_of(family, 5), other)

@@ -18,12 +18,12 @@ def field(mesh, values):
 
 
 def along(values):
-    """Return a vector field along x_1, or the strain e_xx alone."""
+    """Return a function of the number of components: it returns the values as the first component, else zeros."""
     return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
 
 
 def test_polynomials_of_degree_five_are_integrated_exactly(family):
-    """Strains and displacements x^2, against a body at rest, have int C x^4 = C / 5 and int x^4 = 1 / 5."""
+    """Beside a body at rest, the strain x^2 has the squared norm C / 5, and the displacement x^2 has 1 / 5."""
     rest = small(family)
     rest = field(rest, np.zeros_like(rest.points))
     strain = vx.measures.energy_error(rest, lambda x, t: along(x[:, 0] ** 2)(3))

@@ -47,7 +47,7 @@ def test_affine_fields_have_no_distance_and_no_error(name):
 
 
 def test_distances_of_nested_meshes_are_exact():
-    """Strains are constant on the fine cubes, eighths of the coarse cubes."""
+    """Strains are constant on the fine cubes, each of which is an eighth of a coarse cube."""
     coarse, fine = field(vx.meshes.cubes(2), wavy), field(vx.meshes.cubes(4), wavy)
     number = (fine.mesh.centroids // 0.5).astype(int)
     own = np.argmin(np.linalg.norm(coarse.mesh.centroids - 0.5 * number[:, None] - 0.25, axis=2), axis=1)
@@ -88,7 +88,7 @@ def test_meshes_of_different_bodies_are_refused():
 
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["cubes", "tetrahedra", "voronoi3"])
-def test_errors_are_of_first_order(family):
+def test_energy_errors_are_of_first_order_and_l2_errors_of_second_order(family):
     """The energy error agrees with an independent sum over tetrahedra."""
     lam, energy, l2 = plane.lame(0.3), [], []
     for n in (3, 6):

@@ -73,7 +73,7 @@ def test_energy_errors_hardly_depend_on_lambda(slip, family, sizes):
 
 @pytest.mark.long
 def test_errors_of_proportional_loads_do_not_depend_on_steps(slip):
-    """Under the load t^3 the solution is t^3 u, with the relative error of a single step at every step."""
+    """Under the load t^3 the solution is t^3 u, so that every step has the relative error of a single step."""
     once = slip_errors(slip, "voronoi", 1.0, (8,))[1:, 0]
     twin = slip_errors(slip, "voronoi", 1.0, (8,), times=np.linspace(0, 1, 5), phi=lambda t: t**3)[1:, 0]
     assert twin == pytest.approx(once, rel=1e-9)
@@ -105,7 +105,7 @@ def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(reversal,
 
 
 @pytest.mark.long
-def test_one_step_of_the_paper_scene_is_as_accurate_as_64():
+def test_one_step_of_the_paper_scene_is_as_accurate_as_64_steps():
     """Slip only spreads under a proportional load, so that runs agree within their certificates."""
     paper = importlib.import_module("feng_han_huang")
     mesh = paper.mesh(12, "voronoi")

@@ -17,7 +17,7 @@ SECOND_ORDER = "dissipated_second_order", "work_second_order"
 
 
 def rubbed(plate, mesh, end=1.0, coefficient=0.3):
-    """Return a function of the number of steps: the run of a body on a rough floor, whose top moves by plate(t)."""
+    """Return a function that runs a body, whose top moves by plate(t) and whose floor is rough, in n steps."""
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile(plate(t), (len(x), 1)), on="top"),
@@ -152,7 +152,7 @@ def test_budgets_contain_quantities_and_histories_from_files_have_none(tmp_path)
 
 
 @pytest.mark.long
-def test_work_lost_by_large_steps_is_warned_of_once(caplog):
+def test_work_lost_in_large_steps_causes_one_warning(caplog):
     """Work is off by more than 5 % in 8 steps, and by 1.5 % in 64."""
     run = problem(feng_han_huang, 6)
     with caplog.at_level(logging.WARNING, logger="vemcvx"):
@@ -172,7 +172,7 @@ def swung(times):
     return vx.simulate(scene, vx.meshes.squares(3), times)
 
 
-def test_lost_work_is_not_warned_of_without_friction(caplog):
+def test_lost_work_causes_no_warning_without_friction(caplog):
     """The work summed by backward Euler is off by more than .05 of the largest energy, but no energy is dissipated."""
     with caplog.at_level(logging.WARNING, logger="vemcvx"):
         swung([0.0, 0.25])

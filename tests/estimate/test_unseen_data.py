@@ -27,7 +27,7 @@ def near(x, centre, radius):
 
 
 def spot(x, radius=0.08):
-    """Return True in a disc without nodes, centroids and quadrature points of squares(4)."""
+    """Return True in a disc that contains no node, no centroid and no quadrature point of squares(4)."""
     return np.hypot(x[:, 0] - 0.37, x[:, 1] - 0.38) < radius
 
 
@@ -84,7 +84,7 @@ QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle"
 
 
 def measure_effectivity(scene, mesh, truth):
-    """Return the estimated over the true error, in the norm of the finer mesh, which has better moduli."""
+    """Return the ratio of estimated to true error. The norm is of the finer mesh, whose moduli are more accurate."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
     budget = error_budget(history)
     if budget.scale == 0.0:
@@ -114,7 +114,7 @@ def held_below(*more):
 
 
 def waves(n):
-    """Return scenes with waves as long as the n edges of a side, so that all nodes of the side read the same value."""
+    """Return scenes with waves as long as an edge, n on a side, so that all nodes read the same value."""
 
     def drive(x, t):
         return 4 * t * np.column_stack([wave(x[:, 0], n), wave(x[:, 0], n, np.pi / 2)])
@@ -194,7 +194,7 @@ def test_true_errors_meet_targets_if_data_vanish_at_the_nodes_of_the_first_mesh(
 
 
 @pytest.mark.long
-def test_linear_data_have_no_error():
+def test_linear_data_cause_no_data_error():
     load = vx.Traction((0.0, -8.0), on="top")
     bound = vx.TrescaFriction(lambda x, t: 1.0 + 3.0 * x[:, 0], on="bottom")
     gap = vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.01 * x[:, 0])

@@ -1,4 +1,4 @@
-"""Programs as files are read back to the bit, and other programs read and solve them."""
+"""Step programs are read back from files bit for bit, and other software reads and solves these files."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ condensed = mostly_long("condense", [True, False])
 
 @cache
 def solve(name, condense=True):
-    """Return a step's program; "in space" is one with blocks of two components and a soft limit, without solution."""
+    """Return a step's program; "in space" is an unsolved program with blocks of two components and a soft limit."""
     if name != "in space":
         return list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(3), TIMES, condense=condense))[1]
     rng = np.random.default_rng(0)
@@ -75,7 +75,7 @@ def solve(name, condense=True):
 @condensed
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("form", FORMATS)
-def test_programs_are_read_back_to_the_bit(tmp_path, form, name, condense):
+def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     """In a CBF file K is the product F'F, whose entries are sums of n rounded products."""
     program, path = solve(name, condense), tmp_path / f"step.{form}"
     assert vx.write_program(program, path) == path
@@ -110,7 +110,7 @@ MESHES = {"voronoi": small("voronoi", 3), "tetrahedra": vx.meshes.tetrahedra(1)}
 
 
 @pytest.mark.parametrize("family", MESHES)
-def test_each_row_of_the_root_of_K_reads_one_cell(family):
+def test_each_row_of_the_root_of_K_belongs_to_one_cell(family):
     """F'F = K up to rounding, also where supports eliminate unknowns."""
     mesh = MESHES[family]
     soft = vx.Elasticity(3.0, 0.48, stabilisation="unit")
@@ -125,7 +125,7 @@ def test_each_row_of_the_root_of_K_reads_one_cell(family):
     assert next(vx.programs(scene, mesh, [0.0, 1.0])).energy_rows is None
 
 
-def test_a_scene_with_springs_has_no_root_by_cells():
+def test_a_scene_with_springs_has_no_root_of_K_by_cells():
     springs = vx.ElasticFoundation(normal=1.0, tangential=1.0, on="left")
     scene = vx.Scene(STEEL, springs, *SCENES["friction"][2:])
     program = next(vx.programs(scene, vx.meshes.squares(2), [0.0, 1.0], condense=False))
@@ -265,7 +265,7 @@ def read_sparse(A):
 
 @mostly_long("dim", [2, 3])
 def test_fclib_files_state_a_step_with_coulombs_law_and_its_solution(tmp_path, dim):
-    """h5py reads the file like FCLIB. The solution satisfies Coulomb's law and is ours."""
+    """h5py reads the file as FCLIB does. The solution in it satisfies Coulomb's law and is our solution."""
     h5py = pytest.importorskip("h5py")
     program = coulomb(dim=dim)
     with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:
@@ -309,7 +309,7 @@ def test_fclib_files_of_whole_programs_state_the_global_problem(tmp_path, dim):
     assert 0.5 * off @ np.linalg.solve(M.toarray(), off) <= program.certificate.gap + program.certificate.floor
 
 
-def test_fclib_files_refuse_other_laws_and_unsolved_programs(tmp_path):
+def test_other_laws_and_unsolved_programs_have_no_fclib_files(tmp_path):
     pytest.importorskip("h5py")
     given = coulomb(vx.TrescaFriction(0.1, on="bottom", while_closed=False))
     capped = coulomb(vx.CoulombFriction(0.3, on="bottom", cap=0.1))

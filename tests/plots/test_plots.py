@@ -165,7 +165,7 @@ def test_the_ledger_adds_up(history):
 
 
 def squeeze(sides, mesh):
-    """Pull a clamped block to the left between rough walls."""
+    """Push a block between rough walls to the right, against its clamp."""
     pull = vx.BodyForce(lambda x, t: np.column_stack([8 * t + 0 * x[:, 0], 0 * x[:, 0]]))
     contact = vx.BilateralContact(on=sides), vx.TrescaFriction(bound=1.0, on=sides)
     return vx.simulate(vx.Scene(STEEL, vx.Clamp(on="right"), pull, *contact), mesh, [0.0, 1.0])
@@ -240,7 +240,7 @@ def test_pressures_of_the_size_of_rounding_are_drawn_as_zero():
 
 @pytest.mark.long
 def test_all_steps_share_one_scale(history):
-    """Magnification, colours, arrows and view are those of the whole history."""
+    """Magnification, colours, arrows and view fit the whole history."""
     steps = 1, 6, 24
     frames = [deformed_mesh(history, step).axes[0] for step in steps]
     assert len({find_magnification(ax) for ax in frames}) == 1
@@ -327,7 +327,7 @@ def test_invalid_options_are_refused(history, draw, wrong, words):
         draw(history, **wrong)
 
 
-def test_histories_without_contact_or_steps_have_no_such_pictures(history, loose, tmp_path):
+def test_pictures_of_contact_and_of_steps_need_contact_and_steps(history, loose, tmp_path):
     for draw in (friction_traction, stick_slip_map, along_contact, wear):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no contact nodes"):
             draw(loose)

@@ -1,4 +1,4 @@
-"""Pictures of bodies in space show the numbers of the history; what cannot be drawn is named."""
+"""Pictures of bodies in space show the numbers of the history; pictures that cannot be drawn are named."""
 
 from __future__ import annotations
 

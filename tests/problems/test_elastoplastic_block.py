@@ -1,4 +1,4 @@
-"""Von Mises plasticity in second-order cones: uniform states on polygons, by return mapping and in closed form."""
+"""Von Mises plasticity as second-order cones: uniform states on polygons agree with return mapping and closed forms."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def cells(name):
 
 @cache
 def run_cells(name):
-    """Return the namespace after all cells, and the values that a notebook shows: those of the cells' last lines."""
+    """Return the namespace after all cells, and the values that a notebook shows below its cells."""
     space, shown = {"__name__": "__main__"}, []
     for kind, text in cells(name):
         if kind == "code":
@@ -126,7 +126,7 @@ def test_cells_of_markdown_contain_comments_only(name):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_no_two_cells_assign_one_name(name):
+def test_no_two_cells_assign_the_same_name(name):
     """Marimo refuses two cells that define the same name; names that begin with _ are local to a cell."""
     defined = Counter()
     for kind, text in cells(name):

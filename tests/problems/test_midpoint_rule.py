@@ -19,27 +19,27 @@ def orders(values):
 
 
 @pytest.mark.long
-def test_on_straight_pulls_backward_euler_is_exact_and_the_midpoint_rule_of_order_one(found):
+def test_under_straight_pulls_backward_euler_is_exact_and_the_midpoint_rule_has_order_one(found):
     exact, first = found["straight"]
     assert exact.max() < 1e-14
     np.testing.assert_allclose(orders(first), 1.0, atol=1e-9)
     np.testing.assert_allclose(orders(found["its middles"][1]), 1.0, atol=1e-9)
 
 
-def test_on_slips_that_turn_the_midpoint_rule_is_of_order_two(found):
+def test_the_midpoint_rule_has_order_two_while_slips_turn(found):
     first, second = found["turning"]
     assert 0.9 < orders(first).min() < orders(first).max() < 1.0
     np.testing.assert_allclose(orders(second), 2.0, atol=0.03)
 
 
-def test_both_rules_are_of_order_one_where_slip_begins(found):
+def test_both_rules_have_order_one_if_slip_begins_during_the_run(found):
     first, second = found["from rest"]
     assert orders(first).min() > 0.85
     np.testing.assert_allclose(orders(second), 1.0, atol=0.02)
 
 
 def test_forces_of_the_midpoint_rule_oscillate_for_ever():
-    """Under a steady pull z is alternately above and below its bound, by a third of a step's pull, for 300 steps."""
+    """Under a steady pull the force z is above and below its bound by turns, by a third of the pull of a step."""
     times = np.linspace(0, 100, 301)
     sole, middles = lesson.midpoint(lambda t: np.array([t, 0.0]), times, (-1 / 9, 0.0))
     beyond = times - sole[:, 0] - 1.0

@@ -94,7 +94,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
     exact = np.stack([a[:, None] + gamma[:, None] * history.mesh.points[:, 1], lifted], axis=2)
     size = np.abs(stress).max()
     assert np.abs(history.displacement - exact).max() < FLOOR * np.abs(exact).max()
-    # Errors of forces are those of energies times the condition of the contact.
+    # Errors of forces are errors of energies times the condition number of the contact problem.
     assert np.abs(contact.pressure + stress[:, 1:2]).max() < 10 * FLOOR * size
     assert np.abs(contact.traction[:, :, 0] + stress[:, 2:]).max() < 10 * FLOOR * size
     assert gamma.max() > 3 * -gamma.min() > 0
@@ -114,7 +114,7 @@ def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
     assert np.abs(history.displacement[p <= crack.ACROSS]).max() < 1e-9 * exact.max()
 
 
-def test_a_fault_loses_the_stress_drop_of_its_slip():
+def test_the_slip_of_a_fault_causes_the_given_stress_drop():
     """The stress drop is within 2 % in the middle half of the fault, on 8 cells."""
     x, lost = fault.stress_drop(run_small(fault))
     assert lost[-1, np.abs(x) < 0.6] == pytest.approx(fault.DROP, rel=0.02)
@@ -122,7 +122,7 @@ def test_a_fault_loses_the_stress_drop_of_its_slip():
 
 @pytest.mark.long
 def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
-    """The error of the rod is O(H / transfer length), 1/24; the draw-in is within .1 %."""
+    """Rod theory has an error O(H / transfer length), here 1/24; the draw-in is within .1 % of it."""
     history, H = run_small(tendon), tendon.HEIGHT
     third, mesh = history.steps // 3, history.mesh
     end = mesh.points[:, 0] == tendon.LENGTH
@@ -132,7 +132,7 @@ def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
     s, sigma = tendon.LENGTH - mesh.centroids[:, 0], history.stress(third)[:, 0]
     for place in (2.125, 10.125, 30.125):
         section = np.abs(s - place) < 1e-9
-        # Friction is at its bound along s, so the mean stress balances it, to the friction of half a cell.
+        # Friction is at its bound along s. The mean stress balances it, up to the friction of half a cell.
         assert sigma[section].mean() == pytest.approx(tendon.stress(place), abs=tendon.BOUND * 0.25 / H)
     contact = history.contact
     slips = contact.points[~contact.sticking[third], 0]
@@ -165,7 +165,7 @@ def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
 
 @pytest.mark.long
 def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
-    """The error of the rod is O(H / l), .6 % of the largest force; if all nodes slip, the force is exact."""
+    """Rod theory has an error O(H / l), .6 % of the largest force; if all nodes slip, it is exact."""
     history, contact = run_small(belt), run_small(belt).contact
     most, fifth = belt.BOUND * belt.LENGTH, history.steps // 5
     found, exact = -history.reaction("left")[:, 0], belt.hold(history.times)
@@ -173,7 +173,7 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
     slides = ~contact.sticking.any(axis=1)
     assert slides[[fifth, 3 * fifth, 5 * fifth]].all()
     assert np.abs(found - exact)[slides].max() < FLOOR * most
-    # When the belt is at its end again, the strip is in its former state.
+    # When the belt returns to its end position, the strip returns to its state there.
     assert np.abs(history.displacement[5 * fifth] - history.displacement[fifth]).max() < FLOOR * belt.AMPLITUDE
     work = most * (2 / 3 * belt.FULL + belt.AMPLITUDE - belt.FULL)
     assert history.dissipated[fifth] == pytest.approx(work - most * belt.FULL / 3, rel=1e-2)
@@ -192,7 +192,7 @@ def test_a_silo_hangs_on_its_walls():
     for friction in (0.2, 0.4):
         history = simulate(silo, 4, steps=2, friction=friction)
         depth, sigma = silo.HEIGHT - history.mesh.centroids[:, 1], -history.stress(-1)[:, 1]
-        levels = np.unique(depth.round(9))[: -2 * 4]  # above the last two widths over the floor
+        levels = np.unique(depth.round(9))[: -2 * 4]  # without two widths above the floor
         mean = np.array([sigma[np.abs(depth - level) < 1e-6].mean() for level in levels])
         exact = silo.vertical_stress(levels, friction)
         errors.append(np.abs(mean - exact).max() / exact.max())
@@ -235,7 +235,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """Pressures exceed those of a thin layer by at most 4.5 mu d / h: 3/2 under the plate, 3 near the free edge."""
+    """Pressures exceed thin-layer theory by at most 4.5 mu d / h: by 1.5 under the plate, by 3 near the free edge."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)
@@ -245,13 +245,13 @@ def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
     assert extra.max() < 4.5 * unit < 0.2 * pad.pressure(0.0, poisson)
     force = -history.reaction("top")[-1, 1]
     assert 0 < force - pad.force(poisson) < 4.5 * unit * pad.HALF_WIDTH
-    # Without the clamp the force would be 4 mu d / h for nu = 1/2, less than a fifth.
+    # Without the clamp the force would be 4 mu d / h for nu = 1/2, less than a fifth of this force.
     assert force > 5 * 4 * unit * pad.HALF_WIDTH
 
 
 @any_family
 def test_dies_press_alike_whatever_their_angle(family):
-    """Displacement, stress and nodal forces are exact on every mesh; a force is -p times the normals of the node."""
+    """Displacement, stress and nodal forces are exact on every mesh; the force on a node is -p times its normal."""
     history = simulate(dies, 5, steps=2, family=family)
     mesh, p = history.mesh, dies.pressure(1.0)
     exact = -dies.CLOSING * (mesh.points - dies.FOOT)

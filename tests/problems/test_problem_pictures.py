@@ -66,7 +66,7 @@ def test_a_problem_is_drawn_within_the_page(name):
 
 
 def test_every_effect_has_a_problem_that_shows_it():
-    """The table of effects names for every effect a problem with this effect in its scene."""
+    """The table of effects names, for every effect, a problem whose scene has this effect."""
     lines = re.findall(r"^\| `(\w+)` \|.*\| \[`(\w+)`\]\(gallery/\2\.md\) \|$", texts.page("effects"), re.M)
     kinds = [kind for kind in vars(effects).values() if isinstance(kind, type) and issubclass(kind, Effect)]
     wanted = {kind.__name__ for kind in kinds if kind.__name__ in effects.__all__} - {"Effect", "MaterialLaw"}

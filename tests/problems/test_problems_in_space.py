@@ -78,7 +78,7 @@ def test_friction_at_its_bound_opposes_the_slip_of_each_node():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """The friction of a node opposes U_n - U_{n-1} less the change of the lag of the node behind the plate."""
+    """Friction at a node opposes U_n - U_{n-1} minus the change of the node's lag behind the plate."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
@@ -104,7 +104,7 @@ def test_a_twisted_pad_bears_two_thirds_of_mu_p_r():
     assert mesh.volumes.sum() == pytest.approx(np.pi * pad.RADIUS**2 * pad.HEIGHT, rel=1e-12)
     centre = np.linalg.norm(history.contact.points[:, :2], axis=1)
     slip = np.linalg.norm(history.contact.slip[-1], axis=1)
-    # The rotation of the sole is that of the top less the shear of the pad, which friction bounds.
+    # The sole rotates as much as the top, minus the shear of the pad, which friction bounds.
     assert np.abs(slip - pad.ANGLE * centre).max() < 1.5 * pad.FIRST * pad.RADIUS
 
 
@@ -172,7 +172,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
 
 
 @pytest.mark.long
-def test_a_ball_lifts_off_its_socket_behind():
+def test_a_ball_lifts_off_the_back_of_its_socket():
     """Normals of faces at a node differ from their mean by less than the angle of a cell, 90 degrees / 2n."""
     history = simulate(ball, 2)
     contact = history.contact
@@ -193,7 +193,7 @@ def test_a_ball_lifts_off_its_socket_behind():
 
 @pytest.mark.long
 @pytest.mark.parametrize("slant", [0.0, 0.5])
-def test_a_dovetail_is_held_between_the_lines_of_full_slip(slant):
+def test_the_normal_force_of_a_dovetail_is_between_its_values_at_full_slip(slant):
     mesh, solver = dovetail.mesh(2), vx.Newton(1e-7)
     history = vx.simulate(dovetail.scene(slant=slant), mesh, dovetail.times(12), solver=solver)
     pull, normal, force = dovetail.load(history.times), dovetail.normal_force(history), dovetail.nodal_forces(history)
@@ -212,7 +212,7 @@ def test_a_dovetail_is_held_between_the_lines_of_full_slip(slant):
 
 @pytest.mark.long
 @pytest.mark.parametrize("friction", [0.2, 0.1])
-def test_a_bolted_lap_joint_slips_at_mu_times_what_presses_it(friction):
+def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
     """Friction forces turn towards the pull while nodes slip; each step divides the deviation by about seven."""
     history = vx.simulate(lap_joint.scene(friction), lap_joint.mesh(2), lap_joint.times(20), solver=vx.Newton(1e-7))
     lap, heads, walls = lap_joint.forces_on_upper_plate(history)
@@ -231,7 +231,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_what_presses_it(friction):
     slides = np.flatnonzero(full & ~bears & (t > 1.0))
     assert np.abs(-lap[slides[-1], 0] / bound[slides[-1]] - 1) < 1e-8
     assert pull[slides[2:-1], 0] == pytest.approx(pull[slides[-1], 0], rel=1e-4)
-    # The end moves by the clearance after slip begins, to one step.
+    # From first slip until a wall bears, the end moves by the clearance, up to one step.
     assert way[bears][0] == pytest.approx(lap_joint.CLEARANCE + way[slides[0]], abs=way[-1] - way[-2])
     assert (np.diff(walls[bears, 0]) < 0).all()
 
@@ -261,7 +261,7 @@ def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
 @pytest.mark.filterwarnings("ignore:supports")
 @pytest.mark.parametrize(("n", "upper", "highest"), [(8, None, 0.03), (12, 9, 0.07)])
 def test_two_balls_press_as_hertz_says(n, upper, highest):
-    """Radius and peak of the half-ellipsoid within three per cent; nodal pressures alternate where meshes differ."""
+    """Radius and peak of the half-ellipsoid are within three per cent; pressures alternate where meshes differ."""
     history = simulate(balls, n, mesh=balls.mesh(n, upper=upper))
     radius, peak = balls.hertz(balls.force(history)[-1])
     found = balls.measure(history)

@@ -21,7 +21,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
     """F / G = (tan a + mu) / (1 - mu tan a) on every mesh."""
-    # Programs of the fixed point need a tenth of the accuracy, which interior points do not reach without polish.
+    # Each program of the fixed point is solved to a tenth of the accuracy; interior points need polish for this.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")
@@ -76,7 +76,7 @@ def test_a_rod_pushed_released_and_pushed_follows_shear_lag():
     expected = shear_lag.end_displacement()
     assert found == pytest.approx(expected, rel=shear_lag.HEIGHT * shear_lag.BOUND / shear_lag.FORCE)
     assert found[2] == pytest.approx(found[0], rel=1e-6)
-    # The slip length F/g of the first push, to an element.
+    # The slip length of the first push is F / g, up to one element.
     slipped = history.contact.points[~history.contact.sticking[8], 0].max()
     assert slipped == pytest.approx(shear_lag.FORCE / shear_lag.BOUND, abs=1.0)
 

@@ -17,14 +17,14 @@ def test_no_true_error_exceeds_its_certificate():
     assert {(row.step, row.form) for row in rows} == {(step, form) for step in study.STEPS for form in study.FORMS}
     # The rows test the bounds: some bounds are sharp to a factor of two, and some answers are far from the solution.
     assert max(row.true / row.certified for row in rows if row.certified > 1e-9) > 0.5
-    assert max(row.true for row in rows) > 1e-5  # Clarabel's with degenerate terms; HiGHS 1.15 was 14 % off
+    assert max(row.true for row in rows) > 1e-5  # of Clarabel at degenerate terms; HiGHS 1.15 had 14 %
     assert max(row.reference for row in rows) < 1e-12
     assert all(row.true < 1e-12 for row in rows if row.solver == "Newton")
 
 
 @pytest.fixture(scope="module")
 def returned():
-    """Return rows of Clarabel, asked for 1e-10, without and with an active-set step: degenerate terms, condensed."""
+    """Return rows of Clarabel, without and with an active-set step, on a condensed program with degenerate terms."""
     exact = study.reference("return", "condensed", 16)
     return [
         study.measure(exact, name, study.solvers()[name](accuracy=1e-10), 1)
@@ -52,7 +52,7 @@ def test_a_broken_bound_is_printed_and_the_command_fails(returned, monkeypatch, 
 
 @pytest.mark.long
 def test_the_chain_marches_through_degenerate_steps():
-    """Both conic solvers keep their certificates, and polished ones reach rounding."""
+    """True errors of conic solvers are within their certificates, and polished answers reach rounding."""
     lines = {line[:20].strip(): line[20:].split() for line in study.run_loops(asked=(1e-6,)).splitlines()[1:]}
     assert set(lines) == set(study.OURS)
     for name in ("Clarabel", "OSQP"):

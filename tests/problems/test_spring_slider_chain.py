@@ -43,7 +43,7 @@ def test_the_chain_adds_up_plays(marched):
 
 @pytest.mark.long
 def test_the_area_of_closed_loops_is_the_lost_energy(capsys):
-    """The trapezoidal rule is exact: all kinks of the loops are instants, twice the thresholds from a turning point."""
+    """The trapezoidal rule is exact: every kink of a loop, twice a threshold after a turn, is at an instant."""
     trajectory = lesson.march(lesson.chain(FORCE), FORCE)
     u = trajectory.state[:, 0]
     first, last = lesson.turning_instants(FORCE)[[1, 8]]
@@ -58,7 +58,7 @@ def test_the_area_of_closed_loops_is_the_lost_energy(capsys):
 
 @pytest.mark.long
 def test_the_chain_remembers_turning_points_until_a_loop_closes(marched):
-    """Back at a turning point the state is the earlier one, and the rest is as if the loop had never been."""
+    """A closed loop ends in the state in which it began, and the run continues as if the loop were absent."""
     system, trajectory = marched
     allowed = 2 * bounds(system, trajectory).state
     at = lesson.turning_instants(FORCE)

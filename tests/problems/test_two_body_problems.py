@@ -16,7 +16,7 @@ import vemcvx as vx
 from hertz_contact import fit_half_ellipse
 
 FEW_SETS = 20
-"""Largest number of linear systems in a step that starts from the active sets of the step before."""
+"""Largest number of linear systems in a step that starts from the active sets of the previous step."""
 
 
 @pytest.mark.long
@@ -80,7 +80,7 @@ def test_a_press_fit_on_meshes_that_do_not_match(n):
 
 
 def assert_balance_of_upper_plate(history):
-    """Check the balance of forces along x, where only friction holds the plate, and across."""
+    """Check the balance of forces along x, where only friction holds the plate, and along y."""
     contact, load = history.contact, joint.load(history.times)
     rubbed = (contact.traction[:, :, 0] * contact.friction_lengths).sum(axis=1)
     assert rubbed == pytest.approx(load, abs=1e-9 * joint.LOAD)

@@ -35,7 +35,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
         friction = run.multipliers[:, :, 0] @ rows if len(rows) else 0.0
         assert np.abs(run.state @ K + friction - loads).max() <= 1e-12 * np.abs(loads).max()
         assert run.energy == pytest.approx(0.5 * np.einsum("ni,ij,nj->n", run.state, K, run.state), rel=1e-12)
-        # The work of a step is that of the load at its end.
+        # The work of a step is the work of the load at the end of the step.
         work = np.einsum("ni,ni->n", loads[1:], np.diff(run.state, axis=0))
         assert np.diff(run.work) == pytest.approx(work, rel=1e-11, abs=1e-12)
     condensed, full = runs
@@ -43,7 +43,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
 
 
 def test_small_loads_on_soft_bodies_are_not_taken_for_rounding():
-    """A chain is softer than another by 1e16. Its load is 1e-15 of the other's, and grows differently."""
+    """One chain is softer than another by 1e16. Its load is 1e-15 of the other load, and grows as t^2, not as t."""
     chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     K, B = np.zeros((8, 8)), np.zeros((1, 8))
     K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0

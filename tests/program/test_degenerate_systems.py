@@ -43,7 +43,7 @@ ZERO_ROWS = {
 @mostly_long("condense", [True, False])
 @pytest.mark.parametrize("terms", ZERO_ROWS.values(), ids=ZERO_ROWS)
 def test_zero_rows_change_no_state(terms, condense):
-    """A zero row on ground that slips by g dissipates w |g|."""
+    """A zero row on a ground that moves by g dissipates w |g|."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: [2 * t, t], **terms)
     run = vx.march(system, [0.0, 1.0, 2.0], condense=condense)
     assert run.state[1:] == pytest.approx(np.outer([1.0, 2.0], [1.0, 1 / 3]), rel=1e-15)
@@ -51,7 +51,7 @@ def test_zero_rows_change_no_state(terms, condense):
 
 
 def test_nothing_moves_if_the_energy_of_a_load_underflows():
-    """5.9e-159 squared is zero in double precision, and no energy is a divisor."""
+    """5.9e-159 squared is zero in double precision, so no quotient may have this energy as its divisor."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.0))
     run = vx.march(system, [0.0, 1.0, 1.0 + 5.9e-16, 2.0])
     assert run.state[-1] == pytest.approx([1.0, 0.0])

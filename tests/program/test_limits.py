@@ -18,7 +18,7 @@ HEIGHT = 0.5
 
 
 def test_a_wall_and_a_buffer_stop_two_springs():
-    """A wall at 0.3 stops the first unknown. A buffer of compliance 0.5 at 0.2 yields to the second."""
+    """A wall at 0.3 stops the first unknown. At 0.2 the second unknown meets a buffer of compliance 0.5."""
     system = vx.System(
         np.diag([2.0, 4.0]), lambda t: [t, 4 * t], limits=vx.Limits(np.eye(2), [0.3, 0.2], compliance=[0.0, 0.5])
     )
@@ -46,7 +46,7 @@ def lower_block(depth, gap, stiffness=None, n=4, **options):
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
-    """The strain is (depth - gap) / H once the gap is closed, less what a compliant obstacle yields."""
+    """Once the gap is closed, the strain is (depth - gap - compression of the obstacle) / H."""
     gap = 0.01
 
     def depth(t):
@@ -72,7 +72,7 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @pytest.mark.parametrize("start", ["settled", None])
 def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
-    """The strain is (interference - yield) / H, from the start or with a gap that falls."""
+    """The strain is (interference - compression of the obstacle) / H, both at a settled start and as the gap falls."""
     share = 1.0 if start == "settled" else TIMES / TIMES[-1]
     gap = -0.01 if start == "settled" else lambda x, t: np.full(len(x), -0.01 * t / TIMES[-1])
     history = lower_block(lambda t: 0.0, gap, stiffness, n=2, initial=start)

@@ -1,4 +1,4 @@
-"""The scale of relative errors: states without energy, extreme units, and loads whose energy is no number."""
+"""The scale of relative errors: states without energy, extreme units, loads whose energy over- or underflows."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
     for n in range(2):
         assert -motion[n, 1] < GAP
         assert np.abs(history.displacement[n] - motion[n]).max() <= 10 * accuracy * np.abs(motion).max()
-        # A node displaced by x costs at least x^2 / (K^{-1})_ii; mu is 385, and the body has size one.
+        # If a node moves by x, the squared norm is at least x^2 / (K^{-1})_ii; mu is 385, and the body has size one.
         assert history.trajectory.norm[n] <= 10 * accuracy * 20 * np.abs(motion).max()
 
 
@@ -88,13 +88,13 @@ def test_units_change_answers_by_rounding_only(kind, a, b):
 
 @pytest.mark.parametrize("force", [1e-300, 1e155])
 @pytest.mark.parametrize("kind", KINDS)
-def test_loads_whose_energy_is_no_number_are_refused(force, kind):
+def test_loads_whose_energy_overflows_or_underflows_are_refused(force, kind):
     with pytest.raises(vx.SceneError, match=r"^data: loads and motions in the step to t = 0\.5 have an energy norm of"):
         vx.simulate(make_pulled_block(kind, force), vx.meshes.squares(3), [0.0, 0.5, 1.0])
 
 
 def make_held_block(force):
-    """Return a block on a rough floor, pulled by a force per area of time."""
+    """Return a block on a rough floor, which is pulled by the traction `force(t)`."""
     return vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.Clamp(on="right"),
@@ -107,7 +107,7 @@ def make_held_block(force):
 @pytest.mark.long
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_a_start_out_of_balance_is_certified(off):
-    """The start misses balance by `off` of the energy norm. The exact run adds one step at times[0] from there."""
+    """The start is out of balance by `off` of the energy norm. The exact run first steps from it to times[0]."""
     mesh, times = small("voronoi", 3), np.linspace(0, 1, 4)
     scene = make_held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")

@@ -14,7 +14,7 @@ ALONE = "nothing but friction or one-sided contact holds the body against the tr
 
 
 def make_slab(pull, course=np.sin):
-    """Return a block on a rough floor. `pull` times `course(t)` acts on one unit of length, its left side."""
+    """Return a block on a rough floor. The traction pull * course(t) acts on its left side, which has length 1."""
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),
         vx.Traction(lambda x, t: np.column_stack([np.full(len(x), pull * course(t)), np.zeros(len(x))]), on="left"),
@@ -90,7 +90,7 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
         vx.Traction((0.0, -1.0), on="top"),
         vx.Traction(lambda x, t: [push * t / len(sides), 0.0], on=sides),
     )
-    # Rounding hides a motion that the load exceeds by less than 1e-9; then the step is refused as not certified.
+    # Rounding hides an excess of the load below 1e-9; then the step is refused as not certified.
     refused = (vx.SceneError, vx.NotCertified) if beyond <= 1e-9 else vx.SceneError
     reason = "" if beyond <= 1e-9 else ".* there is no equilibrium"
     with pytest.raises(refused, match=f"^step 2 at t = 1: {reason}"):
@@ -101,7 +101,7 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
     ("modes", "norms", "message"),
     [
         ([[1.0], [2.0]], vx.Norms(np.eye(2), 1.0), "the motion sliding is not in the kernel"),
-        # The row moves by the rounding error of one.
+        # The motion moves the row only by the rounding error of one.
         ([[1.0], [1.0]], vx.Norms(np.array([[1.0, 2.0**-53 - 1.0]]), 1.0), r"\(sliding\) moves no norm term"),
         ([[1.0], [1.0], [1.0]], vx.Norms(np.eye(2), 1.0), "wanted one column of 2 numbers per motion"),
     ],
@@ -121,7 +121,7 @@ def make_floating_program(rows, limits, push, w):
 
 @mostly_long("block, modes", [(1, 3), (2, 6), (1, 6), (2, 3)], 0, 1)
 def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, modes):
-    """Along a motion c the strongest load is that of lam_i = w_i G_i c / |G_i c| and of limits that c presses."""
+    """The strongest load along c is the force of lam_i = w_i G_i c / |G_i c| and of the limits that c presses."""
     rng = np.random.default_rng(block + 10 * modes)
     beyond = 1e-8 if block == 1 else 1e-7
     for _ in range(10):
@@ -139,7 +139,7 @@ def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, mode
 
 @pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
 def test_a_sliding_motion_is_free_of_rounding():
-    """A transverse part of 1e-15 would press against contact. Rails inclined by 1e-9 are no rounding."""
+    """A transverse part of 1e-15 would press on the contact. An inclination of 1e-9 is no rounding error, and stays."""
     unit = small("voronoi", 4)
     rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))

@@ -98,7 +98,7 @@ def test_multipliers_are_computed_from_an_increment(seed, separate):
 
 
 def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
-    """lam = w s / |s|: few floats have the length w. Rotating lam by an angle a costs w|s| a^2 / 2."""
+    """Few vectors of floats have exactly the length w. Rotating lam by an angle a costs w|s| a^2 / 2."""
     rng = np.random.default_rng(0)
     n = 200
     w, s = rng.uniform(0.5, 2.0, n), rng.normal(size=(n, 2))
@@ -150,7 +150,7 @@ def test_soft_thresholding_in_a_box_is_certified(soft):
 
 
 def make_exact_program(seed, block):
-    """Return a program and its answer, known by construction in numbers of few bits."""
+    """Return a program and its exact answer, which consist of numbers of few bits."""
     rng = np.random.default_rng(seed)
     n, m, r = 8, 3, 2
     root = rng.integers(-3, 4, (n, n)).astype(float)
@@ -183,7 +183,7 @@ def compute_distance(K, one, two):
 @mostly_long("seeds", [range(2), range(2, 40)], ids=["2", "38 more"])
 @pytest.mark.parametrize("block", [1, 2])
 def test_certificate_and_floor_bound_the_error(block, seeds):
-    """Answers are Newton's and perturbed ones. Slips below 1e-9 of the motions count as none."""
+    """The answers are Newton's answer and perturbed exact answers. Slips below 1e-9 of the motions count as zero."""
     for seed in seeds:
         program, exact, lam, p = make_exact_program(seed, block)
         K, size = program.operators.K, program.operators.energy_norm(exact)
@@ -205,7 +205,7 @@ def test_certificate_and_floor_bound_the_error(block, seeds):
 def test_feasible_moves_a_point_beyond_a_vertex_back_to_it(seed):
     """K = I. Two oblique bounds, with forces p > 0, meet at the answer; d is 1e-9 away from it.
 
-    With c = |d - d*|, the nearest feasible point is at most 2 c / sin away; p.(e - D d) <= (p_1 + p_2) |D| |d - d*|.
+    With c = |d - d*|, the nearest feasible point is at most 2 c / sin(angle) away; p.(e - D d) <= (p_1 + p_2) |D| c.
     """
     rng = np.random.default_rng(seed)
     angle = rng.uniform(0.05, 0.95) * np.pi

@@ -9,7 +9,7 @@ import vemcvx as vx
 
 @pytest.mark.parametrize("block", [1, 2])
 def test_terms_of_infinite_weight_always_stick(block):
-    """The answer is that on the null space of their rows, by every solver; the multiplier balances the forces."""
+    """Every solver finds the minimiser on the null space of these rows, and the multiplier that balances all forces."""
     rng, n, m = np.random.default_rng(3), 8, 3
     root, B, D = rng.normal(size=(n, n)), rng.normal(size=(m * block, n)), rng.normal(size=(2, n))
     K, g, b = root @ root.T + np.eye(n), 3.0 * rng.normal(size=n), 0.1 * rng.normal(size=m * block)
@@ -28,7 +28,7 @@ def test_terms_of_infinite_weight_always_stick(block):
         assert certificate.error < 1e-6
         assert np.abs(answer.d - d).max() <= 1e-6
         assert answer.lam[1] == pytest.approx(lam, abs=1e-5)
-    # The certificate moves an answer that slips there back, and counts the distance.
+    # If an answer slips at such a term, the certificate moves it back and counts the distance.
     assert program.certify(d + 0.01, answer.lam, answer.p).error > 0.01
     assert program.objective(d + 0.01) == np.inf
     assert program.certify(d).error < 1e-6

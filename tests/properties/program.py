@@ -17,7 +17,7 @@ POOR = st.floats(2, 6).map(lambda x: vx.Clarabel(accuracy=10**-x, options=dict.f
 
 
 def draw_increments(run, n, size, rng):
-    """Return increments: random ones of the size of the step, some near the answer, and the one without friction."""
+    """Return increments: random increments, some near the answer, zero, and the increment without friction."""
     d, program = run.increment(n), run.program(n)
     free = np.linalg.solve(run.case.K, program.g)
     random = size * run.energy.norm(free) * np.linalg.solve(run.energy.factor, rng.normal(size=len(d)))
@@ -48,10 +48,10 @@ def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
     All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and lam.s
-    misses w|s| by at most the gap. The gap may be that of a nearby increment, at a distance |v|_K <= error / 2
+    misses w|s| by at most the gap. The gap may belong to a nearby increment, at a distance |v|_K <= error / 2
     (theorem 2 of :mod:`vemcvx.program.certificate`); w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| <= f_i^{1/2} |v|_K.
-    Both quantities are computed from stored states, whose rounding is added. In blocks of two |lam| <= w holds up to
-    the rounding of a division and a root.
+    Both quantities are computed from stored states, whose rounding errors are added. In blocks of two |lam| <= w holds
+    up to the rounding of a division and a root.
     """
     solver = {"N": vx.Newton, "C": vx.Clarabel}[which](accuracy=10**-exponent)
     run = marched(case, solver)
@@ -91,7 +91,7 @@ def no_competitor_is_better(case, size, seed):
 
 @for_all(case=cases(), poor=POOR, size=exponents(-6, 1), seed=SEEDS)
 def certificates_bound_the_true_error(case, poor, size, seed):
-    """A poor answer differs from a sharp one, in a step from the same state, by at most both certificates.
+    """A poor answer differs from a sharp answer, in a step from the same state, by at most the sum of both errors.
 
     The sharp answer is Newton's. Random increments with its multipliers are certified, too: where no term changes
     between stick and slip, their gap is exactly 1/2 |c - d*|_K^2, so that a certificate that is slightly too small

@@ -57,7 +57,7 @@ class Energy:
         return float(np.sqrt(blur @ np.abs(self.K) @ blur))
 
     def rounding_of_forces(self, f, *states):
-        """Return the rounding error of f - K y in the norm of forces: n + 2 roundings per row, with M for |K|."""
+        """Return the rounding error of f - K y in the norm of forces: n + 2 roundings per row, and M replaces |K|."""
         size = np.abs(f) + majorant(self.K) @ sum(map(np.abs, states))
         return self.of_blurred_force((len(f) + 2) * EPS * size)
 
@@ -121,11 +121,11 @@ class Marched:
         return (len(known) + 3) * EPS * total
 
     def capped_weights(self, n):
-        """Return weights (m,) reduced to what step n can reach; the answer stays the same.
+        """Return weights (m,), reduced to the largest possible |lam_i| of step n; the answer stays the same.
 
         B'lam = K r, where r is a projection of a = K^{-1} g (see `steps_are_stable`), so |r|_K is at most the norm of
         the part of a in the range of K^{-1} B': lam'C lam <= (B a)'C^{-1} B a, C = B K^{-1} B'. Hence |lam_i|^2 is at
-        most that value times the norm of block (i, i) of C^{-1}.
+        most (B a)'C^{-1} B a times the norm of block (i, i) of C^{-1}.
         """
         case, B, terms = self.case, self.case.B.toarray(), len(self.case.weights[n])
         inverse = np.linalg.inv(B @ np.linalg.solve(case.K, B.T))

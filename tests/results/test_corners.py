@@ -1,4 +1,4 @@
-"""Corners where stress may be unbounded, and the words with which extremes there are marked."""
+"""Corners where stress may be unbounded, and the words that mark extremes at these corners."""
 
 import json
 
@@ -38,7 +38,7 @@ def mark_at(history, place):
 
 @pytest.mark.long
 def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
-    """From squares of 1/8 to 1/16 the pressure at the corner grows by 2^.29, the exponent of Williams."""
+    """From squares of 1/8 to squares of 1/16 the pressure at the corner grows by 2^.29; .29 is Williams's exponent."""
     found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
     told = marks(found[16])
     assert told["von_mises"] == told["largest_principal_stress"] == CLAMP
@@ -59,15 +59,15 @@ def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
         (vx.Clamp(on="bottom"), (0.25, 0.0), ""),
     ],
 )
-def test_angles_and_conditions_decide(held, place, words):
-    """Equal conditions are marked above 180 degrees, clamp beside free side from 90 degrees, symmetry never."""
+def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, place, words):
+    """Corners between equal conditions are marked above 180 degrees, clamp and free side from 90, symmetry never."""
     load = vx.Traction((0.0, -1.0), on="left")
     assert mark_at(run_settled(vx.meshes.l_shape(8), STEEL, held, load), place) == words
 
 
 @pytest.mark.parametrize(("degrees", "words"), [(90, ""), (120, f"at a corner of clamp and contact{MAY}")])
 def test_frictionless_contact_counts_as_symmetry(degrees, words):
-    """By symmetry the corner of clamp and contact has twice the angle between two clamps: singular above 180."""
+    """With its mirror image the corner has twice the angle, between two clamps, and is singular above 180 degrees."""
     lean = 1.0 / np.tan(np.radians(degrees))
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [lean, 1]]), [[0, 1, 2, 3]]).refine().refine()
     mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] - lean * x[:, 1]) < 1e-9)

@@ -1,4 +1,4 @@
-"""Extremes are those of the whole history: after a cycle of loads the last step has none of them."""
+"""Extremes are taken over the whole history: after a cycle of loads the last step has none of them."""
 
 import json
 
@@ -10,7 +10,7 @@ import vemcvx as vx
 
 
 def press_and_pull(x, t):
-    """Return a traction that presses and shears: it grows up to t = 1.25 and falls to half of that at t = 2."""
+    """Return a traction that presses and shears: it grows up to t = 1.25 and falls to half of its peak at t = 2."""
     size = t if t <= 1.25 else 1.25 - 0.625 * (t - 1.25) / 0.75
     return np.tile([0.3 * size] + [0.0] * (x.shape[1] - 2) + [-size], (len(x), 1))
 
@@ -49,7 +49,7 @@ def fields(history):
     }
 
 
-def test_extremes_are_those_of_all_stored_steps(history):
+def test_extremes_are_taken_over_all_stored_steps(history):
     expected = fields(history)
     assert [one.name for one in history.extremes] == list(expected)
     for one in history.extremes:

@@ -1,4 +1,4 @@
-"""Reactions, forces and moments of sides, sections of the body, and means: each belongs to an effect, all balance."""
+"""Reactions, forces and moments of sides, forces in sections, means: forces belong to effects, and balance."""
 
 import json
 
@@ -16,7 +16,7 @@ STEEL = vx.Elasticity(1000.0, 0.3)
 
 
 def assert_balanced(history, scene=None):
-    """Check that forces and loads balance in all and at every node, except at the start of a viscous run.
+    """Check that forces and loads balance in total and at every node, except at the start of a viscous run.
 
     `scene` gives the material of a history that has no scene of its own.
     """
@@ -130,7 +130,7 @@ def test_a_section_includes_prestress():
 
 
 def test_means_of_stresses_and_of_linear_displacements_are_exact(dragged):
-    """The mean of sigma_xy of the lower block is its mean on the top, .6. A linear field has its centroid's value."""
+    """The mean of sigma_xy in the lower block is .6, as on its top. A linear field has its value at the centroid."""
     assert dragged.mean("stress", on="low")[-1][2] == pytest.approx(0.6, abs=1e-12)
     mesh, gradient = small("voronoi", 4, seed=2), np.array([[1e-3, 0], [2e-3, 3e-3]])
     stretch = vx.PrescribedDisplacement(lambda x, t: t * x @ gradient, on="boundary")

@@ -28,7 +28,7 @@ def draw_points(n, seed=0):
 
 
 def make_comb():
-    """Return a mesh with two slots: a nonconvex cell of twelve corners around an empty square, and a square."""
+    """Return a mesh of two cells: a comb of twelve corners with two slots, and a square on its middle tooth."""
     outline = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]
     return vx.PolygonMesh(np.array([*outline, [3, 4], [2, 4]], dtype=float), [list(range(12)), [7, 6, 12, 13]])
 
@@ -59,7 +59,7 @@ def test_nodes_have_their_own_values_and_edges_interpolate_them(family):
     a, b = history.displacement[:, ends[:, 0]], history.displacement[:, ends[:, 1]]
     for t in (0.5, 0.2):
         x = (1 - t) * mesh.points[ends[:, 0]] + t * mesh.points[ends[:, 1]]
-        # Some edges are 1e-3 long: t is known to 1e-13 there.
+        # Some edges have a length of 1e-3, on which t has an error of 1e-13.
         assert np.abs(history.probe(x) - ((1 - t) * a + t * b)).max() < 1e-11 * np.abs(a).max()
 
 

@@ -1,4 +1,4 @@
-"""Cracks whose lips touch, rub and part, under uniform strain: Griffith's in a plate and Sneddon's in space."""
+"""Cracks whose lips touch, rub and part, under uniform strain: Griffith's crack in a plate, Sneddon's in space."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ AT = {name: row for row, name in enumerate(COURSE)}
 
 
 def gradient(t):
-    """Return the displacement gradient of these stresses in plane strain; stress xx is zero."""
+    """Return the displacement gradient of the stresses in COURSE, in plane strain; stress xx is zero."""
     yy, xy = list(COURSE.values())[round(t)]
     mu = YOUNG / (2 * (1 + POISSON))
     return np.array([[-POISSON * yy, xy], [0.0, (1 - POISSON) * yy]]) / [[2 * mu, mu], [1.0, 2 * mu]]
@@ -91,7 +91,7 @@ def test_an_open_crack_bears_nothing(cracked):
 
 
 @pytest.mark.slow
-def test_the_opening_converges_to_griffiths():
+def test_the_opening_of_a_plane_crack_converges_to_griffiths_closed_form():
     """The middle of a crack in an infinite plate opens by 4 (1 - nu^2) sigma a / E; tips cause an error O(h)."""
     exact, found = 4 * (1 - POISSON**2) / YOUNG * HALF, []
     for n in (32, 64, 128):
@@ -128,7 +128,7 @@ def pulled(mesh, stress):
 
 
 @pytest.mark.slow
-def test_the_opening_of_a_round_crack_converges_to_sneddons():
+def test_the_opening_of_a_round_crack_converges_to_sneddons_closed_form():
     """In an infinite body the middle opens by 8 (1 - nu^2) sigma a / (pi E) (Proc. R. Soc. A 187 (1946))."""
     found = []
     for n in (4, 8, 16):

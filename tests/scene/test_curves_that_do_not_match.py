@@ -41,7 +41,7 @@ def test_normals_of_a_circle_are_radial(cells, order, named, digits):
     x = mesh.points[rows.nodes]
     sign = 1 if named[0] == "inner" else -1
     assert len(rows.nodes) > min(cells)
-    # Rounding points to five digits turns sides by 1e-5 over their length, which is at most 2 pi JOINT / cells.
+    # Points rounded to five digits rotate a side by 1e-5 / length; a side has the length 2 pi JOINT / cells.
     loose = 1e-12 if digits == 16 else 1e-5 * max(cells)
     assert np.abs(rows.normals - sign * x / np.hypot(*x.T)[:, None]).max() < loose
 

@@ -19,7 +19,7 @@ def course(t):
 
 
 def drag(direction):
-    """Move the left side along, as a whole or free to rise and sink."""
+    """Return a support that moves the left side along x, rigidly or free to rise and sink."""
     if direction is None:
         return vx.PrescribedDisplacement(lambda x, t: [course(t), 0.0], on="left")
     return vx.PrescribedDisplacement(lambda x, t: -course(t), on="left", direction=direction)
@@ -40,7 +40,7 @@ def ledger_rest(history):
 @pytest.mark.parametrize("direction", [None, "normal"])
 @pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
 def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, touch):
-    """While the whole block moves, the side bears the friction g L of the floor, including its corner."""
+    """While the whole block moves, the side bears the friction g L of the floor, including the corner node."""
     g, mesh = 1.0, small(family, 4)
     press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
     scene = vx.Scene(

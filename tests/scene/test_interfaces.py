@@ -90,13 +90,13 @@ def assert_patch(mesh, kind):
 
 @mostly_long("kind", CONTACTS, "bilateral", "stuck by Coulomb", "sliding")
 @mostly_long("family", PLANE, "voronoi")
-def test_constant_stress_passes(family, kind):
+def test_constant_stress_passes_an_interface(family, kind):
     assert_patch(two_blocks(family, NEXT[family], (3, 2)), kind)
 
 
 @pytest.mark.parametrize("kind", ["sliding", *(pytest.param(k, marks=pytest.mark.slow) for k in list(CONTACTS)[:-1])])
 @mostly_long("family", SPACE, "cubes")
-def test_constant_stress_passes_in_space(family, kind):
+def test_constant_stress_passes_an_interface_in_space(family, kind):
     n = (2, 2) if "kelvin" in (family, NEXT[family]) else (3, 2)
     assert_patch(two_blocks(family, NEXT[family], n, angle=0.4 if kind == "sliding" else 0.0), kind)
 
@@ -171,7 +171,7 @@ def test_constant_stress_passes_where_blocks_meet_at_an_edge_or_a_point(layers, 
 
 
 def turned_in(sides):
-    """Simulate a polygonal ring that turns inside a fixed one with equally many sides."""
+    """Simulate a polygonal ring that turns inside a fixed ring with the same number of sides."""
     mesh = bodies({"a": vx.meshes.ring([1.0, 2.0], sides), "b": vx.meshes.ring([2.0, 3.0], sides)})
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.3),

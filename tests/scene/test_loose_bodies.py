@@ -93,7 +93,7 @@ def test_a_refusal_names_the_direction_of_the_load(mesh, held, load, motion):
 
 
 def test_a_skew_body_in_space_is_held_by_a_clamp():
-    """Rotations about the axes of a skew body are not orthogonal, because these are no axes of inertia."""
+    """Rotations about the coordinate axes are not orthogonal, because these are no principal axes of inertia."""
     block = vx.meshes.cubes(2)
     skew = block.points + np.column_stack([0 * block.points[:, :2], block.points[:, 0]])
     arrays = {name: getattr(block, name) for name in block.ARRAYS if name != "points"}

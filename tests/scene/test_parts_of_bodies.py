@@ -31,7 +31,7 @@ def mirrored(mesh, axis):
 
 
 def check_fields(part, whole, loose):
-    """Check that contact fields of a part equal those of the whole body; return the indices of its nodes there."""
+    """Check that a part has the contact fields of the whole body; return the indices of its nodes in the whole."""
     one, two = part.contact, whole.contact
     apart = np.linalg.norm(one.points[:, None] - two.points, axis=2)
     there = apart.argmin(axis=1)
@@ -181,7 +181,7 @@ def test_a_wedge_on_a_line_of_symmetry_has_the_normals_of_the_whole_body(degrees
 
 
 @mostly_long("angle", [0.0, 0.3, 0.7, 2.0], 2)
-def test_straight_sides_across_a_line_of_symmetry_keep_their_normals_to_the_bit(angle):
+def test_straight_sides_across_a_line_of_symmetry_keep_their_normals_bit_for_bit(angle):
     mesh = moved(vx.meshes.squares(4), rotation(angle))
     assert np.array_equal(normal_at_the_end(mesh, vx.Symmetry(on=["left", "right"])), normal_at_the_end(mesh))
 

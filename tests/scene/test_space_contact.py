@@ -14,7 +14,7 @@ SHARP = vx.Newton(accuracy=1e-11)
 
 
 def test_contact_holds_every_normal_at_edges_and_corners():
-    """Of a cube in a corner, nodes slide along one wall, nodes of edges along their edge, and the corner is fixed."""
+    """A cube lies in a corner: nodes on one wall slide along it, nodes on two along an edge; the corner is fixed."""
     mesh = vx.meshes.cubes(2)
     walls = ["left", "front", "bottom"]
     scene = vx.Scene(
@@ -102,7 +102,7 @@ def test_a_block_agrees_with_scikit_fem_and_cvxpy():
 
 
 def test_wear_is_traction_times_displacement():
-    """At edges friction acts in two planes, and the slip across their mean normal is smaller."""
+    """At edges friction acts in two planes; `slip` lacks the component along the mean normal, and is smaller."""
     mesh, sides = vx.meshes.cubes(2), ["bottom", "left"]
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
@@ -127,7 +127,7 @@ def test_wear_is_traction_times_displacement():
 # Edges of contact.
 
 FEW = 60
-"""Most linear systems per step: 38 were measured, and 200 if redundant rows were not handled."""
+"""Largest number of linear systems per step: 38 were measured; without handling of redundant rows, 200."""
 
 
 def pressed_into_corner(on, friction, n=2):

@@ -37,7 +37,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [2, 0, 1]])
 def test_dependent_bounds_are_obeyed(order):
-    """Three bounds on two unknowns, in any order, have their closed form: the right corner."""
+    """Of three bounds on two unknowns, the two of the closed form are active, in any order of the bounds."""
     mu, loads = 0.3, np.array([[0, 0, 0], [0.2, -0.5, 0.2], [1.0, 0.6, 0.9]])
     D = np.array([[1.0, 0, 0], [0, 1, 0], [2 / 5**0.5, 1 / 5**0.5, 0]])[order]
     law = vx.Law(
@@ -81,7 +81,7 @@ def test_discs_that_share_a_node_settle(seed):
 
 
 UNSETTLED = {88, 101, 177, 248, 1053, 1196}
-"""Coulomb's law, and friction while closed: not convex, and sets do not settle within `max_iterations`."""
+"""Seeds with Coulomb's law or friction while closed, not convex, whose sets do not settle in `max_iterations`."""
 
 
 @pytest.mark.slow

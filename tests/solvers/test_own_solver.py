@@ -154,7 +154,7 @@ def test_wrong_solvers_are_refused(solver, message):
 
 @mostly_long("mesh", [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"])
 def test_increments_suffice_where_rows_share_unknowns(mesh):
-    """Two rough sides meet. Forces computed from d obey their bounds, and |d - d*| is rounding."""
+    """Two rough sides meet. Forces computed from d obey their bounds, and |d - d*| is a rounding error."""
     push = (-3.0, -5.0, -5.0)[: mesh.points.shape[1]]
     rough = vx.UnilateralContact(["bottom", "left"]), vx.TrescaFriction(0.5, "bottom"), vx.TrescaFriction(0.3, "left")
     top = vx.Traction(lambda x, t: np.multiply(t, push), on="top")
@@ -190,7 +190,7 @@ def test_the_command_line_runs_a_solver_from_a_file(mine):
     assert "Traceback" not in output
 
 
-def test_a_file_may_have_solver_objects_and_classes_and_names_are_those_of_cvxpy(mine):
+def test_solvers_are_objects_or_classes_of_a_file_or_names_of_cvxpy(mine):
     assert repr(make_solver(f"{mine}:ready", None)) == "Greedy(accuracy=1e-06, appetite=3)"
     assert make_solver(f"{mine}:Mine", 1e-3).accuracy == 1e-3
     assert isinstance(make_solver(f"{mine}:Quick", 1e-3), vx.Newton)

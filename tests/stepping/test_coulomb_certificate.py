@@ -141,7 +141,7 @@ def test_clarabel_helps_newton_where_iterations_run_out():
 
 @pytest.mark.long
 def test_outputs_name_the_kind_of_certificate(tmp_path):
-    """History, summary and summary.json name it; with given friction bounds, a certificate is a bound."""
+    """History, summary and summary.json name the kind; if friction bounds are given, it is "bound"."""
     mesh, given = vx.meshes.squares(2), vx.TrescaFriction(0.3, on="bottom")
     follows = vx.simulate(resting(), mesh, [0.0, 1.0], initial="settled")
     tresca = resting().without(vx.CoulombFriction).without(vx.UnilateralContact)

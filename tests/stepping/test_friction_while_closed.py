@@ -1,4 +1,4 @@
-"""Friction with a given bound beside one-sided contact: everywhere, with a warning, or while closed only."""
+"""Friction with a given bound on one-sided contact acts everywhere, with a warning, or only while contact is closed."""
 
 import warnings
 

@@ -83,7 +83,7 @@ def test_a_full_disk_raises_an_error_before_the_first_step(tmp_path, monkeypatch
 
 @pytest.mark.long
 def test_a_killed_run_can_be_resumed(tmp_path):
-    """After kill -9, stored steps are readable and the run continues behind them."""
+    """After kill -9, stored steps are readable and the run continues after them."""
     code = (
         "import sys, time; sys.path.insert(0, sys.argv[1]); import numpy as np, vemcvx as vx\n"
         "from scenes import cyclic, paper_scene, small\n"
@@ -92,7 +92,7 @@ def test_a_killed_run_can_be_resumed(tmp_path):
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(Path(__file__).parents[1] / "shared"), str(tmp_path)])
     deadline, checkpoint, done = time.time() + 60, tmp_path / "checkpoint.npy", 0
-    while done <= 0 and time.time() < deadline:  # The first eight steps are entered together.
+    while done <= 0 and time.time() < deadline:  # The first eight steps are recorded together.
         time.sleep(0.02)
         there = checkpoint.exists() and checkpoint.stat().st_size == 168  # a header, and five numbers
         done = int(np.load(checkpoint)[0]) if there else 0

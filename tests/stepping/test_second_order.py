@@ -32,8 +32,8 @@ def test_friction_work_and_work_are_of_second_order():
             best = getattr(truth, f"{name}_second_order")[-1]
             errors[kind] = [abs(getattr(runs[steps], kind)[-1] - best) / best for steps in (24, 48)]
         first, second = errors[name], errors[f"{name}_second_order"]
-        # Half of the step leaves half of an error of first order, and a quarter of one of second order; a third
-        # allows for the steps in which nodes begin to slip.
+        # Halving the step halves errors of first order and quarters errors of second order. The limit of a third
+        # allows for steps in which nodes begin to slip.
         assert first[1] > 0.4 * first[0]
         assert second[1] < 0.34 * second[0]
         assert second[0] < 0.2 * first[0]
@@ -63,7 +63,7 @@ def test_both_friction_works_agree_for_constant_bounds():
 
 @mostly_long("viscous", [False, True])
 def test_friction_work_under_a_law_of_earlier_slip_is_of_second_order(viscous):
-    """A block that slides by a loses int exp(-A / d) dA = d (1 - exp(-a / d)) per length."""
+    """Sliding by a distance a dissipates int exp(-A / d) dA = d (1 - exp(-a / d)) per length."""
     d, way = 0.3, 0.2
     wears = Law(lambda t, p, past, slip: np.exp(-past / d), softening=0.0)
     move = vx.PrescribedDisplacement(lambda x, t: [way * t, 0.0], on="top")

@@ -1,4 +1,4 @@
-"""Laws whose weights depend on slip, of the step or of earlier steps, and perhaps on contact forces."""
+"""Laws of friction whose weights depend on the slip of the step or of earlier steps, and perhaps on contact forces."""
 
 import cvxpy as cp
 import meshio
@@ -30,7 +30,7 @@ def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCH
 
 @pytest.mark.long
 def test_coulombs_coefficient_may_fall_with_slip():
-    """A block is pressed by p and sheared: friction is mu(A) p at every instant and node, with the slip A."""
+    """A block is pressed by p and sheared: friction is mu(A) p at every instant and node, with the accumulated slip A."""
     young, height, p, k = 26.0, 0.5, 2.0, 5.0
     times, stiff = np.linspace(0.0, 1.0, 11), young / 2 / height
     q, a = np.zeros(len(times)), np.zeros(len(times))
@@ -76,7 +76,7 @@ PRESSED = {"contact": vx.UnilateralContact(on="bottom"), "load": lambda x, t: to
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(1e-9), vx.Clarabel(1e-6)], ids=["Newton", "Clarabel"])
 def test_coulombs_coefficient_may_depend_on_earlier_slip(solver):
-    """A law of pressure and earlier slip is Coulomb's law in each step, with the coefficient for this slip."""
+    """In each step the law is Coulomb's law, with a coefficient that depends on earlier slip."""
     history = simulate(Law(worn, pressed=True, slope=worn_slope), solver=solver, **PRESSED)
     assert history.certificate_kind == "for the given friction"
     contact = history.contact
@@ -135,7 +135,7 @@ def block(distance):
 @pytest.mark.long
 @pytest.mark.parametrize("rise", [10.0, 100.0, 1e5])
 def test_friction_may_rise_steeply_with_slip(rise):
-    """With g = g_0 + h A, the slip is (mu U / H - g_0) / (mu / H + h); fixed points need h < mu / H = 20."""
+    """With g = g_0 + h A, the slip is (mu U / H - g_0) / (mu / H + h); fixed-point iteration needs h < mu / H = 20."""
     hard = Law(lambda t, pressure, before, slip: 0.2 + rise * (before + slip), softening=0.0)
     scene = block(0.1).without(SlipWeakening).with_(hard)
     history = vx.simulate(scene, vx.meshes.squares(3, box=((0, 1), (0, 0.5))), [0.0, 0.4, 1.0], solver=vx.Newton(1e-9))
@@ -226,7 +226,7 @@ def test_error_budgets_refuse_laws_of_slip():
 
 
 def random_system(rng, n=6, healing=False):
-    """Return a small body and its law of weights: they fall with slip to a constant and, if `healing`, grow in time."""
+    """Return a small body and its law of weights, which fall with slip to a constant and, if `healing`, grow in time."""
     m = n - 1
     root = rng.normal(size=(n, n))
     K = root @ root.T / n + 0.5 * np.eye(n)

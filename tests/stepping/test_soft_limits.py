@@ -79,7 +79,7 @@ def joint(k):
 @pytest.mark.parametrize("k", [1e-4, 1e-6])
 @pytest.mark.parametrize("condense", [True, False])
 def test_certificates_bound_the_distance_to_exact_steps(k, kind, condense):
-    """Exact steps have 512 bits."""
+    """Exact steps are computed with 512 bits."""
     mesh = small("voronoi", 3, box=((0, 2), (0, 1)))
     if kind == "joint":
         scene, mesh = joint(k)

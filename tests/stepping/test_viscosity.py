@@ -68,8 +68,8 @@ FLOORS = {
 def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(family, solver, floor, tau):
     """A block is pressed and sheared to and fro: |mu gamma + eta gamma'| <= g, with equality while it slips.
 
-    With r = tau / k and the top at U_n:  u = (a + gamma y, 0); stick gamma = (U_n - a) / H while
-    |mu (gamma + r (gamma - gamma_prev))| <= g, else mu (gamma + r (gamma - gamma_prev)) = +-g.
+    With r = tau / k and the top at U_n, u = (a + gamma y, 0). While the block sticks, gamma = (U_n - a) / H and
+    |mu (gamma + r (gamma - gamma_prev))| <= g; while it slips, mu (gamma + r (gamma - gamma_prev)) = +-g.
     """
     times = np.linspace(0, 5, 21)
     U = 2.5 * G * H / MU * np.interp(times, [0, 1, 3, 5], [0, 1, -1, 1])
@@ -114,7 +114,7 @@ def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(famil
 @few_families
 @mostly_long("store", ["all", 3], 1)
 def test_reactions_include_the_forces_of_dashpots(family, store):
-    """Supports and floor bear the whole load, also while dashpots still bear a part of it."""
+    """Forces of supports and floor, which include the forces of dashpots there, balance the load at every instant."""
     scene = vx.Scene(
         *solid(),
         vx.PrescribedDisplacement(0.0, on="left", direction="normal"),

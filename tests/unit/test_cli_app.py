@@ -291,7 +291,7 @@ def test_sliders_change_numbers_and_picture_in_a_browser(ran, address, tmp_path)
     from selenium.webdriver.support.wait import WebDriverWait
 
     def shown(after):
-        """Return the picture and the numbers as soon as both differ from those of `after`."""
+        """Return the picture and the numbers as soon as both differ from the pair `after`."""
         waiting = WebDriverWait(browser, 120, poll_frequency=0.2)
         picture = waiting.until(lambda b: (now := b.execute_script(PICTURE)) != after[0] and now)
         numbers = waiting.until(lambda b: (now := b.execute_script(NUMBERS)) != after[1] and len(now) == 5 and now)

@@ -15,7 +15,6 @@ import pytest
 from test_cli import invoke, output_of
 
 import vemcvx as vx
-from vemcvx.cli import supplied
 from vemcvx.cli.collection import INSTANCES, CollectionInstance, confirm, write_collection, writing
 from vemcvx.cli.collection.benchmark import kind_of
 from vemcvx.cli.collection.writing import CORE, LARGE, OPTIMA, SEQUENCES, departures
@@ -174,12 +173,9 @@ def test_two_collections_are_equal_byte_for_byte(tmp_path):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
 
 
-def test_unknown_formats_and_missing_problems_are_refused(tmp_path, monkeypatch):
+def test_unknown_formats_are_refused(tmp_path):
     done = invoke("collection", "--out", tmp_path / "new", "--format", "sif")
     assert (done.exit_code, "--format: found format 'sif'" in output_of(done)) == (2, True)
-    monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
-    done = invoke("collection", "--out", tmp_path / "new")
-    assert (done.exit_code, "found no problem files" in output_of(done)) == (2, True)
 
 
 @pytest.mark.slow

@@ -57,7 +57,6 @@ def run(pad, *words):
     [
         (".1,.2, .3", [".1", ".2", ".3"]),
         ("(1,2)", ["(1,2)"]),
-        ("[1,2]", ["[1,2]"]),
         ("(1,2),(3,4)", ["(1,2)", "(3,4)"]),
         ("1,", ["1"]),
         ("hard,2-ply", ["hard", "2-ply"]),
@@ -153,7 +152,6 @@ def test_a_study_with_missed_accuracies_exits_with_three(pad):
     [
         (("--results", "slips"), "--results: there is no result 'slips'"),
         (("--report",), "--report"),
-        (("--resume", "old"), "resume"),
     ],
 )
 def test_options_that_a_study_does_not_have_are_refused(pad, words, message):

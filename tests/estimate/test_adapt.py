@@ -116,7 +116,6 @@ def test_steps_with_large_errors_are_split():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("target", value) for value in (2.0, "fine", True)),
         ("of", "stress"),
         ("most_unknowns", -5),
         ("progress", True),
@@ -135,7 +134,6 @@ def test_wrong_types_of_mesh_and_solver_and_runs_without_estimate_are_refused():
         ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 instead of a mesh"),
         ((viscous, mesh, [0.0, 1.0]), None, "^adapt: there is no estimate for scenes with Viscosity"),
         ((paper_scene(), mesh, [1.0]), None, "adapt: found one instant"),
-        ((paper_scene(), mesh, [0.0, 1.0]), "newton", "^solver: found 'newton'"),
     ):
         with pytest.raises(vx.SceneError, match=message):
             vx.adapt(*arguments, solver=solver)

@@ -30,7 +30,7 @@ def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCH
 
 @pytest.mark.long
 def test_coulombs_coefficient_may_fall_with_slip():
-    """A block is pressed by p and sheared: friction is mu(A) p at every instant and node, with the accumulated slip A."""
+    """A block is pressed by p and sheared: friction is mu(A) p at every instant and node; A is the accumulated slip."""
     young, height, p, k = 26.0, 0.5, 2.0, 5.0
     times, stiff = np.linspace(0.0, 1.0, 11), young / 2 / height
     q, a = np.zeros(len(times)), np.zeros(len(times))
@@ -108,7 +108,6 @@ WRONG = {
     "a softening of forces": (Law(weakening, 30.0, pressed=True), "found softening .* and pressed=True", PRESSING),
     "too small a softening": (Law(weakening, 20.0), r"changes the weight .* softening must be the largest"),
     "a slope": (Law(reads_the_slip, pressed=True, slope=worn_slope), "With a slope, a law may not depend", PRESSING),
-    "no pressure": (Law(coulomb, pressed=True), "no pressure is known"),
     "no pressed=True": (Law(coulomb), "p is empty without pressed=True"),
 }  # fmt: skip
 
@@ -226,7 +225,7 @@ def test_error_budgets_refuse_laws_of_slip():
 
 
 def random_system(rng, n=6, healing=False):
-    """Return a small body and its law of weights, which fall with slip to a constant and, if `healing`, grow in time."""
+    """Return a small body and its law: weights fall with slip to a constant and, if `healing`, grow in time."""
     m = n - 1
     root = rng.normal(size=(n, n))
     K = root @ root.T / n + 0.5 * np.eye(n)

@@ -192,26 +192,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["mesh.vtu"]
 
 
-# Fields on meshes.
-
-
-@pytest.mark.parametrize("mesh", [make("voronoi"), make("kelvin")], ids=["plane", "space"])
-def test_files_keep_fields_at_nodes_and_on_cells(mesh, tmp_path):
-    random, dim = np.random.default_rng(0), mesh.points.shape[1]
-    at_nodes = {"displacement": random.random((mesh.n_nodes, dim)), "pressure": random.random(mesh.n_nodes)}
-    on_cells = {"stress": random.random((mesh.n_cells, 6)), "energy": random.random(mesh.n_cells)}
-    write_cells(tmp_path / "step.vtu", pack_cells(mesh), at_nodes, on_cells)
-    again = read(tmp_path / "step.vtu")
-    for name in mesh.ARRAYS:
-        np.testing.assert_array_equal(getattr(mesh, name), getattr(again, name))
-    for name, values in on_cells.items():
-        np.testing.assert_array_equal(again.cell_data[name], values)
-    if dim == 2:
-        found = meshio.read(tmp_path / "step.vtu").point_data
-        np.testing.assert_array_equal(found["displacement"], np.pad(at_nodes["displacement"], ((0, 0), (0, 1))))
-        np.testing.assert_array_equal(found["pressure"], at_nodes["pressure"])
-
-
 @pytest.mark.long
 def test_meshio_does_not_confuse_fields(tmp_path):
     """Write many compressed fields: meshio replaces offsets in turn, and may take a new offset for an old one."""

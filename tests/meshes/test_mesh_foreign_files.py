@@ -22,6 +22,18 @@ SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 FLAT = "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
 
 
+@pytest.fixture
+def read_text(tmp_path):
+    """Return a function that writes a text to a file with a suffix and reads this file."""
+
+    def write_and_read(suffix, text, **options):
+        path = tmp_path / f"mesh{suffix}"
+        path.write_text(text)
+        return read(path, **options)
+
+    return write_and_read
+
+
 STEEL = [(-1.5e-3, 0.0), (1.5e-3, 0.0), (1.5e-3, 2.5e-3), (-1.5e-3, 2.5e-3)]
 READ = {
     "a3_elset_second.inp": {"data": {"STEEL": [0, 0, 1]}},
@@ -136,14 +148,12 @@ both,
 """
 
 
-def test_a_deck_may_use_every_spelling(tmp_path):
-    path = tmp_path / "deck.inp"
-    path.write_text(DECK)
+def test_a_deck_may_use_every_spelling(read_text):
     with pytest.warns(
         vx.MeshWarning,
         match=r"were not read: the surface free .*both; only sides .* are read., elements of the type CAX4",
     ):
-        mesh = read(path)
+        mesh = read_text(".inp", DECK)
     assert mesh.points.tolist() == [*SQUARE.tolist(), [2.0, 0.0], [2.0, 1.0]]
     assert {name: values.tolist() for name, values in mesh.cell_data.items()} == {
         "Left": [1, 0],
@@ -161,12 +171,11 @@ def test_a_deck_may_use_every_spelling(tmp_path):
     }
 
 
-def test_sets_that_gmsh_makes_of_curves_and_surfaces_are_dropped_if_users_named_their_cells(tmp_path):
+def test_sets_that_gmsh_makes_of_curves_and_surfaces_are_dropped_if_users_named_their_cells(read_text):
     """Read a deck of Gmsh, where every curve and surface is a set, beside the groups of users."""
     lines = "*ELEMENT, TYPE=T3D2, ELSET=Line5\n11, 2, 3\n*ELEMENT, TYPE=T3D2, ELSET=Line6\n12, 1, 2\n"
     cells = "*ELEMENT, TYPE=CPS4, ELSET=Surface1\n1, 1, 2, 3, 4\n*ELSET, ELSET=bore\n11\n*ELSET, ELSET=plate\n1\n"
-    (tmp_path / "gmsh.inp").write_text(FLAT + lines + cells)
-    mesh = read(tmp_path / "gmsh.inp")
+    mesh = read_text(".inp", FLAT + lines + cells)
     assert set(mesh.boundaries) == {"bore", "Line6", "boundary"}
     assert set(mesh.cell_data) == {"plate"}
 
@@ -193,11 +202,9 @@ low.Iron, S3
 """
 
 
-def test_instances_are_bodies_after_translation_and_rotation(tmp_path):
+def test_instances_are_bodies_after_translation_and_rotation(read_text):
     """Place one part twice; the second instance is moved up by 1, then rotated about its middle by 90 degrees."""
-    path = tmp_path / "two.inp"
-    path.write_text(PART + ASSEMBLY)
-    mesh = read(path, bodies="physical")
+    mesh = read_text(".inp", PART + ASSEMBLY, bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
     assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}  # named on one side
     middles = {name: mesh.points[edges].mean(axis=(0, 1)).round(12).tolist() for name, edges in mesh.boundaries.items()}
@@ -235,20 +242,19 @@ INDEPENDENT = f"""*PART, NAME=Block
 """
 
 
-def test_nodes_within_an_instance_are_translated_and_rotated_with_it(tmp_path):
+def test_nodes_within_an_instance_are_translated_and_rotated_with_it(read_text):
     """Use instances with meshes of their own; the upper one is moved up by 1, then rotated by 180 degrees."""
-    (tmp_path / "two.inp").write_text(INDEPENDENT)
-    words = r"two\.inp: .* not read: .*the node 99 and 1 more in toe \(there is no such node\)"
+    words = r"mesh\.inp: .* not read: .*the node 99 and 1 more in toe \(there is no such node\)"
     with pytest.warns(vx.MeshWarning, match=words):
-        mesh = read(tmp_path / "two.inp", bodies="physical")
+        mesh = read_text(".inp", INDEPENDENT, bodies="physical")
     assert mesh.points[4:8] == pytest.approx(np.array([(1, 3), (0, 3), (0, 1), (1, 1)]), abs=1e-15)
 
 
-def test_a_part_whose_elements_are_not_read_is_no_body(tmp_path):
-    (tmp_path / "two.inp").write_text(INDEPENDENT.replace("CPS4\n1, 1, 2, 3, 4\n*NSET", "CPS44\n1, 1, 2, 3, 4\n*NSET"))
+def test_a_part_whose_elements_are_not_read_is_no_body(read_text):
+    text = "CPS44\n1, 1, 2, 3, 4\n*NSET"
     words = "there is one, 'low'; 'high' has no cells; these parts .* not read: .*elements of the type CPS44 in high"
     with pytest.raises(vx.MeshError, match=words):
-        read(tmp_path / "two.inp", bodies="physical")
+        read_text(".inp", INDEPENDENT.replace("CPS4\n1, 1, 2, 3, 4\n*NSET", text), bodies="physical")
 
 
 TWO = """*NODE
@@ -274,10 +280,9 @@ TWO = """*NODE
 """
 
 
-def test_a_name_on_part_of_an_interface_names_this_part(tmp_path):
+def test_a_name_on_part_of_an_interface_names_this_part(read_text):
     """Name the toe on the second body: the boundary is the piece of the first body that touches it."""
-    (tmp_path / "two.inp").write_text(TWO.format(y=1.0))
-    mesh = read(tmp_path / "two.inp", bodies="physical")
+    mesh = read_text(".inp", TWO.format(y=1.0), bodies="physical")
     assert mesh.interfaces["foot"].bodies == ("low", "high")
     toe = mesh.boundaries["toe"].tolist()
     assert toe in [[edge] for edge in mesh.interfaces["foot"].edges.tolist()]
@@ -287,25 +292,29 @@ def test_a_name_on_part_of_an_interface_names_this_part(tmp_path):
         vx.simulate(scene, mesh, [0.0, 1.0])
 
 
-def test_a_warning_names_a_body_that_touches_no_other(tmp_path):
-    (tmp_path / "two.inp").write_text(TWO.format(y=1.25))
-    words = r"two\.inp: 'high' touches no other body: the nearest, 'low', is 0\.25 away near \(\d, 1\.25\)\. If "
+def test_a_warning_names_a_body_that_touches_no_other(read_text):
+    words = r"mesh\.inp: 'high' touches no other body: the nearest, 'low', is 0\.25 away near \(\d, 1\.25\)\. If "
     with pytest.warns(vx.MeshWarning, match=words) as caught:
-        mesh = read(tmp_path / "two.inp", bodies="physical")
+        mesh = read_text(".inp", TWO.format(y=1.25), bodies="physical")
     assert len(caught) == 1
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.UnilateralContact(on="foot"))
     with pytest.raises(vx.SceneError, match="no boundary named 'foot'; outside interfaces it is named 'high.foot'"):
         vx.simulate(scene, mesh, [0.0, 1.0])
+    cube = "".join(f"{k}, {', '.join(place)}\n" for k, place in enumerate(SOLIDS["C3D8"][0].split(), 1))
+    part = f"*PART, NAME=cube\n*NODE\n{cube}*ELEMENT, TYPE=C3D8\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*END PART\n"
+    places = "*INSTANCE, NAME=a, PART=cube\n*END INSTANCE\n*INSTANCE, NAME=b, PART=cube\n0., 0., 1.5\n*END INSTANCE\n"
+    with pytest.warns(vx.MeshWarning, match="'b' touches no other body: the nearest, 'a', is 0.5 away"):
+        read_text(".inp", part + places, bodies="physical")
 
 
-def test_unsupported_decks_are_refused_with_the_cause(tmp_path):
+def test_unsupported_decks_are_refused_with_the_cause(read_text):
     quad, triangle = FLAT + "*ELEMENT, TYPE=CPS4\n", FLAT + "*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n"
     for deck, subject in (
         ("*NODE, SYSTEM=C\n1, 1., 30.\n", r"its keyword \*NODE, SYSTEM=C is not supported"),
         ("*INSTANCE, NAME=a, LIBRARY=old\n", r"its keyword \*INSTANCE, LIBRARY=old is not supported"),
         ("*INSTANCE, NAME=a, PART=b\n", "its instance a belongs to the part b, which does not exist"),
         ("*INCLUDE, INPUT=none.inp\n", "it includes the file .*none.inp, which does not exist"),
-        ("*INCLUDE, INPUT=deck.inp\n", "it includes the file .*deck.inp in itself"),
+        ("*INCLUDE, INPUT=mesh.inp\n", "it includes the file .*mesh.inp in itself"),
         (quad + "1, 1, 2, 3\n", "its elements of the type CPS4 do not all have 4 nodes"),
         (quad.replace("CPS4", "CAX4") + "1, 1, 2, 3, 4\n", "no polygons, .*were not read: elements of the type CAX4"),
         (quad + "1, 1, 2, 3, 9\n", "its element 1 has the node 9, which does not exist"),
@@ -315,27 +324,22 @@ def test_unsupported_decks_are_refused_with_the_cause(tmp_path):
         ),
         (triangle + "*SURFACE, NAME=a\n1, S4\n", "the side S4 of a triangle, which does not exist"),
     ):
-        (tmp_path / "deck.inp").write_text(deck)
-        with pytest.raises(vx.MeshError, match=f"deck.inp.*{subject}"):
-            read(tmp_path / "deck.inp")
+        with pytest.raises(vx.MeshError, match=f"mesh.inp.*{subject}"):
+            read_text(".inp", deck)
 
 
-def test_sets_of_one_name_in_two_parts_contain_elements_of_their_parts_only(tmp_path):
+def test_sets_of_one_name_in_two_parts_contain_elements_of_their_parts_only(read_text):
     """Use one name for the sets behind the surfaces of two parts, as programs do."""
     block = FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n*ELSET, ELSET=_s, INTERNAL\n1\n*SURFACE, NAME={}\n_s, {}\n"
     parts = "".join(
         f"*PART, NAME={name}\n{block.format(name, side)}*END PART\n" for name, side in (("low", "S1"), ("up", "S3"))
     )
-    (tmp_path / "two.inp").write_text(
-        f"{parts}*ASSEMBLY, NAME=A\n*INSTANCE, NAME=a, PART=low\n*END INSTANCE\n"
-        "*INSTANCE, NAME=b, PART=up\n0., 1.\n*END INSTANCE\n*END ASSEMBLY\n"
-    )
-    mesh = read(tmp_path / "two.inp", bodies="physical")
+    instances = "*INSTANCE, NAME=a, PART=low\n*END INSTANCE\n*INSTANCE, NAME=b, PART=up\n0., 1.\n*END INSTANCE\n"
+    mesh = read_text(".inp", f"{parts}*ASSEMBLY, NAME=A\n{instances}*END ASSEMBLY\n", bodies="physical")
     places = {name: mesh.points[edges][..., 1].ravel().tolist() for name, edges in mesh.boundaries.items()}
     assert (places["a.low"], places["b.up"]) == ([0.0, 0.0], [2.0, 2.0])
-    orphan = f"*PART, NAME=none\n*END PART\n*INSTANCE, NAME=own, PART=none\n{block.format('a', 'S1')}*END INSTANCE\n"
-    (tmp_path / "two.inp").write_text(orphan)  # an instance with a mesh of its own
-    assert read(tmp_path / "two.inp").boundaries["a"].tolist() == [[0, 1]]
+    own_mesh = f"*PART, NAME=none\n*END PART\n*INSTANCE, NAME=own, PART=none\n{block.format('a', 'S1')}*END INSTANCE\n"
+    assert read_text(".inp", own_mesh).boundaries["a"].tolist() == [[0, 1]]
 
 
 SOLIDS = {
@@ -349,7 +353,7 @@ SOLIDS = {
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
-def test_sides_of_solids_have_the_numbers_of_abaqus(kind, tmp_path):
+def test_sides_of_solids_have_the_numbers_of_abaqus(kind, read_text):
     """Name every side of one cell: they are all of its faces, and S1 is the bottom."""
     places, normals = SOLIDS[kind]
     corners = [", ".join(place) for place in places.split()]
@@ -357,8 +361,7 @@ def test_sides_of_solids_have_the_numbers_of_abaqus(kind, tmp_path):
     count = {"C3D4": 4, "C3D6": 5, "C3D8": 6}[kind]
     surfaces = "".join(f"*SURFACE, NAME=s{k}\n1, S{k}\n" for k in range(1, count + 1))
     numbers = ", ".join(map(str, range(1, len(corners) + 1)))
-    (tmp_path / "one.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE={kind}\n1, {numbers}\n{surfaces}")
-    mesh = read(tmp_path / "one.inp")
+    mesh = read_text(".inp", f"*NODE\n{nodes}*ELEMENT, TYPE={kind}\n1, {numbers}\n{surfaces}")
     faces = {k: mesh.boundaries[f"s{k}"] for k in range(1, count + 1)}
     assert sorted(np.concatenate(list(faces.values()))) == list(range(count))
     for k, normal in {1: [0, 0, -1], **normals}.items():
@@ -379,19 +382,18 @@ MAT1           1    210.              .3
 """
 
 
-def test_cards_of_nastran_may_have_free_small_and_large_fields(tmp_path):
+def test_cards_of_nastran_may_have_free_small_and_large_fields(read_text):
     """Read cards without BEGIN BULK and ENDDATA; numbers after the nodes of a cell are ignored."""
-    (tmp_path / "mesh.bdf").write_text(BULK)
-    mesh = read(tmp_path / "mesh.bdf")
+    mesh = read_text(".bdf", BULK)
     assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
     assert mesh.points.tolist() == SQUARE.tolist()
     assert mesh.cell_data["nastran:ref"].tolist() == [7, 8]
     assert mesh.cell_data["7"].tolist() == [1, 0]
-    two = read(tmp_path / "mesh.bdf", bodies="physical")
+    two = read_text(".bdf", BULK, bodies="physical")
     assert {name: of.bodies for name, of in two.interfaces.items()} == {"7|8": ("7", "8")}
 
 
-def test_unsupported_cards_are_refused_with_the_cause(tmp_path):
+def test_unsupported_cards_are_refused_with_the_cause(read_text):
     for card, subject in (
         ("CBUSH,9,1,1,2", "its card CBUSH 9 is not supported"),
         ("GRID,9,4,1.,0.,0.", "GRID 9 is in the coordinate system 4"),
@@ -399,9 +401,8 @@ def test_unsupported_cards_are_refused_with_the_cause(tmp_path):
         ("CTRIA3,9,1,1,2,77", "cannot be read as a mesh .KeyError"),
         ("CTRIA3,9,1,1,2", "its card CTRIA3 9 has fewer than 3 nodes"),
     ):
-        (tmp_path / "mesh.bdf").write_text(f"{BULK}{card}\n")
         with pytest.raises(vx.MeshError, match=f"mesh.bdf.*{subject}"):
-            read(tmp_path / "mesh.bdf")
+            read_text(".bdf", f"{BULK}{card}\n")
 
 
 # Gmsh.
@@ -457,11 +458,10 @@ $EndElements
 """
 
 
-def test_groups_of_gmsh_become_boundaries_and_cell_data(tmp_path, capfd):
+def test_groups_of_gmsh_become_boundaries_and_cell_data(read_text, capfd):
     """Read lines with and without a name, lines inside the domain, and a surface in two groups."""
-    (tmp_path / "mesh.msh").write_text(GMSH)
     with pytest.warns(vx.MeshWarning, match="1 of 1 lines named '7' are not on the boundary and are left out"):
-        mesh = read(tmp_path / "mesh.msh")
+        mesh = read_text(".msh", GMSH)
     assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
     assert mesh.boundaries["floor"].tolist() == [[0, 1]]
     assert mesh.boundaries["9"].tolist() == [[1, 2]]
@@ -469,29 +469,25 @@ def test_groups_of_gmsh_become_boundaries_and_cell_data(tmp_path, capfd):
     assert mesh.cell_data["steel"].tolist() == [1, 0]
     assert mesh.cell_data["all of it"].tolist() == [1, 1]
     assert capfd.readouterr() == ("", "")
-    (tmp_path / "mesh.msh").write_text(GMSH.replace("floor", "boundary"))
     with pytest.raises(vx.MeshError, match="mesh.msh: the name 'boundary' is taken"):
-        read(tmp_path / "mesh.msh")
-    (tmp_path / "mesh.msh").write_text(GMSH.replace("1 0 0 0 1 0 0 1 1 2 1 -2", "1 0 0 0 1 0 0 1 -1 2 1 -2"))
+        read_text(".msh", GMSH.replace("floor", "boundary"))
     with pytest.warns(vx.MeshWarning, match="named '7'"):
-        assert read(tmp_path / "mesh.msh").boundaries["floor"].tolist() == [[0, 1]]  # a reversed curve
-    (tmp_path / "mesh.msh").write_text(GMSH.replace("$Nodes", "$PartitionedEntities\n$EndPartitionedEntities\n$Nodes"))
+        reversed_curve = read_text(".msh", GMSH.replace("1 0 0 0 1 0 0 1 1 2 1 -2", "1 0 0 0 1 0 0 1 -1 2 1 -2"))
+    assert reversed_curve.boundaries["floor"].tolist() == [[0, 1]]
     with pytest.raises(vx.MeshError, match="its mesh is partitioned, .* unpartition it"):
-        read(tmp_path / "mesh.msh")
+        read_text(".msh", GMSH.replace("$Nodes", "$PartitionedEntities\n$EndPartitionedEntities\n$Nodes"))
 
 
-def test_a_cell_in_two_groups_is_one_cell(tmp_path):
+def test_a_cell_in_two_groups_is_one_cell(read_text):
     """Read version 2, which repeats a cell for each of its groups; one node belongs to no cell."""
     nodes = "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n9 7 7 7\n"
     cells = (
         "1 2 2 1 1 1 3 2\n2 2 2 5 2 1 2 4\n3 2 2 1 1 2 3 4\n4 4 2 7 1 1 2 3 4\n6 4 2 8 1 1 2 3 4\n5 4 2 8 1 5 2 3 4\n"
     )
-    (tmp_path / "mesh.msh").write_text(
-        '$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 "floor"\n3 7 "steel"\n$EndPhysicalNames\n'
-        f"$Nodes\n6\n{nodes}$EndNodes\n$Elements\n6\n{cells}$EndElements\n"
-    )
+    text = '$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 "floor"\n3 7 "steel"\n$EndPhysicalNames\n'
+    text += f"$Nodes\n6\n{nodes}$EndNodes\n$Elements\n6\n{cells}$EndElements\n"
     with pytest.warns(vx.MeshWarning) as caught:
-        mesh = read(tmp_path / "mesh.msh")
+        mesh = read_text(".msh", text)
     messages = " ".join(str(one.message) for one in caught)
     assert "1 of 2 polygons named 'floor' are not on the boundary and are left out" in messages
     assert "1 of 6 nodes belong to no cell" in messages
@@ -501,7 +497,7 @@ def test_a_cell_in_two_groups_is_one_cell(tmp_path):
     assert mesh.cell_data["8"].tolist() == [1, 1]
     assert mesh.volumes.tolist() == pytest.approx([1 / 6, 1 / 3])
     with pytest.raises(vx.MeshError, match="1 of its cells are in several bodies, 'steel' and '8'"):
-        read(tmp_path / "mesh.msh", bodies="physical")
+        read_text(".msh", text, bodies="physical")
 
 
 @pytest.mark.parametrize("version", ["2.2", "4.0", "4.1"])
@@ -616,10 +612,9 @@ def test_vtu_files_of_meshio_may_be_text_binary_or_compressed(binary, compressio
     np.testing.assert_array_equal(back.cell_data["a"], mesh.cell_data["a"])
 
 
-def test_polyhedra_in_the_layout_of_vtk_9_4_are_read(tmp_path):
+def test_polyhedra_in_the_layout_of_vtk_9_4_are_read(read_text):
     """Read a polyhedron beside a hexahedron and a marked square; then damage each list."""
-    (tmp_path / "theirs.vtu").write_text(POLYHEDRA)
-    mesh = read(tmp_path / "theirs.vtu")
+    mesh = read_text(".vtu", POLYHEDRA)
     np.testing.assert_allclose(mesh.volumes, [1.0, 2.0])
     assert mesh.cell_data["young"].tolist() == [1.0, 2.0]
     assert (mesh.face_normals[mesh.boundaries["floor"]] == [(0, 0, -1)]).all()
@@ -631,9 +626,8 @@ def test_polyhedra_in_the_layout_of_vtk_9_4_are_read(tmp_path):
         (POLYHEDRA.replace("3 1 1\n", "3 1 1.1\n"), "its face .* is not plane: .* Split the face into triangles"),
     ):
         assert wrong != POLYHEDRA
-        (tmp_path / "theirs.vtu").write_text(wrong)
-        with pytest.raises(vx.MeshError, match=f"theirs.vtu.*{message}"):
-            read(tmp_path / "theirs.vtu")
+        with pytest.raises(vx.MeshError, match=f"mesh.vtu.*{message}"):
+            read_text(".vtu", wrong)
 
 
 # Cells of higher order.
@@ -671,8 +665,8 @@ def test_cells_of_higher_order_are_read_by_their_corners(family, nodes, suffix, 
 
 def make_file(suffix, folder):
     """Return the bytes of an undamaged file."""
-    if suffix in (".theirs.vtu", ".deck.inp", ".gmsh.msh"):
-        return {".theirs.vtu": POLYHEDRA, ".deck.inp": DECK, ".gmsh.msh": GMSH}[suffix].encode()
+    if suffix in (".polyhedra.vtu", ".deck.inp", ".gmsh.msh"):
+        return {".polyhedra.vtu": POLYHEDRA, ".deck.inp": DECK, ".gmsh.msh": GMSH}[suffix].encode()
     made = {".vtu": small("voronoi", 2), ".kelvin.vtu": vx.meshes.kelvin(1), ".inp": vx.meshes.triangles(2)}
     made |= {".msh": vx.meshes.triangles(2), ".solid.msh": vx.meshes.tetrahedra(1), ".bdf": vx.meshes.triangles(2)}
     with warnings.catch_warnings():
@@ -681,7 +675,7 @@ def make_file(suffix, folder):
     return (folder / f"whole{suffix}").read_bytes()
 
 
-KINDS = [".vtu", ".kelvin.vtu", ".theirs.vtu", ".msh", ".solid.msh", ".gmsh.msh", ".inp", ".deck.inp", ".bdf"]
+KINDS = [".vtu", ".kelvin.vtu", ".polyhedra.vtu", ".msh", ".solid.msh", ".gmsh.msh", ".inp", ".deck.inp", ".bdf"]
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from counted import calls
-from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.meshes import PolygonMesh
@@ -136,42 +135,11 @@ def test_unusual_meshes_are_valid():
     assert_valid(np.column_stack([x.ravel(), y.ravel()]), first[:, None] + [0, 1, count + 1, count], 1.0)
 
 
-@pytest.mark.long
-def test_a_cell_may_have_1500_vertices():
-    angle = np.linspace(0.0, 2.0 * np.pi, 1501)[:-1]
-    radius = 1.0 + 0.2 * np.cos(60 * angle)
-    star = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-    assert_valid(star, [range(1500)], PolygonMesh(star, [range(1500)]).areas[0])
-    broken = star.copy()
-    broken[750] = [1.5, 0.01]
-    assert_refused(broken, [range(1500)], r"cell 0 \(0, 1, 2, 3, 4, 5, ...\) crosses or touches itself")
-
-
 def test_cells_may_be_lists_tuples_or_arrays():
     triangles = [[0, 1, 2], [0, 2, 3]]
     for cells in (*([kind(cell) for cell in triangles] for kind in (list, tuple, np.array)),
                   *(np.array(triangles, dtype=kind) for kind in (np.int32, np.uint8, np.int64))):  # fmt: skip
         assert [cell.tolist() for cell in PolygonMesh(SQUARE, cells).cells] == triangles
-
-
-@mostly_long("name, message", [("hanging", "do not fit together"), ("nonconvex", "overlap"), ("voronoi", None)])
-def test_a_missing_vertex_is_found_unless_it_makes_a_notch(name, message):
-    """Drop a vertex of one cell: a hanging node, a vertex that is not convex, or a convex vertex."""
-    mesh = vx.meshes.FAMILIES[name](4, seed=1)
-    uses, tried = np.bincount(mesh.vertices), 0
-    for number, cell in enumerate(mesh.cells):
-        before, after = mesh.points[np.roll(cell, 1)], mesh.points[np.roll(cell, -1)]
-        (ax, ay), (bx, by) = (mesh.points[cell] - before).T, (after - mesh.points[cell]).T
-        turns = ax * by - ay * bx
-        places = np.flatnonzero(turns < 1e-15 if message else (uses[cell] == 3))[:2]
-        for place in places if len(cell) > 3 else ():
-            cells = [*mesh.cells[:number], np.delete(cell, place), *mesh.cells[number + 1 :]]
-            tried += 1
-            if message:
-                assert_refused(mesh.points, cells, message)
-            else:
-                assert PolygonMesh(mesh.points, cells).areas.sum() < 1.0 - 1e-4
-    assert tried > 5
 
 
 @pytest.mark.long

@@ -50,9 +50,9 @@ LINES |= {"meshes": 7_423, "meshes/io": 1_548, "vem": 2_762}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_809
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_931
+TESTS = 22_767
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_684
+ALL_TESTS = 33_520
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -139,7 +139,7 @@ def measure_growth(sizes: list[int], linear: str) -> list[dict]:
 
 
 def growth_row(growth: list[dict], linear: str) -> Row:
-    """Return the exponent of total time between the smallest and the largest size, as a ratio of logarithms."""
+    """Return a row with the exponent p of time = O(unknowns^p), from the smallest and the largest size."""
     first, last = growth[0], growth[-1]
     name = (
         f"growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} (log ratio; largest: "

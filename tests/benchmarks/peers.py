@@ -35,7 +35,7 @@ from vemcvx.scene import pose_scene
 
 YOUNG, FRICTION = 200.0, 0.3
 AGREE = 1e-6
-"""Largest relative difference of answers: the tolerance of NSGS times the condition of W."""
+"""Largest relative difference of answers: the tolerance of NSGS times the condition number of W."""
 SCENE = vx.Scene(
     vx.Elasticity(young=YOUNG, poisson=0.3),
     vx.PrescribedDisplacement(

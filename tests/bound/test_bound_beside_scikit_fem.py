@@ -5,8 +5,8 @@ functional that u minimises. The triangles of w are parts of the split fans of t
 triangle, and |w - v|_a is integrated exactly. Triangles are graded towards points where stresses are singular.
 
 The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
-normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We then refine all triangles once: J falls
-by more than the rest J(w) - J(u) of the finer w, so that this fall bounds the error of the finer w.
+normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We then refine all triangles once; let w be
+the finer solution. J falls by more than J(w) - J(u), so that twice this fall bounds |w - u|_a^2.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import vemcvx as vx
 
 YOUNG, POISSON = 200.0, 0.3
 GAUSS, WEIGHTS = np.array(np.polynomial.legendre.leggauss(3)) / 2.0 + [[0.5], [0.0]]
-"""Quadrature points and weights of an edge, at which friction acts in the program."""
+"""Quadrature points of an edge, at which friction acts in the program, and their weights."""
 FINE, FINE_WEIGHTS = np.array(np.polynomial.legendre.leggauss(24)) / 2.0 + [[0.5], [0.0]]
 """Quadrature points and weights for friction in J, which must be exact."""
 

@@ -72,7 +72,7 @@ def integrate_energy(poisson):
 def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
     history = slipped(poisson, family, n)
     bound, error = vx.error_bound(history, step=-1), measure_error(history, poisson)
-    # Near incompressibility all numbers contain the rounding of lambda div u.
+    # Near incompressibility, all numbers contain the rounding error of lambda div u.
     rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
     assert error * (1.0 - rounding) <= bound.upper <= (1.2 if n == 6 else 1.05) * error
     locks = family == "triangles" and poisson > 0.4
@@ -357,7 +357,7 @@ def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, 
 
 @pytest.mark.long
 def test_a_reversal_inside_a_step_causes_a_warning_and_vx_instants_includes_it(caplog):
-    """The bound of a run that misses a reversal warns, and is larger."""
+    """The bound of a run that misses a reversal is larger, and a warning is logged."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)
     missed = vx.simulate(scene, mesh, times)
     with caplog.at_level("WARNING", logger="vemcvx"):
@@ -477,7 +477,7 @@ def measure_distance(found, time):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_true_errors_meet_targets_of_bounds(seed):
-    """Bounds need fewer unknowns than residual estimates: a third, in the median."""
+    """For the same target, bounds need fewer unknowns than residual estimates: a third, in the median."""
     scene, _ = random_scene(seed)
     bounded, other = (
         vx.adapt(scene, coarse_mesh(seed, 4), [0.0, 0.5, 1.0], 0.08, estimate=one) for one in ("bound", "residual")

@@ -109,7 +109,7 @@ def test_rigid_motions_cause_no_stress(family):
 
 
 def least_energy(one, k, u, force, lam):
-    """Return the least energy minus work of a body force in a cell, computed by scikit-fem.
+    """Return the minimum of (energy - work of a body force) in a cell, computed by scikit-fem.
 
     The displacement is linear on each edge, with the values u at vertices; elements are quadratic.
     """

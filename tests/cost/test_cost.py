@@ -67,7 +67,7 @@ def in_process(monkeypatch):
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory):
-    """A sweep killed after its first point, with a torn line in its journal, and continued."""
+    """A sweep that was killed after its first point, got a torn line in its journal, and was continued."""
     folder = tmp_path_factory.mktemp("sweep")
     command = [sys.executable, "-m", "vemcvx", "cost", PROBLEM, *GRID, "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
@@ -289,7 +289,7 @@ def test_torn_lines_of_a_journal_are_ignored(tmp_path):
         append(tmp_path, one)
 
 
-def test_no_other_run_is_better_than_one_on_the_front():
+def test_no_run_is_better_than_a_run_on_the_front():
     """The run of 4 s is hardly more accurate than the run of 3 s, so it is left out."""
     assert front([], "seconds") == []
     seconds, errors = [3, 1, 2, 2, 4], [0.1, 0.5, 0.5, 0.2, 0.0999]

@@ -64,7 +64,7 @@ def tresca(across=None, **settings):
 
 
 def coulomb(across=None, **settings):
-    """Return Coulomb's friction, whose bounds under the pressure `BEARS` are those of Tresca's."""
+    """Return Coulomb's friction, which has the bounds of `tresca` under the pressure `BEARS`."""
     way = {} if across is None else {"direction": ALONG, "across": lambda x, t: across / BEARS}
     return vx.UnilateralContact(on="bottom"), vx.CoulombFriction(BOUND / BEARS, on="bottom", **way, **settings)
 
@@ -110,7 +110,7 @@ def test_a_sheared_block_follows_its_closed_form(family, name):
     size = np.linalg.norm(contact.traction, axis=2)
     assert contact.bound[slips] == pytest.approx(size[slips], abs=10 * loose)
     assert (size < contact.bound + 10 * loose).all()
-    # Dissipation is force times slip; accumulated slip is wear over the bound.
+    # Dissipation is force times slip; accumulated slip is wear divided by the bound.
     work = np.append(0.0, np.cumsum(np.sum(q[1:] * np.diff(a, axis=0), axis=1)))
     assert contact.wear == pytest.approx(np.tile(work[:, None], contact.wear.shape[1]), abs=10 * loose)
     assert contact.accumulated_slip == pytest.approx(contact.wear / BOUND, abs=loose)

@@ -158,7 +158,7 @@ def test_every_requested_instant_is_stored():
 
 @pytest.mark.slow
 def test_adaptive_meshes_need_fewer_unknowns():
-    """The study is that of `problems/adaptive_meshes.py` at half its sizes."""
+    """The study of `problems/adaptive_meshes.py` is run at half its sizes."""
     import adaptive_meshes
 
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))

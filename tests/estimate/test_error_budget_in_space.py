@@ -29,7 +29,7 @@ def measure_effectivity(poisson, family, n):
         vx.meshes.SPACE_FAMILIES[family](n),
         np.linspace(0, 1, 3),
         store="last",
-        # Near incompressibility rounding leaves errors of 3e-8.
+        # Near incompressibility, rounding leaves errors of 3e-8.
         solver=vx.Newton(accuracy=1e-6) if poisson > 0.4999 else None,
     )
     budget = vx.error_budget(history)
@@ -43,7 +43,7 @@ def measure_effectivity(poisson, family, n):
     [
         (0.3, "cubes", (3,)),
         (0.3, "tetrahedra", (3,)),
-        # With 3 or 5 cubes along a side the pressure has an alternating error, ten times as large as the pressure.
+        # With 3 or 5 cubes along a side, the pressure has an alternating error, ten times as large as the pressure.
         (0.4999, "cubes", (3, 5)),
         (0.4999, "voronoi3", (4,)),
         *(

@@ -18,7 +18,7 @@ def field(mesh, values):
 
 
 def along(values):
-    """Return a function of the number of components: it returns the values as the first component, else zeros."""
+    """Return a function that returns arrays of `width` columns: first the values, then zeros."""
     return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
 
 

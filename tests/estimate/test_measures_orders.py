@@ -32,7 +32,7 @@ def reversal():
 
 
 def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), solver=None, **options):
-    """Return the roots of the mean cell area, and relative energy and L2 errors."""
+    """Return the square roots of mean cell areas, the relative energy errors and the relative L2 errors."""
     rows = []
     for n in sizes:
         history = vx.simulate(

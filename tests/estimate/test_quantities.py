@@ -17,7 +17,7 @@ SECOND_ORDER = "dissipated_second_order", "work_second_order"
 
 
 def rubbed(plate, mesh, end=1.0, coefficient=0.3):
-    """Return a function that runs a body, whose top moves by plate(t) and whose floor is rough, in n steps."""
+    """Return a function of the number of steps. It simulates a body on a rough floor, driven at the top by plate(t)."""
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile(plate(t), (len(x), 1)), on="top"),

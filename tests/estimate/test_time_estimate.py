@@ -1,4 +1,4 @@
-"""Estimated errors of steps, compared with finer steps: one to five times the true errors."""
+"""Estimated errors of steps are one to five times the true errors, which runs in finer steps give."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def test_the_contact_face_shows_pressure_friction_and_wear(history, show):
     assert contact_face(history, 2, show=show).axes[0].collections[0].get_clim() == drawn.get_clim()
 
 
-def test_slip_since_the_last_stored_step_is_named_so():
+def test_the_title_names_slip_since_the_last_stored_step():
     sparse = vx.simulate(block.scene(), vx.meshes.cubes(2), block.times(4), store=4)
     assert "slip since the last stored step at most" in contact_face(sparse).axes[0].get_title()
 

@@ -12,7 +12,7 @@ from vemcvx.scene import pose_scene
 
 
 def bound_errors(history, scene, rho, turns=3):
-    """Return the largest errors of slips and of forces per length at nodes that the certificates allow.
+    """Return bounds, from the certificates, of the errors of slips and of forces per length at nodes.
 
     A turn multiplies errors of slip and of accumulated slip by at most (1 + rho) / (1 - rho).
     """

@@ -125,7 +125,7 @@ def test_a_slider_has_its_closed_form(g):
 
 
 def test_a_bound_and_friction_on_one_unknown_are_certified_without_multipliers():
-    """Minimise d^2/2 - 2 d + |d|/2 with d <= 0.4: at d = 0.4 friction has the force 1/2, and the bound 1.1."""
+    """Minimise d^2/2 - 2 d + |d|/2 with d <= 0.4: at d = 0.4 friction has the force 1/2, and the bound has 1.1."""
     program = StepProgram(Operators([[1.0]], [[1.0]], D=[[1.0]]), [2.0], [0.5], [0.0], [0.4])
     lam, p = program.multipliers(np.array([0.4]))
     assert lam[0, 0] == 0.5

@@ -31,7 +31,7 @@ def run_settled(mesh, *effects):
 
 
 def mark_at(history, place):
-    """Return the words for the corner at a place."""
+    """Return the words that mark the corner at a place."""
     node = int(np.linalg.norm(history.mesh.points - place, axis=1).argmin())
     return Corners(history.mesh, history.contact, history.sides).sentence([node], -1)
 

@@ -1,4 +1,4 @@
-"""Reactions, forces and moments of sides, forces in sections, means: forces belong to effects, and balance."""
+"""Reactions, forces and moments of sides, forces in sections, and means: forces belong to effects and balance."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Bodies without supports: solved without mean rigid motion if their loads balance, and refused otherwise."""
+"""Bodies without supports have no mean rigid motion if their loads balance, and are refused otherwise."""
 
 import re
 
@@ -57,7 +57,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The error of u_r is O(h^2); bounds and estimates equal those of four quarters."""
+    """The error of u_r is O(h^2); squared bounds are sums over four quarters, relative estimates are equal."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))

@@ -12,7 +12,7 @@ import vemcvx as vx
 @pytest.mark.long
 @pytest.mark.parametrize("coefficient", [0.5, 1.0])
 def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(coefficient):
-    """The method of Hueber, Stadler and Wohlmuth (SIAM J. Sci. Comput. 30, 2008) cycles here with its shifts."""
+    """The method of Hueber, Stadler and Wohlmuth (SIAM J. Sci. Comput. 30, 2008), with its shifts, cycles here."""
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.Clamp(on="right"),
@@ -81,7 +81,7 @@ def test_discs_that_share_a_node_settle(seed):
 
 
 UNSETTLED = {88, 101, 177, 248, 1053, 1196}
-"""Seeds with Coulomb's law or friction while closed, not convex, whose sets do not settle in `max_iterations`."""
+"""Seeds of nonconvex scenes (Coulomb's law, friction while closed) whose sets do not settle in `max_iterations`."""
 
 
 @pytest.mark.slow

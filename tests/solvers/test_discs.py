@@ -63,9 +63,9 @@ KINDS = ("plain", "stiff", "weights", "none", "limits", "all", "rows", "edge", "
 def draw_program(seed, kind):
     """Return a random program.
 
-    "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen. "none": a third of the
-    weights are zero. "limits": half of the limits are rigid, half compliant. "rows": rows of B share unknowns. "edge":
-    slips are between 1e-14 and 1e-3, or zero with multipliers on their bounds, so that directions are hardly defined.
+    "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen orders. "none": a third
+    of the weights are zero. "limits": half of the limits are rigid, half compliant. "rows": rows of B share unknowns.
+    "edge": slips are 1e-14 to 1e-3, or zero with multipliers on their bounds, so that directions are hardly defined.
     """
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     m = int(rng.integers(1, 14))

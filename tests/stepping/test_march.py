@@ -13,7 +13,7 @@ TIMES = np.linspace(0.0, 1.0, 13)
 
 
 def equal_but_for_rounding(one, other):
-    """Return True if differences are below a thousand roundings; unknowns of several steps are recovered together."""
+    """Return True up to a thousand rounding errors, which recovering unknowns of several steps together may cause."""
     return np.abs(one - other).max() <= 1e3 * EPS * np.abs(other).max()
 
 

@@ -1,4 +1,4 @@
-"""Friction work and work of second order, beside the ledger of backward Euler, which is of first order."""
+"""Friction work and work, computed to second order; the ledger of backward Euler is of first order."""
 
 import numpy as np
 import pytest

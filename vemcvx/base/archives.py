@@ -17,7 +17,7 @@ KINDS = "biufcU"
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Return every array of an archive; a damaged one raises ValueError, or an error of NumPy or zipfile."""
+    """Return every array of an archive; a damaged archive raises ValueError, or an error of NumPy or zipfile."""
     # NumPy would leave a damaged file open.
     with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
@@ -29,9 +29,9 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
-    """Return a record of arrays, read by the paths of its fields; fields in `known` are used unchanged.
+    """Return a record whose fields are the arrays of the same names; the field b of an inner record a is "a.b".
 
-    Raise KeyError if a field is missing that may not be None.
+    Fields in `known` have the values given there. Raise KeyError if a field is missing that may not be None.
     """
     hints, values = get_type_hints(kind), {}
     for field in fields(kind):

@@ -42,7 +42,7 @@ def read_only(array: Array) -> Array:
 
 
 def power_of_two(x: Floats | float) -> Floats:
-    """Return the power of two next above |x|, elementwise; 1 for 0."""
+    """Return the smallest power of two above |x|, elementwise; 1 for 0."""
     mantissa, exponent = np.frexp(x)
     return np.ldexp(1.0, np.where(mantissa == 0, 0, exponent))
 
@@ -102,7 +102,7 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def largest(values: Floats, part: float) -> Ints:
-    """Return the indices of the fewest values (k,) >= 0 whose sum reaches this part of the total, largest first."""
+    """Return the indices of the fewest values (k,) >= 0 whose sum is `part` times the total; the largest is first."""
     order = np.argsort(-values, kind="stable")
     sums = np.cumsum(values[order])
     return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]
@@ -116,7 +116,7 @@ def scatter(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return a function of time that replaces values below 1e-60 of the largest one at `times` by zero.
+    """Return `value`, except that arrays with all entries below 1e-60 of the largest entry at `times` become zero.
 
     In the tails of a pulse exp(-x^2), for example, energies would underflow.
     """
@@ -128,7 +128,7 @@ def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Call
     def drop(t: float) -> Floats:
         found = value(t)
         size = float(np.abs(found).max(initial=0.0))
-        # Most values exceed 1e-60, so that `value` is called only once.
+        # Most arrays have an entry above 1e-60; for these, `value` is not evaluated at all times.
         return np.zeros_like(found) if 0.0 < size < 1e-60 and size < 1e-60 * largest() else found
 
     return drop

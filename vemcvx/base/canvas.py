@@ -1,6 +1,6 @@
 """Drawing with matplotlib, which only this file imports.
 
-Figures are made through matplotlib's objects, not through pyplot: no window, no global state, no display needed.
+Figures are made through matplotlib's objects, not through pyplot; so they need no window, global state or display.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _figure_class() -> type[Figure]:
 
     class NotebookFigure(Figure):
         def draw(self, renderer: Any) -> None:
-            # Each pass of the layout resizes axes of fixed aspect, so that one pass may cut off their labels.
+            # Each pass of the layout resizes axes of fixed aspect; after only one pass, labels may be cut off.
             for layout in filter(None, 2 * [self.get_layout_engine()]):
                 layout.execute(self)
             super().draw(renderer)
@@ -112,13 +112,13 @@ def legend_below(ax: Axes) -> None:
 
 def legend_under(ax: Axes, columns: int = 3) -> None:
     """Draw the legend below axes, also if they share their figure."""
-    # The distance is in font sizes, because axes may be flat: it leaves room for the ticks and their label.
+    # The distance leaves room for the ticks and their label. It is in font sizes, because axes may be flat.
     drawn = ax.legend(frameon=False, fontsize="small", ncols=columns, loc="upper center", borderaxespad=4.5)
     drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
 
 
 def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
-    """Return the writer "pillow" or "ffmpeg" of a film with `rate` frames per second; raise VemcvxError without it."""
+    """Return the writer "pillow" or "ffmpeg" of a film with `rate` frames per second, or raise VemcvxError."""
     from matplotlib.animation import writers
 
     if not writers.is_available(kind):
@@ -148,7 +148,7 @@ def light_grid(ax: Axes, *, axis: Literal["x", "y", "both"] = "both") -> None:
 
 
 def plain_logarithms(axis: Axis, digits: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Label these digits of every power of ten by plain numbers on a logarithmic axis: 5, not 5 x 10^0."""
+    """Label these multiples of powers of ten on a logarithmic axis by plain numbers: 5, not 5 x 10^0."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=digits))
@@ -239,8 +239,8 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     """Draw and return a colour bar of cells that is as high as the body."""
     from matplotlib.ticker import MaxNLocator
 
-    # The default number of ticks depends on the height of the bar, and the layout depends on the ticks: labels may
-    # be cut off. On flat bodies six labels, in the font size for narrow screens, would overlap.
+    # The default number of ticks depends on the height of the bar, and the layout depends on the ticks, so that labels
+    # may be cut off. On flat bodies, six labels would overlap in the font size for narrow screens.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
 

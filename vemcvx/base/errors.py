@@ -29,7 +29,7 @@ class VemcvxError(Exception):
 
 
 class MeshError(VemcvxError):
-    """The mesh, or its file, is not a valid mesh."""
+    """The mesh is not valid, or its file does not contain a valid mesh."""
 
 
 class MeshWarning(UserWarning):

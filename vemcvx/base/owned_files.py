@@ -24,10 +24,10 @@ FIRST_LINE = "vemcvx files 1"
 
 
 class Owned:
-    """The files of this package in a folder, which is created if necessary; close it, or use it by ``with``.
+    """The files of this package in a folder, which is created if necessary; call `close`, or use a ``with`` statement.
 
-    Raise HistoryError if the folder cannot be created or written to, if another process uses it, or if its list is
-    foreign.
+    Raise HistoryError if the folder cannot be created or written to, if another process uses it, or if another program
+    or version made its list.
     """
 
     def __init__(self, path: Path):

@@ -21,22 +21,22 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    In an effect a law has m rows, each with its normal force p (m,). In a system it has m norm terms, with the forces
-    p (r,) of all limits and a slope (m, r).
+    In an effect, a law has m rows, each with its normal force p (m,). In a system, a law has m norm terms, with the
+    forces p (r,) of all limits and a slope (m, r).
 
     Parameters
     ----------
     weights : callable (t, p, past, slip) -> (m,)
-        Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over the steps before, `slip` (m,) is |slip| of
+        Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over earlier steps, `slip` (m,) is |slip| of
         the step.
     softening : number or (m,) array, optional
         The largest decrease of weights per unit slip of the step (force per length), if the law does not depend on p.
-        A step has one solution if it is small (:mod:`vemcvx.stepping.refusals`). None if it is unknown: no check.
+        If it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`). None: unknown, and not checked.
     pressed : bool
         True if weights of an effect depend on normal forces. This requires one-sided contact on the same boundary. If
         False, p is an empty array.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative of weights that do not depend on the slip of the step; at kinks the derivative towards larger p.
+        The derivative of weights that do not depend on the slip of the step; at kinks, the derivative towards larger p.
     slips : bool
         True if weights depend on slips, before the step or in it. If False, `past` and `slip` are empty arrays in an
         effect, and zeros in a system.

@@ -9,13 +9,13 @@ rigid obstacles. So sigma = sigma_0 + C eps(u) satisfies for all admissible v
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0.                                                          (1)
 
-**The pair.** v is admissible, and j(v) is finite. tau is a stress in equilibrium with the loads and with admissible
-friction q and pressure p: for all motions w that vanish on supports
+**The pair.** v is admissible, and j(v) is finite. tau is a stress in equilibrium with the loads, a friction q and a
+pressure p: for all motions w that vanish on supports
 
     (tau, eps(w))  =  l(w) - int_C q w_t + p w_n,                                                                 (2)
 
-and h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_0 - C eps(v), A = |r|, b = h(v) - inf h
->= 0.
+q and p are admissible: h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_0 - C eps(v),
+A = |r|, b = h(v) - inf h >= 0.
 
 **Theorem 1** (Prager and Synge, with friction and contact). For e = u - v
 
@@ -26,19 +26,19 @@ and h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_
 (2) for w = e, l(e) = (tau, eps(e)) + int q e_t + p e_n, and j(v) - j(u) + int q e_t + p e_n = h(v) - h(u). This proves
 the first inequality. Since h(u) >= inf h, the second inequality follows from x^2 <= A x + b. For X = tau -
 sigma, r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
-proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps J(v) - J(u) =
+proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps, J(v) - J(u) =
 (r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
-Without friction and contact the third inequality is an equation: sigma is on the circle whose diameter connects
+Without friction and contact, the third inequality is an equation: sigma is on the circle whose diameter connects
 sigma_0 + C eps(v) and tau.
 
 **Theorem 2** (lower bound). If w vanishes on supports and where friction and obstacles act, then |e| >= R(w) / |w| with
 the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) for u +
-w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). The second inequality is the minimum of J(v + s w) over s.
+w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
 
-**Theorem 3** (quantities). With a dual pair z_h, tau_z, a linear quantity q(u) is in an interval of the half width A_z
-(A^2 / 4 + b)^{1/2} around a number computed from both pairs. z_h must vanish, and tau_z must have no traction, where
-friction and obstacles act. Statement and proof: :mod:`.quantity`.
+**Theorem 3** (quantities). With a dual pair z_h, tau_z, a linear quantity of u is in an interval of the half width A_z
+(A^2 / 4 + b)^{1/2} around a number computed from both pairs. Where friction and obstacles act, z_h must vanish and
+tau_z must have no traction. Statement and proof: :mod:`.quantity`.
 
 **Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
 of the run, and let the exact history begin like the run. Let D_n be the defect of Tresca's law in step n for the
@@ -48,8 +48,8 @@ friction of tau and the slip of v. Then
 
 Proof, and the assumptions on the start: :mod:`.whole_history`.
 
-**The data.** The theorems hold for data that are linear on edges and in cells. For other data a bound contains an
-estimate, and its `kind` names this (:mod:`.reading`).
+**The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
+estimate, which its `kind` names (:mod:`.reading`).
 
 **No node is certain to stick or to slip.** The first inequality of theorem 1 gives h(u) - inf h <= A^2 / 4 + b. For
 friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, with the slip s of u. Where |q| <= g - delta, the
@@ -59,6 +59,6 @@ bound tractions only in the dual norm H^{-1/2}, which admits any value at a poin
 **In space** there is no bound yet. The theorems hold in any dimension; the construction of their fields does not. On a
 tetrahedron split at its centroid, symmetric stresses that are linear on the four parts have 42 dimensions (M. Krizek,
 Apl. Mat. 27 (1982)). Tractions on faces and divergences determine them, and the hybrid method of :mod:`.equilibrium`
-carries over with nine motions per face in place of four per edge. What is missing is a displacement inside polyhedra
-that does not lock near nu = 1/2: linear functions lock.
+carries over with nine motions per face in place of four per edge. A displacement inside polyhedra
+that does not lock near nu = 1/2 is missing; linear functions lock.
 """

@@ -34,7 +34,7 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 
 HALF_DIGITS = float(np.sqrt(EPS))
-"""Largest accepted difference of forces of neighbouring cells, relative to the largest force (1e-9 at lambda = 1e6)."""
+"""Largest accepted difference of forces of neighbouring cells, relative to the largest force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Edges:
 
     @cached_property
     def motions(self) -> sp.csr_matrix:
-        """The matrix (4 E, 2 nodes + 2 E) from an `outline` to edge motions with equal work of linear tractions."""
+        """The matrix (4 E, 2 nodes + 2 E) from an `outline` to motions on which linear tractions do the same work."""
         vertices, edge = int(self.nodes.max()) + 1, np.arange(self.count)
         own, other, middle = self.nodes.ravel(), self.nodes[:, ::-1].ravel(), vertices + np.repeat(edge, 2)
         entries = np.repeat([2.0 / 3.0, -1.0 / 3.0, 2.0 / 3.0], len(own))
@@ -88,7 +88,7 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Return the free motions x (4 E,) with the given forces (4 E,), including the forces of springs.
+        """Return the edge motions x = P y (4 E,) with P' forces(x) = P' given, for given forces (4 E,).
 
         Tolerances are relative to `largest`, the largest force.
 
@@ -128,7 +128,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     places = [*edges.places, edges.outer.reshape(-1, 4)]
     each = [*(one.expand(G) for one, G in zip(fans, stiffness, strict=True)), boundary.springs]
     K = sp.csr_matrix(P.T @ assemble(places, each, P.shape[0]) @ P)
-    # With this multiple a correction reduces the error by a factor 1e-5 on a body of a thousand cells.
+    # With this multiple, a correction reduces the error by a factor 1e-5 on a body of a thousand cells.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)
@@ -164,7 +164,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
 
 
 def axes_of(projectors: Floats) -> tuple[Ints, Floats]:
-    """Return the axes (k, 2) of projectors (b, 2, 2), and the projector of each axis (k,)."""
+    """Return the axes of projectors (b, 2, 2): the number (k,) of each axis's projector, and the axes (k, 2)."""
     values, vectors = np.linalg.eigh(projectors)
     which, axis = np.nonzero(values > 0.5)
     return which, vectors[which, :, axis]

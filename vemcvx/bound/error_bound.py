@@ -33,8 +33,8 @@ class ErrorBound(Outlined):
 
     v is a conforming function with the nodal values of the history, linear on the edges of cells. Inside a cell, v has
     the least energy among functions of degree two on a fine split. For a step, u is the exact solution of the step on
-    the continuum, given the displacement before the step. For a history, u is the exact history, and is v at times[0]
-    or, with initial="equilibrium" or "settled", begins at rest under the loads as the run does.
+    the continuum, given the displacement before the step. For a history, u is the exact history. It begins at v or,
+    with initial="equilibrium" or "settled", at rest under the loads like the run.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ErrorBound(Outlined):
         Parts of `upper`. "mesh": the difference of stress and strain. "contact": the defect in the laws of friction and
         contact. "data": the estimate for data that are not linear on edges, in cells, or in time between instants; zero
         for linear data. "algebra": the certified error of the solver, which the other parts contain. For whole
-        histories also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
+        histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time. More steps, or steps that end
         at :func:`vemcvx.instants`, make the bound sharper.
@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The largest bound: "step", "upper", "lower", "relative" and "kind", and as "reading" the part "data"."""
+        """The step with the largest bound: "step", "upper", "lower", "relative", "kind", "reading" (part "data")."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
@@ -139,7 +139,7 @@ def error_bound(history: History, step: int, of: Effect | Sequence[Effect]) -> Q
 def error_bound(
     history: History, step: int | None = None, of: Effect | Sequence[Effect] | None = None
 ) -> ErrorBound | QuantityBound:
-    """Bound the error in the energy norm: of the mesh in one step, or of mesh and steps in a history.
+    """Bound the error of the mesh in one step, or of mesh and steps in a history, in the energy norm.
 
     With `of`, bound a linear quantity of the exact displacement in one step.
 
@@ -147,15 +147,15 @@ def error_bound(
     ----------
     history : History
     step : int, optional
-        A stored step whose predecessor was also stored; -1 is the last step. The default is the whole history: all its
-        steps must be stored, and only friction with a given bound may act (BilateralContact and TrescaFriction). The
-        bound of a history is a theorem for data that are linear in time between its instants. For other data the bound
-        contains an estimate, and a warning lists instants at which data are not linear.
+        A stored step whose predecessor was also stored; -1 is the last step; required with `of`. The default bounds the
+        whole history. Then all steps must be stored, and only friction with a given bound may act (BilateralContact and
+        TrescaFriction). The bound is a theorem for data that are linear in time between the instants of the history.
+        For other data, it contains an estimate, and a warning lists instants at which data are not linear.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
         is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and
-        ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain xx of the body. A PrescribedDisplacement on a support is
-        the work of the support force: ``(1.0, 0.0)`` gives the force along x. A sequence gives a sum. Give a step, too.
+        ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain xx of the body. A PrescribedDisplacement on a support
+        gives its force times this displacement: ``(1.0, 0.0)`` gives the force along x. A sequence gives the sum.
 
     Returns
     -------

@@ -4,9 +4,9 @@ A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0),
 x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts
 are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
-A body force is linear in each cell: f = (1, x, y) c with six coefficients c, and x, y from the centre of the fan.
-Stresses and displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. Inner
-unknowns of a cell are condensed. A symmetric matrix with 4 n rows for the outline of the cell and 6 for c remains.
+A body force is linear in each cell: f = (1, x, y) c with six coefficients c, and x, y relative to the fan's centre.
+Stresses and displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. After
+condensing its inner unknowns, a cell has a symmetric matrix with 4 n rows for its outline and 6 for c.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The mean gradients (c, 2 n, 2), over cells, of the quadratic Lagrange functions of points of the outline."""
+        """The gradients (c, 2 n, 2) of the quadratic Lagrange functions of outline points, averaged over cells."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         means: Floats = np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None])
         return means
@@ -184,7 +184,7 @@ def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Float
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """Return the fans of all cells in chunks of equally many vertices, given elastic matrices C (n_cells, 3, 3).
+    """Return the fans of all cells, in chunks of cells with equally many vertices, given C (n_cells, 3, 3).
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Points between nodes at which data are evaluated: boundary edges cut into pieces, and points in cells.
 
-The effects of a scene contribute once more, to the same mesh with boundary edges cut into pieces. The errors of
-assembly are the data at the new nodes minus the linear interpolation between the old nodes.
+The effects of a scene contribute a second time, to the same mesh with boundary edges cut into pieces. The errors of
+assembly are the data at the new nodes, minus the data interpolated linearly between the old nodes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class FineBoundary:
     """(q,) length of the pieces at each new node: weights of the trapezoidal rule for functions zero at the ends"""
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
-        """Interpolate values (b, 2, ...) at the ends of edges linearly at new nodes."""
+        """Interpolate linearly, at new nodes, between values (b, 2, ...) at the ends of edges."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
         line: Floats = (1.0 - s) * start + s * stop
@@ -60,7 +60,7 @@ class FineBoundary:
         return found
 
     def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return new nodes (k,), the values (k, j) of rows there, and the interpolation between ends."""
+        """Return new nodes (k,), the values (k, j) of rows there, and values interpolated between the ends of edges."""
         new = np.flatnonzero(rows.nodes >= self.old) if rows.ends is not None else np.zeros(0, dtype=np.int64)
         at = rows.nodes[new] - self.old
         return at, *without_rounding(values[new], np.nan_to_num(self.between(self.tips(rows, values), at)))

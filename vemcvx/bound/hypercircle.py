@@ -9,15 +9,15 @@ where phi is zero up to the gap of a rigid obstacle and infinite beyond, and k z
 see :mod:`.surface`. Springs to the ground with the stiffness k are treated like triangles: if tau has the tractions
 -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the energy of the springs.
 
-**The defect.** In a cell let u be the values of v on the outline minus a linear displacement, L u their edge motions, x
-the edge motions of tau minus L u, and f the coefficients of the body force. With the forms G of stresses
+**The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions, x
+the edge motions of tau minus L y, and f the coefficients of the body force. With the forms G of stresses
 (:mod:`.stress`) and S of displacements (:mod:`.displacement`), and L extended by the identity for f,
 
-    |r|_K^2  =  x . G x  +  (u, f) . (S - L' G L) (u, f).
+    |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f).
 
-*Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the stress of L u does the same work on
+*Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the stress of L y does the same work on
 x as v, the stress of f has least energy, and the displacement of f vanishes on the outline. What remains is |tau|^2 -
-2 (tau, eps(v)) + |v|^2 for L u and f, where the second term is the work on v of the tractions of tau and of f.
+2 (tau, eps(v)) + |v|^2 for L y and f, where the second term is the work on v of the tractions of tau and of f.
 
 **The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes where v touches an obstacle or
 is held. The best w solves S w = R with the residual R of v. The displacement v + w is called richer.
@@ -81,7 +81,7 @@ class Forms:
 
 @dataclass(frozen=True, eq=False)
 class Defect:
-    """The defect r of a displacement and a stress, which is linear in the three fields."""
+    """The defect r of a displacement and a stress; r is linear in the three attributes."""
 
     motion: Floats
     """(4 E,) x"""
@@ -125,7 +125,7 @@ class Pair:
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
 
     def allowances(self) -> tuple[float, float]:
-        """Return the estimates eta and |e(u)| for the omitted load e (:mod:`.reading`); zero if data are linear."""
+        """Return the estimates eta and |l_0(u)| for the omitted load l_0 (:mod:`.reading`); zero if data are linear."""
         if self.read.exact:
             return 0.0, 0.0
         eta = self.read.energy
@@ -215,14 +215,14 @@ class Hypercircle:
         return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Return the work (2 nodes + 2 E,) on vertices and middles of int t phi (b, 2, 2) at ends of boundary edges."""
+        """Return the forces (2 nodes + 2 E,) on vertices and middles with the work of int t phi (b, 2, 2) at ends."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         work: Floats = edges.motions.T @ whole
         return work
 
     def _forces_of(self, defect: Defect, still: Floats) -> tuple[Floats, Floats]:
-        """Return the tractions (4 E,) on edges of the stress of L u, and the work of the stress of v on all outlines.
+        """Return the tractions (4 E,) on edges of the stress of L y, and the work of the stress of v on all outlines.
 
         Both contain body forces and the prestress `still` (n_cells, 3).
         """
@@ -300,7 +300,7 @@ class Hypercircle:
         return total
 
     def misread(self, read: Reading, v: Defect) -> float:
-        """Return the estimate of |e(v)| for the omitted load e and the displacement v of a defect."""
+        """Return the estimate of |l_0(v)| for the omitted load l_0 and the displacement v of a defect."""
         edges = self.equilibrium.edges
         forces = self.boundary.forces_of(read.tractions_apart)
         along = np.sum(forces * (edges.motions @ v.outline)[edges.outer], axis=(1, 2))

@@ -2,35 +2,35 @@
 
 A quantity is given as a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement
 u, plus the work of the forces of supports on a displacement -z_D given on supports. The dual solution z satisfies
-a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its hypercircle is z_h and a stress tau_z in equilibrium
-with q. Take r, v, tau, b and A of :mod:`.hypercircle`, e = u - v, and r_z and A_z of the dual problem. Let T be the
-work of all forces in balance with tau, including friction and contact. Then
+a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its pair is z_h and a stress tau_z in equilibrium with q.
+Let r, v, tau, b and A be as in :mod:`.hypercircle`, e = u - v, and r_z and A_z as r and A for the dual pair. Let T be
+the work of all forces in balance with tau, including friction and contact. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
     (C eps(z_h), eps(e))  =  T(z_h) - (sigma_0 + C eps(v), eps(z_h))             equilibrium of sigma,
 
-and by |e|^2 <= (r, eps(e)) + b, d = C eps(e) - r / 2 satisfies |d|^2 <= A^2 / 4 + b. So q(u) differs from the
-computable
+and d = C eps(e) - r / 2 satisfies |d|^2 <= A^2 / 4 + b, because |e|^2 <= (r, eps(e)) + b. So q(u) differs from the
+computable number
 
     m  =  q(v) + T(z_h) - (sigma_0 + C eps(v), eps(z_h)) + (r_z, C^-1 r) / 2
 
-by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact this is |r| |r_z| / 2: the best result over s of the
-parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager and
-J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
-Posteriori Error Estimation* (2000), chapter 8). Springs to the ground are treated like triangles. The width
-contains a bound of their part of (r_z, C^-1 r) / 2, and m does not contain this part.
+by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r_z| / 2. It is the best result over s of
+the parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager
+and J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
+Posteriori Error Estimation* (2000), chapter 8). Springs to the ground are treated like triangles. Their part of
+(r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
-The proof uses two conditions. Tractions of tau_z do no work on e where e may be nonzero. T(z_h) contains the work of
-the tractions of sigma on z_h. Both hold if only supports hold the body. With friction and contact both hold if z_h
-vanishes on contact, and tau_z has no traction there (except for bonded normals): then the interval is a theorem for any
-stick, slip and opening. In this case r_z does not decrease with the mesh, and the interval decreases like A. Where z_D
-moves an end of an edge on which friction may act, the work of friction there is bounded by its largest possible value.
+The proof uses two conditions. Except for q itself, tractions of tau_z do no work on e. T(z_h) contains the work on z_h
+of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are met if z_h
+vanishes on contact, and tau_z has no traction there (except for bonded normals). Then the interval is a theorem for any
+stick, slip and opening. In this case r_z does not decrease with the mesh size, and the width decreases like A. Where
+z_D moves an end of an edge with friction, the work of friction there is bounded by its largest possible value.
 
-v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w is the same on contact.
+v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
-The omitted load e changes q(u) by e(z_h), and by A_z eta through friction and contact; an omitted part e_z of the
-quantity changes it by e_z(u) (:mod:`.reading`). The interval contains estimates of these changes.
+The omitted load l_0 changes q(u) by l_0(z_h), and by A_z eta through friction and contact; an omitted part q_0 of the
+quantity changes it by q_0(u) (:mod:`.reading`). The interval contains estimates of these changes.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class QuantityBound(Outlined):
     value : float
         The quantity q of the run. It may be outside the interval, whose middle is corrected by the dual solution.
     low, high : float
-        The interval. With Coulomb's law it holds for the friction bound given by the pressure of the run. Friction and
+        The interval. With Coulomb's law, it holds for the friction bound given by the pressure of the run. Friction and
         one-sided contact make the interval wider; it holds for any stick, slip and opening.
     reading : float
         The estimated part of the half width, for loads and quantities that are not linear on edges and in cells; zero
@@ -217,7 +217,7 @@ class Dual:
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
     def _find_untouched(self) -> Ints:
-        """Return the free unknowns that move nothing along friction or towards obstacles."""
+        """Return the free unknowns that cause neither slip where friction acts nor motion towards obstacles."""
         posed, boundary, rows = self.primal.posed, self.primal.boundary, []
         for acts, ways in zip(boundary.acting, (boundary.edges.tangents, boundary.edges.units), strict=True):
             ends, across = boundary.edges.outer_edges[acts].ravel(), boundary.edges.joints.across[acts].ravel()
@@ -299,7 +299,7 @@ class Fields:
         return float(self.circle.squares(self.richer).sum() + self.pair.springs.sum())
 
     def work(self, forces: Floats, body: Floats) -> float:
-        """Return the work on v + w of int t phi (b, 2, 2) at ends of edges and of body forces (n_cells, 6)."""
+        """Return the work on v + w of body forces (n_cells, 6) and of forces int t phi (b, 2, 2) at ends of edges."""
         on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
         return float(on_edges + self.circle.works(body, self.richer).sum())
 

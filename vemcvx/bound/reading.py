@@ -1,36 +1,36 @@
 """Reading of data for bounds and estimates: fits that are linear on edges and in cells, and their remainders.
 
-The effects of the scene contribute once more on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Bounds* fit
-tractions and friction bounds by linear functions on every edge, from means on pieces and from values at new nodes, and
-body forces by linear functions in every cell. For such data, with gaps and ground motions that are linear between
-nodes, bounds are theorems. For other data they are theorems for the fits, the data *as read*. The load minus its fit,
-the omitted load e(w), is a linear functional of displacements w with the norm eta = sup e(w) / |w|, estimated by
+The effects of the scene contribute a second time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error
+bounds* use fits. Linear functions on every edge are fitted to mean tractions on pieces and to friction bounds at new
+nodes, linear functions in every cell to body forces. If these data are linear, and gaps and ground motions are linear
+between nodes, error bounds are theorems; else they are theorems for the fits, the data *as read*. The load minus its
+fit, the omitted load l_0(w), is a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
-    SAFETY times the energy norm of the body's response to the change of the fits by a second reading with fewer points,
-    plus the root of the sum over cells of the energies below of the remainders.
+    SAFETY times the energy norm of the body's response to the difference of the fits from fits to fewer points, plus
+    the root of the sum over cells of the energies (given below) of the remainders.
 
 The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
-step differ by at most |e(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders of
-gaps. Features narrower than the distance of points may be missed.
+step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
+of gaps. Features narrower than the distance of points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
 
     tractions       int t . v                            l_e / (2 mu) |t|^2_e
     body forces     int f . v                            d_K^2 / (9 mu) |f|^2_K
-    compliance      int (k d - p_h) v_n                  |k d - p_h|^2_e / (2 mu / l_e + k)
+    compliance      int (k z_+ - p_h) v_n                |k z_+ - p_h|^2_e / (2 mu / l_e + k)
     gaps            u must move by d, but does not       2 mu max |d|^2
     motions         u must move by d, but does not       2 mu |d|_e |d'|_e
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with the longest side d_K of the box of a cell. The first two follow from the Poincare inequalities of a cell and of an
-edge of a half space, which has the constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu). Half of these energies is
-enough for functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu times the
-wave number, which the weight of motions bounds. The last energy is exactly the squared dual norm of its work.
+with the longest side d_K of the box of a cell, and the depth z of :mod:`.surface`. The first two follow from Poincare
+inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)); half
+is enough for functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu
+times the wave number, which is at most the energy of motions. The last energy is exactly the squared dual norm.
 
-These energies are local. Means of tractions and body forces are forces r on the whole body: two solutions for loads
-that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. A traction wave as long as an edge, or a
-strip of weight between quadrature points, has one sign and moves the whole body. No weight that vanishes with the edge
-length bounds this motion (local weights alone gave .37 of the error).
+These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
+for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as
+long as an edge, or of a body force in a strip between quadrature points, has one sign and moves the whole body. No
+factor that vanishes with the edge length bounds this motion (local energies alone gave .37 of the error).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ SAFETY = 2.0
 """Safety factor of the difference between two readings."""
 POINCARE = 1.0 / 9.0
 """Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus a tenth for rotations
-without strain. With 1 / pi^2 the estimate for waves of weight on 8 x 8 squares was .9964 of the error."""
+without strain. With 1 / pi^2, the estimate for waves of body force on 8 x 8 squares was .9964 of the error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Fit:
 
     @cached_property
     def second(self) -> Fit:
-        """A fit with triple weights on every other point: half-way to a fit to every other point only."""
+        """A fit with triple weights on every other point: half-way from this fit to one of every other point only."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property
@@ -117,7 +117,7 @@ class Fit:
 
 
 def _remove_rounding(values: Floats, apart: Floats, left: Floats) -> tuple[Floats, Floats]:
-    """Return differences of values, set to zero where they are rounding errors."""
+    """Return the differences `apart` and `left`, set to zero where they are rounding errors of `values`."""
     rounding = SAME * np.abs(values).max(initial=0.0)
     return np.where(np.abs(apart) <= rounding, 0.0, apart), np.where(np.abs(left) <= rounding, 0.0, left)
 
@@ -142,7 +142,7 @@ class Reading:
     in_cells: Floats
     """(q, 2) remainders of body forces"""
     others: Floats
-    """(n_cells,) energies of remainders of bounds of friction, gaps and ground motions"""
+    """(n_cells,) energies of remainders of friction bounds, gaps and ground motions"""
     on_gaps: float
     """work of the computed pressure on remainders of gaps"""
 
@@ -173,9 +173,9 @@ class Reading:
         return float(np.sqrt(self.local.sum()) + SAFETY * np.sqrt(apart.sum()))
 
     def misread(self, works: Sequence[Floats], bent: Floats) -> float:
-        """Estimate |e(w)|, given works on w of differences of readings, and energies `bent` of w without mean strain.
+        """Estimate |l_0(w)|, given the works on w of the differences between both readings.
 
-        Remainders do no work on linear displacements in a cell.
+        `bent` (n_cells,) are the energies of w minus its linear part, on which remainders do no work.
         """
         left = np.sum(np.sqrt(self.local * np.maximum(bent, 0.0)))
         return float(SAFETY * sum(np.abs(one).sum() for one in works) + left)
@@ -199,7 +199,7 @@ class Reader:
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """The contributions of all effects, including zero effects, to the fine mesh; of materials to the old mesh."""
+        """The contributions of all effects, including zero effects, to the fine mesh; materials use the old mesh."""
         effects = self.posed.scene.canonical if self.effects is None else self.effects
         others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
         with suppress_scene_warnings():
@@ -265,7 +265,7 @@ class Reader:
 
     @cached_property
     def _coarse(self) -> tuple[SamplePoints, Fit]:
-        """The sample points with fewer points in cells, for a second reading, and their fit."""
+        """The coarser sample points in cells, for a second reading, and their fit."""
         inside = in_cells(plane_mesh(self.posed.space.mesh, "error_bound"), 0.75 * SPACING)
         return inside, self._about_centres(inside)
 
@@ -359,7 +359,7 @@ class Reader:
     def between_nodes(self, now: Instant, compliant: bool = False) -> Floats:
         """Return the energies (b,) of gaps and ground motions that are not linear between nodes.
 
-        With `compliant` this includes the nonlinear pressure of compliant obstacles with linear gaps.
+        With `compliant`, they include the energies of the nonlinear pressure of compliant obstacles with linear gaps.
         """
         squares = np.zeros(len(self.edges.outer))
         for friction in (one for one in self.frictions if one.ground is not None):
@@ -390,7 +390,7 @@ class Reader:
         return 2.0 * self.edges.shear[self.edges.outer] * np.sqrt(squares)
 
     def compliance_sums(self, values: Floats, unit: Floats) -> Floats:
-        """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces the sum of both bodies.
+        """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces, the sum of both bodies.
 
         If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a: cos a for
         the component of the force, and cos a for the component of the displacement.
@@ -405,7 +405,7 @@ class Reader:
         edges, soft = self.edges, obstacle.compliance > 0
         stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
         at, values, line = self.fine.read(obstacle, np.column_stack([obstacle.gap(now.t), stiffness]))
-        # For constant gap and stiffness the nodal pressure is exact.
+        # For constant gap and stiffness, the nodal pressure is exact.
         bears = compliant and soft.any() and bool(np.any(values != line) or np.ptp(values, axis=0).any())
         if np.array_equal(values[:, 0], line[:, 0]) and not bears:
             return np.zeros(len(edges.outer))

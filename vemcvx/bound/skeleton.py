@@ -1,12 +1,12 @@
 """The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
 Forces on the surface are loads, friction, pressure of contact and springs. Contact exerts opposite forces on the edges
-of the two bodies at an interface. Bonded normals have no multiplier. For them we use the normal force T that fits the
-normal stresses s_1 and s_2 of both sides best, in the weights w = d_e / (2 mu) of the residuals:
+of the two bodies at an interface. Where normals are bonded, there is no multiplier. There we use the normal force T
+that fits the normal stresses s_1 and s_2 of both sides best, with the weights w = d_e / (2 mu) of the residuals:
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
 
-For equal sides this is the weight d_e / (4 mu) of a jump across an edge inside one body.
+If both weights are equal, the factor is d_e / (4 mu), as for a jump across an edge inside one body.
 """
 
 from __future__ import annotations
@@ -243,8 +243,8 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
         law = friction.law
         if (law is not None and law.slips) or friction.directions is not None:
             raise SceneError(
-                f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or act along "
-                "given directions; compare meshes and steps of your own choice."
+                f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or it acts "
+                "along given directions; compare meshes and steps of your own choice."
             )
     frictions = tuple(friction.subject for friction in posed.terms.frictions)
     for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):

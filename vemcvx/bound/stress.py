@@ -7,8 +7,8 @@ tractions across inner edges. The linear tractions on the three edges and the di
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
 one reference triangle serves all. A linear traction t on an edge is given by int t phi at both ends. A body force f is
-given by F_k = int f lambda_k. f is split into constants on the parts with the same moments against linear functions,
-and a remainder, which has a stress of degree 2 on the parts without tractions on the edges. So div tau = -f exactly.
+given by F_k = int f lambda_k. f is split into constants on the parts, with the same moments against linear functions,
+and a remainder. The stress of the remainder has degree 2, and no tractions on the edges. So div tau = -f exactly.
 
 Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
 maximiser of
@@ -16,7 +16,7 @@ maximiser of
     sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1
 
 is linear in m and F, and the maximum is half a quadratic form of m and F. The derivatives of the maximum by m are the
-tractions. For m = 0 the form is -|tau|^2. The tractions on both sides of a spoke cancel where the sum of the forms of
+tractions. For m = 0, the form is -|tau|^2. The tractions on both sides of a spoke cancel where the sum of the forms of
 triangles is stationary in the motions of spokes. So these motions are condensed (:mod:`.fan`).
 """
 
@@ -45,7 +45,7 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix (2 q, 54) from tau at all stations to tau n at points (q, 2), or to div tau without n."""
+    """Return the matrix (2 q, 54) from tau at all stations to tau n at points (q, 2), or, without n, to div tau."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -79,7 +79,7 @@ def reference() -> Floats:
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # A linear traction on an edge is |e| t = 4 b - 2 b' at the end with the force b = int t phi.
+    # A linear traction on an edge is |e| t = 4 b - 2 b' at one end, with b = int t phi there and b' at the other end.
     end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)
@@ -112,7 +112,7 @@ def _piola(B: Floats) -> Floats:
 
 @cache
 def _balance_data() -> Floats:
-    """Return balanced data (18, 15) of the reference triangle: nine of tractions only, six with one force each."""
+    """Return balanced data (18, 15) of the reference triangle: 9 columns of tractions only, 6 with one force each."""
     ends = np.array([CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)])
     x = np.concatenate([ends, CORNERS])
     rows = np.stack([np.tile([1.0, 0.0], 9), np.tile([0.0, 1.0], 9), np.column_stack([-x[:, 1], x[:, 0]]).ravel()])
@@ -137,7 +137,7 @@ def triangle_forms(fans: Fans) -> Floats:
     compliances = np.matmul(M.swapaxes(2, 3), np.matmul(np.linalg.inv(fans.C)[:, None], M))
     compliances /= fans.doubled_areas[..., None, None]
     A = (compliances.reshape(-1, 9) @ _energies()).reshape(c, n, 15, 15)
-    # In the reference triangle motions are B' m, and forces are B^-1 F.
+    # In the reference triangle, motions are B' m, and forces are B^-1 F.
     moved = np.matmul(_balance_data()[:12].reshape(6, 2, 15).swapaxes(1, 2), fans.B.swapaxes(2, 3)[:, :, None])
     moved = moved.swapaxes(2, 3).reshape(c, n, 15, 12)
     hat = np.kron(np.eye(3), np.ones((2, 2))) * np.tile(fans.back, (3, 3))

@@ -1,8 +1,8 @@
 """The surface of a body at an instant: supports, loads, and admissible tractions of friction and contact.
 
-All functions are linear on edges, given at both ends: loads and friction bounds by :mod:`.reading`, gaps and ground
-motions by their values at nodes. The effects of the scene contribute once more on edges cut into pieces
-(:mod:`vemcvx.bound.fine_boundary`). These contributions show on which edges an effect acts.
+All functions are linear on edges, and given by values at both ends. For loads and friction bounds :mod:`.reading` gives
+these values; for gaps and ground motions they are the nodal values. The effects of the scene contribute a second time,
+on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`); this shows on which edges an effect acts.
 
 Let s be the slip of v in the step, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n - gap the
 depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the
@@ -152,7 +152,7 @@ class Boundary:
         return free
 
     def _moves(self, directions: Floats) -> Bools:
-        """Return a mask of edges (b,) whose motion, at joints whose jump, can have a component along `directions`."""
+        """Return a mask (b,) of edges whose motion (at joints: whose jump) can have a component along `directions`."""
         joints = self.edges.joints
         moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > SAME
         along = directions[joints.first]
@@ -207,7 +207,7 @@ class Boundary:
         return springs.reshape(count, 4, 4)
 
     def _check_along_boundary(self, felt: Floats) -> None:
-        """Raise SceneError unless the additional stiffness of the scene is that of springs along edges.
+        """Raise SceneError unless springs along edges give all stiffness in addition to the material's.
 
         `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations. Off-diagonal entries
         for springs to the ground are not negative, so diagonal entries are at most the forces under translations.
@@ -247,7 +247,7 @@ class Boundary:
         return found, most
 
     def check_supports(self, now: Instant) -> None:
-        """Raise SceneError if nodal values differ from supports between nodes."""
+        """Raise SceneError if the displacement differs from the values of supports between nodes."""
         support, off = self.off_supports(
             now.u, lambda one: np.zeros(len(one.nodes)) if one.value is None else np.asarray(one.value(now.t))
         )
@@ -261,7 +261,7 @@ class Boundary:
     # Forces.
 
     def at(self, now: Instant, before: Instant, read: Reading, body: Floats) -> Surface:
-        """Return the surface at the end of a step that began `before`.
+        """Return the surface at the end of a step that began in the state `before`.
 
         `body` (j,) is the work of body forces on `motions`.
 
@@ -306,7 +306,7 @@ class Boundary:
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
     def _friction_bound(self, now: Instant, read: Reading) -> Floats:
-        """Return the friction bound g (b, 2) at the ends of edges; with laws of friction from the computed pressure."""
+        """Return the friction bound g (b, 2) at the ends of edges; a law evaluates it at the computed pressure."""
         terms, g = self.posed.terms, read.friction
         if self.follows_pressure:
             g = self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0]

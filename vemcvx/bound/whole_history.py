@@ -11,7 +11,7 @@ Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 
 C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. v may be replaced by v + w of
-:mod:`.hypercircle`, which is richer inside the body and the same on contact. Then r is smaller. Only the last term
+:mod:`.hypercircle`, which is richer inside the body and equals v on contact. Then r is smaller. Only the last term
 |r_n|^2 is still computed from v_n itself, because X is orthogonal to C eps(w).
 
 **The start.** If u(0) = v_0, then y_0 = |r_0|, with v_0 in place of v_0 + w. A run with initial="equilibrium" or
@@ -24,7 +24,7 @@ growth is due to changes of r under the load, to the defect in the law of fricti
 
 **Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
 steps. The largest energy norm of the difference between the two runs up to an instant, times SAFETY, is added to the
-bound; this term is an estimate. (A guaranteed term would be the total variation of the omitted load in the energy norm
+bound there; this is an estimate. (A guaranteed term would be the total variation of the omitted load in the energy norm
 of the elastic response, which is too large over load cycles.)
 """
 
@@ -112,7 +112,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     if len(times) < 2:
         return nothing, nothing[:0]
     with suppress_scene_warnings():
-        # Pose all effects: a run omits a load that acts only within a step, although it changes friction.
+        # Pose all effects: a run omits a load that acts only within a step, although such a load changes friction.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))

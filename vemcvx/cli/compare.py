@@ -5,14 +5,14 @@ Steps with given weights are nonexpansive in the energy norm. So the states y, z
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
 
 where gap_m and floor_m are the duality gap and the rounding floor of step m. The left side is exact: K is the matrix of
-the scene. All answers are compared with the most certain answer, the one with the smallest sum. This tests every
+the scene. All answers are compared with the most certain answer, the one with the smallest last E_n. This tests every
 certificate: a certificate that satisfies the inequality is *honest*. A certificate is *good* if it is as small as
 requested, apart from its rounding floor; an honest certificate need not be good. If weights depend on the answer, or
 friction or viscosity occurs together with limits, the sum is no bound
 (:class:`vemcvx.stepping.trajectory.Trajectory`). Then the distance is reported without a bound.
 
 Every solver has a row, also a solver that refuses the program, misses its accuracy, fails, or exceeds the time limit.
-With a time limit each solver runs in a separate process, which is stopped at the limit; a crash costs one row.
+With a time limit, each solver runs in a separate process, which is stopped at the limit; a crash ends one row only.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def error_bounds(run: Trajectory) -> Floats:
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
     """Return the relative distance of two answers, the relative bound by their certificates, and True if it holds.
 
-    They are taken at the instant of the largest distance, or of the largest excess over the bound if it is violated.
+    Both are taken at the instant of the largest distance or, if the bound is violated, of the largest excess over it.
     """
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
@@ -181,7 +181,7 @@ def bounds_distance(system: System) -> bool:
     """Return True if the sum of the certificates of all steps bounds the distance of two answers."""
     if system.limits is None:
         return not system.follows_answer
-    # Without norm terms and damping a step does not depend on the step before; only its own certificate counts.
+    # Without norm terms and damping, a step does not depend on the step before; only its own certificate counts.
     return system.norms is None and system.damping is None
 
 
@@ -255,7 +255,7 @@ class Compare:
 
 
 def entrants(command: Compare) -> list[tuple[Solver, str]]:
-    """Return the chosen solvers and the kind of their settings; solvers that cvxpy calls are tried with both kinds."""
+    """Return the chosen solvers and their settings: "own", or for cvxpy's solvers "tuned" and "default" in turn."""
     # This imports cvxpy, so that the import is not in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
 

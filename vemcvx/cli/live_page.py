@@ -101,7 +101,7 @@ def serve(port: int | None, browser: bool) -> None:
 
 
 def write(path: Path, opens: int | None = None) -> str:
-    """Write a page with pictures and numbers of some steps, `opens` first; return a line for the user."""
+    """Write a page with pictures and numbers of some steps, which opens at step `opens`; return a line to print."""
     module, _, found = _run()
     history, problem = found["history"], found["problem"]
     course, units = module.course_of(found["path"].value, problem), problem.units

@@ -62,7 +62,7 @@ Of = Annotated[
     typer.Option(
         metavar="QUANTITY",
         autocompletion=make_completion(lambda: import_module("vemcvx.estimate.adapt").QUANTITIES),
-        help="The quantity with this error: energy (the energy norm), dissipated, work or wear.",
+        help="The quantity whose error counts: energy (the energy norm), dissipated, work or wear.",
     ),
 ]
 Condense = Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")]

@@ -109,7 +109,7 @@ class Run:
             say("\n".join(self.execute(problem)[1]))
 
     def execute(self, problem: Problem) -> tuple[History, list[str]]:
-        """Simulate, write and draw as the options say; return the history and the lines to print."""
+        """Simulate, write and draw by the options of the command; return the history and the lines to print."""
         folder, drawings = self._refuse_early(problem)
         default = 64 if self.target is None else 8
         steps, n = self.steps or default, self.n or problem.default_n(default, self.mesh)

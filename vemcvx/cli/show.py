@@ -119,7 +119,7 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
-    """Return the kind of certificate in words, with the ratio of softening to stiffness if friction weakens by slip."""
+    """Return the kind of certificate in words, with the ratio of softening to stiffness if slip weakens friction."""
     if norms is None or norms.law is None:
         return "a bound"
     found = softening_ratio(operators, norms.softening)

@@ -116,7 +116,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver of a name or FILE.py:NAME; None without a name: the number of unknowns then decides."""
+    """Return the linear solver of a name or FILE.py:NAME; None without a name: the default by size."""
     if name is None:
         return None
     if ":" in name:

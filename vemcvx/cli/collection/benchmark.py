@@ -4,9 +4,9 @@ Tolerances of two solvers cannot be compared: one bounds a duality gap, another 
 norms of its own. So each solver runs with many tolerances. A trial is one call of a solver with one tolerance. The true
 error of its answer d is |d - d*|_K / |d*|_K, where d* is the certified optimum of the file. The true error is known up
 to the certificate of d*; the certified error of d does not need d*. The time of a solver to the error E on an instance
-is the time of the *cheapest* trial with a true error of at most E. From these times follow
+is the time of the *cheapest* trial with a true error of at most E. The benchmark computes from these times
 
-- for every E the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
+- for every E, the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
   answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);
 - the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01, where an instance that is
   not solved to E counts with the time limit;
@@ -15,7 +15,7 @@ is the time of the *cheapest* trial with a true error of at most E. From these t
 
 An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) have their own
 table, because not every solver accepts their cones. Sequences and programs without an optimum have tables, too. For a
-program without an optimum only the status is judged: "infeasible" or "unbounded" is right or wrong.
+program without an optimum, only the status, "infeasible" or "unbounded", is judged to be right or wrong.
 
 Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries. Two
 settings differ: one tolerance replaces all tolerances of the library, and the time limit replaces limits on iterations.
@@ -95,7 +95,7 @@ smallest tolerance that the library accepts. Other solvers run once, with defaul
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}
 """Solver in cvxpy -> its package, if the two names differ."""
 REPEATS, LONG_ENOUGH = 5, 0.1
-"""Largest number of calls of a trial, and the seconds after which it is not repeated; the minimum time counts."""
+"""Largest number of calls in a trial, and seconds after which no further call begins; the shortest call counts."""
 BATCH = 10
 """Number of instances for which one process runs a solver; progress is shown between processes."""
 MEAN_SHIFT = 0.01
@@ -293,7 +293,7 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    Beside each trial goes the largest number of seconds until the next trial arrives; None means any time.
+    Each trial is sent with the largest number of seconds until the next trial arrives; None is no limit.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
     os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -388,7 +388,7 @@ def _call_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program: S
     tolerances, unlimited, _ = LIBRARIES.get(solver.solver, ((), {}, 0.0))
 
     def call(tolerance: float | None, memory: Memory) -> tuple[float, Answer | None, str]:
-        # Some interfaces of cvxpy change their dictionaries.
+        # Some interfaces of cvxpy change the dictionaries that they receive.
         options = {**unlimited, **dict.fromkeys(tolerances, tolerance), **solver.options}
         start = time.process_time()
         raw = chain.solver.solve_via_data(dict(data), True, False, options, memory)

@@ -101,7 +101,7 @@ class Program:
     def run_clarabel(self) -> tuple[Any, Any, Any]:
         """Solve by Clarabel for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e; return d, lam and p.
 
-        Two inequalities pose an absolute value, which is more accurate than a cone.
+        An absolute value is posed by two inequalities, which are more accurate than a cone.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]

@@ -279,10 +279,10 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return sentences on instances that differ from the published ones of this version, in the file OPTIMA.
+    """Return sentences on instances that differ from the published instances of this version in the file OPTIMA.
 
     Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
-    the last digits of condensed matrices and of states before a step depend on the machine. With another BLAS the
+    the last digits of condensed matrices and of states before a step depend on the machine. With another BLAS, the
     optimum on a graded mesh moved by 1.6e-11, while K moved by 2e-12.
     """
     with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
@@ -346,7 +346,7 @@ def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[Step
 
 
 def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a limit added that contradicts the first, and multipliers that prove infeasibility.
+    """Return the program with a new limit that contradicts the first limit, and multipliers that prove infeasibility.
 
     D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
     """
@@ -360,7 +360,7 @@ def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 
 
 def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a load along a kernel motion r that is twice the friction along r, and r itself.
+    """Return the program with a load of twice the friction along a kernel motion r, and r itself.
 
     K r = 0 and D r <= 0, so the objective at s r, s > 0, falls at the rate g'r - sum w_i |B_i r| > 0.
     """

@@ -46,7 +46,7 @@ class History(Results, Outlined):
     displacement : (S, n_nodes, dim)
         Nodal displacements.
     forces : (S, n_nodes, dim)
-        Nodal forces of supports, contact and friction on the body: A u - f. With viscosity A u + A_1 u' - f, except at
+        Nodal forces of supports, contact and friction on the body: A u - f. With viscosity, A u + A_1 u' - f, except at
         the initial instant, where no step ends and u' is unknown.
     contact : Contact
     acting : BoundaryForces
@@ -167,7 +167,7 @@ class History(Results, Outlined):
         Section
             ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
             (S, 3), that the part ahead exerts on the part behind. On every mesh, this force and moment balance all
-            other forces on either side to rounding. The loads of a cut cell act at the nodes of this cell.
+            other forces on either side up to rounding. The loads of a cut cell act at the nodes of this cell.
 
         Raises
         ------

@@ -40,8 +40,8 @@ log = logging.getLogger("vemcvx")
 class Point:
     """Settings of one run.
 
-    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. `of` is the
-    quantity of errors and targets: the energy norm, or another quantity that :func:`vemcvx.adapt` accepts.
+    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. Errors and
+    targets concern `of`: the energy norm, or another quantity that :func:`vemcvx.adapt` accepts.
     """
 
     family: str | None

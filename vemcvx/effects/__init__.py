@@ -1,6 +1,6 @@
 """Effects: the pieces of physics in a scene.
 
-All effects act in the plane and in space. In space slip is a vector, and laws of friction depend on the length of the
+All effects act in the plane and in space. In space, slip is a vector, and laws of friction depend on the length of the
 slip path. For bodies in space, `plane=` of materials and the direction "tangent" are errors. For plane bodies,
 `direction=` and `across=` of friction are errors.
 """

@@ -33,14 +33,14 @@ from vemcvx.vem import BoundaryRows, Space, tangents_of
 class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`, the first line of (3.6).
 
-    At a corner u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
+    At a corner, u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
     degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence at nodes that
     they share with contact.
 
     Parameters
     ----------
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies. At an interface u is the displacement of the first body
+        Names of boundaries, or of interfaces between bodies. At an interface, u is the displacement of the first body
         relative to the second, and n the outward normal of the first.
 
     Examples
@@ -76,7 +76,7 @@ class PrescribedSlip(Effect):
     value : number, or callable f(x, t) -> (m,)
         The slip along the tangent (n rotated by +90 degrees), length, evaluated at t_n. Positive slip is right-lateral:
         seen from either side, the other side moves to the right. So the sign does not depend on which body is first. In
-        space a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
+        space, a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact. At shared nodes the slips of parts must agree.
 
@@ -253,8 +253,8 @@ class TrescaFriction(Effect):
         with a warning if friction acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
-        Friction acts against the slip of the body relative to the obstacle. Only changes in time along the boundary
-        count. For an obstacle that moves along the normal, use a `gap` that changes in time.
+        Friction acts against the slip of the body relative to the obstacle. Only its part along the boundary
+        counts, and only changes in time. For an obstacle that moves along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
         Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface), and
         `across` against slip across it. Friction lies in the ellipse with these two semi-axes, and slip is normal to
@@ -357,15 +357,15 @@ def _describe(effect: TrescaFriction | CoulombFriction, bound: str, rest: str) -
 class CoulombFriction(Effect):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    Nodes stick below the bound; at the bound friction acts against the slip. The effect needs UnilateralContact or
+    Nodes stick below the bound; at the bound, friction acts against the slip. The effect needs UnilateralContact or
     NormalCompliance on the same boundary. The solution of a step minimises no energy. It solves the convex Tresca
     problem with the weights coefficient * nodal pressure, for the pressures of this solution (Necas, Jarusek and
     Haslinger 1980; Licht, Pratt and Raous 1991). The certificate is "for the given friction": it bounds the error in
     the Tresca problem with the computed pressures. A solution exists, and is unique for small coefficients.
 
-    Where two parts of the boundary meet at a node, the nodal force is divided by edges, and each part has friction by
-    its fraction. Where a prescribed displacement moves nodes along the obstacle, friction acts as with TrescaFriction.
-    There the normal component must not be prescribed, because the pressure would be unknown.
+    Where two parts of the boundary meet at a node, the nodal force is divided among the edges, and friction of each
+    part is proportional to its fraction. Where a prescribed displacement moves nodes along the obstacle, friction acts
+    as with TrescaFriction. There the normal component must not be prescribed, because the pressure would be unknown.
 
     Parameters
     ----------

@@ -319,14 +319,14 @@ class Friction(ContactSurface):
     def across(self) -> Floats:
         """The unit vectors (m, dim) that distinguish the terms of one node.
 
-        These are the normals, or `directions` rotated by -90 degrees; in space the directions themselves.
+        These are the normals or, if given, `directions`, which in the plane are rotated by -90 degrees.
         """
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     def read(self, times: Sequence[float]) -> Floats:
-        """Return the vectors (m, dim - 1, dim) that multiply slip; for `directions` in space the second is 0."""
+        """Return the vectors (m, dim - 1, dim) that multiply slip; with `directions` in space, the second is 0."""
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
@@ -334,7 +334,7 @@ class Friction(ContactSurface):
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """Return the weights (m,) for normal forces p (m,), and slips (m,) before the step, `past`, and in the step."""
+        """Return the weights (m,) for normal forces p (m,), slips `past` (m,) before the step and `slip` (m,) in it."""
         law = self.law
         w = data.read_weights(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if law is None:
@@ -583,9 +583,9 @@ class Effect(ABC):
     def contribute(self, space: Space) -> Contribution:
         """Return the contribution of this effect on the mesh of `space`.
 
-        Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at t_n. For effects of contact
-        the method is called again with the planes of symmetry that supports define (`space.mirrors`), which change
-        normals at the ends of curves.
+        Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at t_n. For contact, the
+        method is called again with the planes of symmetry that supports define (`space.mirrors`), which change normals
+        at the ends of curves.
 
         Raises
         ------
@@ -609,7 +609,7 @@ class Effect(ABC):
         return found
 
     def _check_dimension(self, space: Space) -> None:
-        """Raise SceneError if a field is given that is excluded, by its metadata, for bodies of this dimension."""
+        """Raise SceneError if the metadata of a given field exclude it for bodies of this dimension."""
         for one in fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
             if value is not None and "in the plane" in one.metadata:
@@ -623,7 +623,7 @@ class Effect(ABC):
         """Return a description in one line, for `vemcvx show`."""
 
     def describe_body(self, in_plane: bool) -> str:
-        """Return the line of `describe` for a body in the plane or in space, with defaults that depend on that."""
+        """Return the line of `describe` for a body in the plane or in space, whose defaults may differ."""
         return self.describe()
 
 

@@ -59,7 +59,7 @@ class Pressure(Effect):
         p, force per length (and unit thickness), in space per area, evaluated at t_n; compression positive, suction
         negative.
     on : str or sequence of str
-        Boundary names. At a corner the pressure acts on each side along the normal of that side. At an interface (a
+        Boundary names. At a corner, the pressure acts on each side along the normal of that side. At an interface (a
         crack or a joint filled with fluid) the pressure pushes both bodies apart, whether they touch or not.
 
     Examples
@@ -87,8 +87,8 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K: see (3.2) and the text before (3.14). For constant f_1 the
-    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices, else O(h) accurate.
+    v_hat is the average of the vertex values of v on K: see (3.2) and the text before (3.14). For constant f_1, the
+    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices, else up to O(h).
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
     Refinement does not improve this model: under a point force, displacement and energy grow without bound (in the
-    plane like log(1/h), Flamant's solution). On a mesh the force acts as if spread over about one cell. Away from the
-    point the solution converges.
+    plane like log(1/h), Flamant's solution). On a mesh, the force acts as if spread over about one cell. Away from the
+    point, the solution converges.
 
     Parameters
     ----------
@@ -246,8 +246,8 @@ class PrescribedDisplacement(Effect):
         Boundary names.
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only), so the body lies on the
-        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed. Sides whose normals
-        differ by less than 42.5 degrees form a curve; all sides of a curve move outward by the value.
+        left. A vector is normalised. At a corner of `on`, components along both normals (tangents) are prescribed.
+        Sides whose normals differ by less than 42.5 degrees form a curve; all its sides move outward by the value.
 
     Examples
     --------
@@ -398,7 +398,7 @@ class Pretension(Effect):
     """A bolt that a given force tightens across a cut, and that is then locked at its length.
 
     The two sides of the cut are bonded, except for one uniform jump along the mean normal of the cut: the shortening
-    of the bolt. Until the time `until` the force pulls the sides together. After it the jump is constant, and the force
+    of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant, and the force
     in the bolt follows from the rest of the scene. `history.force` of the cut, or of this effect, is the force of the
     bolt on the first body: its normal component is the tension, its tangential component the shear.
 
@@ -524,7 +524,7 @@ class ElasticFoundation(Effect):
         return Contribution(stiffness=sp.csr_matrix(springs))
 
     def _side_matrices(self, rule: SideRule, n: Floats) -> Floats:
-        """Return the matrices (m, n, dim, n, dim) of sides with normals n (m, dim), symmetric to the bit."""
+        """Return the matrices (m, n, dim, n, dim) of sides with normals n (m, dim), exactly symmetric."""
         (m, count, q), dim = rule.shares.shape, n.shape[1]
         across = n[:, :, None] * n[:, None, :]
         along = np.eye(dim) - across

@@ -101,8 +101,8 @@ class StepLoss:
 def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
     """Split the steps with the largest losses if the error exceeds `allowed`; return the new instants of the run.
 
-    For smooth loads the error is O(k^2) in the step k. So steps are cut into three if the error is more than four times
-    the allowed error.
+    For smooth loads, the error is O(k^2) in the step k. So steps are cut into three if the error is more than four
+    times the allowed error.
     """
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), lost.squares, 0.0)
     if lost.error <= allowed or not squares.any():
@@ -163,9 +163,9 @@ class Adapted(Outlined):
     target : float
         The requested relative error.
     of : {"energy", "dissipated", "work", "wear"}
-        The target quantity. For the last three `history.quantities` has values and errors.
+        The target quantity. For the last three, `history.quantities` has values and errors.
     bound : ErrorBound or None
-        With ``estimate="bound"`` the bound of the last pass, which also gives `budget.space` and `budget.cells`.
+        With ``estimate="bound"``, the bound of the last pass, which also gives `budget.space` and `budget.cells`.
 
     Examples
     --------
@@ -234,7 +234,7 @@ def adapt(
     ----------
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
-        The coarse initial mesh, in space of tetrahedra; it must have the boundaries that the scene names.
+        The coarse initial mesh (in space: of tetrahedra); it must have the boundaries that the scene names.
     times : increasing sequence of instants
         The first and the last instant, and instants to store. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
@@ -243,8 +243,8 @@ def adapt(
         jump (:class:`vemcvx.estimate.budget.ErrorBudget`), for other quantities `of` at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
-        largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. For the last three
-        each pass needs two more runs, one with all cells refined; passes end if the error has not fallen in four.
+        largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. For the last three,
+        each pass needs two more runs, one with all cells refined; passes end if four do not lower the error.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
@@ -259,7 +259,7 @@ def adapt(
         The measure of the mesh error. "residual" is quick, and is an estimate. "bound" is a guaranteed bound on the
         error of a step, given the step before (:func:`vemcvx.error_bound`). It takes longer, and is nearer to the
         error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells may be larger: up to
-        1.9 times the bound in 40 random scenes (target 8 %). With "bound" the history also stores the step before each
+        1.9 times the bound in 40 random scenes (target 8 %). With "bound", the history also stores the step before each
         examined step. The time error is estimated in either case.
 
     Returns

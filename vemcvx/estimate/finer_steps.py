@@ -2,7 +2,7 @@
 
 Steps of a condensed system are cheap. The run is repeated on the same mesh with FINER steps per step, more steps where
 data vary faster, and an instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). At the instants of the
-coarse run both runs have the same data, so only their contact forces differ. With the condensed stiffness S,
+coarse run, both runs have the same data, so only their contact forces differ. With the condensed stiffness S,
 
     |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns in friction and limits.
 
@@ -10,7 +10,7 @@ The finer run has an error, too. If errors are of first order, its error is 1/FI
 
     |u_n - u(t_n)|_a <= |u_n - u_n'|_a / (1 - 1/FINER).
 
-Without friction nothing depends on the path, and steps make no error.
+Without friction, nothing depends on the path, and steps make no error.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ tests the estimate is 1 to 5 times the error."""
 
 @dataclass(frozen=True)
 class Finer:
-    """The comparison of a run with a run in finer steps; bends and jumps are from its :class:`Course`."""
+    """The comparison of a run with a run in finer steps; bends and jumps are those of the :class:`Course` of data."""
 
     errors: Floats
     """(N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT"""

@@ -6,16 +6,16 @@ the same scene estimate the errors of Q due to k and to the mesh size h:
     steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
     mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
 
-For wear the difference is the largest over the contact nodes that both runs have, because the largest wear of both runs
-may agree by chance.
+For wear, the difference is the largest over the contact nodes that both runs have, because the largest wear of both
+runs may agree by chance.
 
 The finer run has an error, too. This error is half the error of the run if the order is one: at singular corners, where
 friction rotates in space, or where a reversal is missed. It is a quarter if the solution is smooth. The estimate for
 steps has an extra factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is
 underestimated. If the pressure is singular, as at most corners of contact, the largest wear grows without limit, which
-is reported as for extremes (:mod:`vemcvx.results.corners`). Its mesh error is then twice the change by a refinement.
+is reported as for extremes (:mod:`vemcvx.results.corners`). Its mesh error is then twice its change by refinement.
 
-Values are of second order in the steps if the states are. In space friction rotates with the slip, and the states of
+Values are of second order in the steps if the states are. In space, friction rotates with the slip, and the states of
 backward Euler and the values are of first order there; the estimate includes this.
 
 :func:`vemcvx.adapt` splits the steps in which the runs with k and k/2 differ most, and refines the cells with the
@@ -140,7 +140,7 @@ def _courses(history: History) -> dict[str, Floats]:
 
 
 def _extrapolate_errors(history: History, finer: History) -> dict[str, Floats]:
-    """Return twice the differences of a run and a finer run; for wear the largest over the nodes of both."""
+    """Return twice the differences of a run and a finer run; for wear, the largest over the nodes of both."""
     at, other = np.searchsorted(finer.trajectory.times, history.trajectory.times), _courses(finer)
     apart = {name: 2.0 * (own - other[name][at]) for name, own in _courses(history).items() if name != "wear"}
     coarse, fine = history.contact, finer.contact

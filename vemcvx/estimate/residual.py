@@ -13,29 +13,29 @@ with sigma = C eps(Pi u) + sigma_0, and the modulus E of a bar along the edge. B
 that supports leave free; an interface has them on both bodies (:mod:`vemcvx.bound.skeleton`). The terms follow
 Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani, Georgoulis, Pryer
 and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). The factor 1/9 is
-from the Poincare inequality on a cell; c is a constant below.
+from the Poincare inequality on a cell; c is CONSTANT or, in space, IN_SPACE.
 
 The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I. Let T be a triangle
 on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T,
 
-where the condition holds if the mesh is fine where the solution changes fast. In the estimate d is replaced by d_e, the
-mean width of both cells along n_e. h_K is the longest side of the box with the second moments of the cell.
+where the condition holds if the mesh is fine where the solution changes fast. In the estimate, d is replaced by d_e,
+the mean width of both cells along n_e. h_K is the longest side of the box with the second moments of the cell.
 
 Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is the same in both cells, but eps_ss(Pi
-u) is not. On a rectangle eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
+u) is not. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
 stabilisation has too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then
 |K| / l_e is its cross-section. The sum over the parallel edges, two of a rectangle and four of a box, is the energy of
 a bar with the modulus E and a strain that is linear between these edges.
 
-In the plane s = 1 and q = 0. In space s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
+In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
 because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises
 the sum over all cells by least squares. Any q is admissible: the residual of sigma is the residual of sigma + q I plus
-(q, div v), and (q, div v) is at most |q I| in C^{-1} times the energy norm of v. In nearly incompressible bodies q
+(q, div v), and (q, div v) is at most |q I| in C^{-1} times the energy norm of v. In nearly incompressible bodies, q
 makes the estimate sharper: there pressure does almost no work on displacements of moderate energy.
 
-The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space the data errors are
+The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
 Integrals over cells are |K| / 3 times the mean over the vertices. This is exact for squares of linear functions with
 mean zero in a box, and too large in a tetrahedron.
@@ -134,7 +134,7 @@ class Residuals:
     def indicators(self, now: Instant) -> dict[str, Floats]:
         """Return the parts (n_cells,) of eta_K^2: "volume", "jumps", "boundary", "stabilisation" and "data".
 
-        In space there is also "pressure".
+        In space, there is also "pressure".
         """
         posed, pressure = self.posed, {}
         strain = strains(posed.space, now.u)
@@ -166,7 +166,7 @@ class Residuals:
         return tractions(sigma[one] - sigma[two], self.sides.inner_normals)
 
     def _rest(self, sigma: Floats, now: Instant) -> Floats:
-        """Return the forces (b, dim) on outer sides minus the forces of stresses, in free directions of supports."""
+        """Return the forces (b, dim) on outer sides minus the forces of stresses, where supports leave them free."""
         sides = self.sides
         stress = sides.sizes[:, None] * tractions(sigma[sides.outer], sides.normals)
         force = self._tractions(now.t) + self.contact(now) + self._springs(now.u)

@@ -8,8 +8,8 @@ An NPZ archive holds every array bit by bit, and the certified answer if the pro
     N               (n, k), orthonormal motions with K N = 0: the kernel of K; k = 0 if K is positive definite
     d, lam, p, step, t      the answer
 
-Only norm terms and limits restrain the motions N c, for example of a body without supports. The program has an optimum
-if c'N'g < sum_i w_i |B_i N c| for all c != 0 with D N c <= 0. The multipliers balance the load on these motions: N'g =
+Only norm terms and limits restrain the motions N z, for example of a body without supports. The program has an optimum
+if z'N'g < sum_i w_i |B_i N z| for all z != 0 with D N z <= 0. The multipliers balance the load on these motions: N'g =
 N'B'lam + N'D'p. K d and the least value are unique; d need not be unique.
 
 A sequence holds the programs of successive steps with the same matrices, which are stored once. The arrays that change
@@ -183,7 +183,7 @@ def read_matrix(path: Path, name: str) -> Matrix:
         raise ProgramError(f"{name}: the file is cut short or is no text; its last line must be complete.")
     try:
         rows, columns, entries, _, field, symmetry = mminfo(io.BytesIO(data))
-        # A wrong size in the header must not allocate far more memory than the file has; a million rows may be empty.
+        # A wrong size in the header must not allocate far more memory than the file takes; a million rows may be empty.
         large = max(rows, columns, entries) > max(2**20, len(data))
         if field == "complex" or large or (symmetry != "general" and rows != columns):
             raise ValueError(f"found {rows} rows, {columns} columns and {entries} {field} entries, {symmetry}")

@@ -6,8 +6,8 @@
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
 (Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h). The contact forces r and relative displacements u of each
-contact have their normal component (N) first, then one or two tangential ones (T). From K d = g - B'lam - D'p, with the
-rows h_N = -D_j and h_T = B_i of the limit and the norm term of each contact, follow
+contact have their normal component (N) first, then one or two tangential ones (T). With the rows h_N = -D_j and
+h_T = B_i of the limit and the norm term of each contact, K d = g - B'lam - D'p gives
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
@@ -109,7 +109,7 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
 
 def _write(group: Any, values: dict[str, Any]) -> None:
     for name, value in values.items():
-        if np.size(value) > 1:  # On a mesh of congruent cells a compressed matrix takes a tenth of the space.
+        if np.size(value) > 1:  # On a mesh of congruent cells, a compressed matrix takes a tenth of the space.
             group.create_dataset(name, data=value, compression="gzip", shuffle=True)
         else:
             group[name] = value

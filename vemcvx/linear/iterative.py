@@ -37,7 +37,7 @@ ADVICE = "It suits compressible materials (poisson < 0.49) and cells of good sha
 class Iterative(LinearSolver):
     """PyAMG (extra ``multigrid``): the default for meshes too large to factorise, if it is installed.
 
-    Use it for large bodies with few contacts: each unknown that contact and friction read costs one solve before the
+    Use it for large bodies with few contacts: each unknown of contact and friction costs one solve before the
     first step. It does not accept bodies held by friction and contact alone. Certificates include the error of
     solves.
 
@@ -136,7 +136,7 @@ class PyAMGFactor(IterativeFactor):
 
 
 def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
-    """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M from a random force.
+    """Return a lower bound of the eigenvalues of MK, by Lanczos' method from a random force, in the inner product of M.
 
     Take a positive semidefinite matrix of size n, and k steps from a uniformly distributed direction. The largest Ritz
     value is below (1 - eps) times the largest eigenvalue with probability less than
@@ -144,7 +144,7 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
     matrix 1 - MK, with xi the smallest Ritz value of MK, this gives lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
 
     Our random force is uniform in the Euclidean inner product, not in that of M. This multiplies the probability by at
-    most the root of the condition number of M, at most 1e8. We choose eps such that the product is below 1e-9.
+    most the root of the condition number of M; this root is at most 1e8. We choose eps such that the product is < 1e-9.
 
     Raise SceneError if K is not positive definite, or if the bound after 400 steps is less than xi / 10.
     """

@@ -48,7 +48,7 @@ class SuperLUFactor(Factor):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        # In symmetric mode pivots stay on the diagonal, which halves the time. Without equilibration, scaling K by a
+        # In symmetric mode, pivots stay on the diagonal, which halves the time. Without equilibration, scaling K by a
         # power of two scales the factors exactly.
         options = {"SymmetricMode": True, "Equil": False}
         try:
@@ -60,7 +60,7 @@ class SuperLUFactor(Factor):
     def _schur_complement(self, m: int) -> Floats:
         """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
 
-        By Sylvester's law of inertia the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
+        By Sylvester's law of inertia, the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
         definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K has a kernel
         and as many anchors, positive pivots prove that K is semidefinite (Haynsworth 1968).
         """
@@ -99,7 +99,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     """Return an order (n,) of the vertices of `graph` (n, n), symmetric, at `points` (n, dim), separators last.
 
     On each level, each part is halved along its longest axis; `part` has one bit per level. The separator of a level
-    contains the upper vertices with lower neighbours that no earlier separator contains.
+    contains the vertices of upper halves with neighbours in lower halves, except those of earlier separators.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)
@@ -112,7 +112,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut are above it, so that separators of meshes in rows are rows, unless no vertex is below.
+        # Vertices at the cut are in the upper half, unless all would be; so separators of meshes in rows are rows.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]

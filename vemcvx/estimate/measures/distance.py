@@ -4,16 +4,16 @@ r"""The distance of two displacement fields in the energy norm, on the same or o
 - projected: the same integral for Pi u and Pi v, on any polygons;
 - nodal: $|u - I v|_{a^h}$ on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v.
 
-The first two integrate exactly on the overlaps of cells, where strains are linear or constant. They are norms of
+The first two are integrated exactly on the overlaps of cells, where strains are linear or constant. They are norms of
 differences in one space of strains. So they are symmetric if the moduli are the same, and obey the triangle inequality.
 The nodal distance ignores v between the coarse nodes, and is the smallest of the three. It is a sum over cells with the
 moduli and the stabilisation of `run`,
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 
-In space the integrals are sums over pyramids between the centroid of a cell of the second mesh and its faces; the
+In space, the integrals are sums over pyramids between the centroid of a cell of the second mesh and its faces; the
 centroid of a pyramid determines the cell of the first mesh. The integrals are exact if the cells of the second mesh lie
-inside cells of the first mesh; otherwise their error is O(h). In space "exact" is for tetrahedra, on which u is linear.
+inside cells of the first mesh; otherwise their error is O(h). In space, "exact" is for tetrahedra: there u is linear.
 
 On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
 e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values u_1 ... u_4 in turn, it is
@@ -21,7 +21,7 @@ e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
 because xi eta is harmonic, and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, with the slope of
-sym(b (x) grad(xi eta)). On other cells only Pi u is known.
+sym(b (x) grad(xi eta)). On other cells, only Pi u is known.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class InnerStrain:
 
 
 def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
-    """Return the strains of Pi u, or for "exact" of the virtual function; raise MeshError if a cell has no formula."""
+    """Return the strains of Pi u or, for "exact", of the virtual function; raise MeshError if a cell has no formula."""
     plane = field.space.in_plane
     known = "neither a triangle nor a rectangle" if plane else "no tetrahedron"
     slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
@@ -244,8 +244,8 @@ class Measured:
     def relative(self) -> float:
         """The ratio absolute / reference; 0 / 0 = 0, and infinity if only the reference is zero.
 
-        These are norms of strains at this instant. An error budget is relative to the largest norm of its run with the
-        energy of springs (ElasticFoundation): see `scale` of :class:`vemcvx.estimate.budget.ErrorBudget`.
+        Both are norms of strains at this instant. An error budget is relative to the largest energy norm of its run,
+        which includes springs (ElasticFoundation): see `scale` of :class:`vemcvx.estimate.budget.ErrorBudget`.
         """
         if self.reference == 0.0:
             return 0.0 if self.absolute == 0.0 else float("inf")
@@ -262,7 +262,7 @@ def make_measure(squares: Floats, reference: float, moduli_apart: float = 0.0) -
 class CommonRule:
     """A quadrature rule on the overlaps of two meshes.
 
-    It integrates polynomials on each overlap. In nonconvex cells some points are outside, with negative weights.
+    It integrates polynomials on each overlap. In nonconvex cells, some points are outside and have negative weights.
     """
 
     first: Ints
@@ -277,7 +277,7 @@ class CommonRule:
 
 @lru_cache(maxsize=4)
 def common_rule(first: Mesh, second: Mesh) -> CommonRule:
-    """Return a rule exact for quadratic functions on the cells of both meshes; in space for constants on nested cells.
+    """Return a rule exact for quadratic functions on the cells of both meshes; in space, for constants if they nest.
 
     The last few rules are cached, because histories are compared step by step on the same two meshes.
     """
@@ -351,11 +351,11 @@ def energy_distance(
     Raises
     ------
     MeshError
-        The meshes do not cover the same domain; "exact" on cells other than triangles and rectangles; "nodal" if a node
-        of `run` is no node of `reference`.
+        The meshes do not cover the same domain; or the kind is "exact" and a cell is neither triangle, rectangle nor
+        tetrahedron; or it is "nodal" and a node of `run` is no node of `reference`.
     HistoryError
-        There is no such kind, no step was stored at `time`, or "nodal" for a run read from files without its
-        stabilisation.
+        There is no such kind; no step was stored at `time`; or the kind is "nodal" and `run` was read from files
+        without its stabilisation.
     SceneError
         A step was not stored.
 

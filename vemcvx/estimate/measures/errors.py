@@ -101,8 +101,8 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
 #
-# by quadrature of degree 5, in space of degree 2 on tetrahedra; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of
-# the paper the energy error is O(h + k).
+# by quadrature of degree 5 (in space: of degree 2 on tetrahedra); Pi is defined in :mod:`vemcvx.vem.projection`. Under
+# (3.28) of the paper, the energy error is O(h + k).
 #
 # A rule of low degree would hide errors, because computed strains superconverge at the centroids of squares. So each
 # triangle of a cell has Radon's seven points.
@@ -163,7 +163,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     Returns
     -------
     Measured
-        In length^2, in space length^(5/2); its reference is the L2 norm of the closed form.
+        In units of length^2 (in space length^(5/2)); its reference is the L2 norm of the closed form.
 
     Raises
     ------

@@ -72,7 +72,7 @@ def coulomb(across=None, **settings):
 LAWS = {
     "a disc": (tresca, None),
     "an ellipse": (tresca, ACROSS),
-    "an ellipse across": (tresca, 2.5),
+    "an ellipse whose long axis is across": (tresca, 2.5),
     "a line": (tresca, 0.0),
     "Coulomb's disc": (coulomb, None),
     "Coulomb's ellipse": (coulomb, ACROSS),

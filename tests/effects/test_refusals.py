@@ -32,11 +32,11 @@ def solid(*constants, **changes):
 PLANE = {
     "a scalar force": (vx.PointLoad(3.0, at=(0.5, 0.5)), "PointLoad: found the single number 3; wanted 2 components"),
     "a vector pressure": (vx.Pressure((1, 0), "left"), r"Pressure on left: found an array of shape \(2,\)"),
-    "a stress NaN": (vx.Prestress((1.0, 2.0, np.nan)), "Prestress: found NaN or infinity in 16 of 48 values"),
+    "a stress of NaN": (vx.Prestress((1.0, 2.0, np.nan)), "Prestress: found NaN or infinity in 16 of 48 values"),
     "no such datum": (vx.ThermalStrain("alpha", 1.0), "ThermalStrain: expansion: .*no cell datum named 'alpha'"),
     "a direction": (vx.TrescaFriction(1.0, "bottom", direction=(1.0, 0.0), across=2.0), "TrescaFriction .* in space"),
-    "a gap NaN": (vx.UnilateralContact("bottom", np.nan), "UnilateralContact on bottom: gap: found NaN"),
-    "no touch": (vx.TrescaFriction(1.0, "bottom", while_closed=True), "TrescaFriction on bottom: no pressure is known"),
+    "a gap of NaN": (vx.UnilateralContact("bottom", np.nan), "UnilateralContact on bottom: gap: found NaN"),
+    "no force": (vx.TrescaFriction(1.0, "bottom", while_closed=True), "TrescaFriction on bottom: no pressure is known"),
 }  # fmt: skip
 MATERIALS = {
     "no material somewhere": ([EAST], "materials: .* 8 have no material .first: cell 0 .*Elasticity on east"),
@@ -46,7 +46,7 @@ MATERIALS = {
     "two moduli": ([wood(plane="strain")], r"Orthotropic: .*plane strain takes \(E1, E2, E3\)"),
     "one ratio": ([wood(young=E, plane="strain")], r"Orthotropic: found poisson = 0\.3; .* takes \(nu12, nu13, nu23\)"),
     "young": ([wood(young=(1.0, lambda x: x[:, 0] - 0.375))], r"Orthotropic: found young \(E2\) = -0\.25 in"),
-    "no energy in strain": ([wood(young=E, poisson=(0.9,) * 3, plane="strain")], r"Orthotropic: .* matrix S of"),
+    "negative energy": ([wood(young=E, poisson=(0.9,) * 3, plane="strain")], r"Orthotropic: .* matrix S of"),
     "no plane": ([wood(plane="foo")], "Orthotropic: found plane 'foo'"),
     "degrees": ([wood(angle=45)], "Orthotropic: found angle = 45 in cell 0; it is in radians"),
     "axes": ([wood(axes=((1, 0, 0), (0, 1, 0)))], "Orthotropic: found axes .* bodies in space; give angle="),

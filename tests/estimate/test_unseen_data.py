@@ -59,7 +59,7 @@ SCENES = {
     "a hard patch of a compliant floor": pressed(
         vx.NormalCompliance(lambda x, t: np.where(near(x[:, 0], 0.375, 0.1), 2000.0, 20.0), on="bottom")
     ),
-    "a tent of the support": vx.Scene(
+    "a support that moves in the shape of a tent": vx.Scene(
         STEEL,
         vx.Clamp(on="right"),
         vx.PrescribedDisplacement(

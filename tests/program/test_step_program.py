@@ -66,7 +66,7 @@ def test_the_gap_bounds_the_error(block, separate):
             v = np.linalg.solve(K, program.g - program.multiplier_force(lam, p))
             dual = -0.5 * v @ K @ v - lam.ravel() @ program.b - p @ program.e
             dual -= 0.5 * p @ (program.operators.compliance * p)
-            # By theorem 2 the gap may be less than primal minus dual.
+            # By theorem 2 of `vemcvx.program.certificate` the gap may be less than primal minus dual.
             plain = pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)
             assert certificate.gap == plain or (certificate.moved > 0 and certificate.gap < plain.expected)
         assert not separate or max(one.gap for one in computed[:2]) < 1e-3 * computed[2].gap

@@ -1,4 +1,4 @@
-"""Runs that begin from the projection P^h u_0: consistent with condition (2.1), and of order one in h + k."""
+"""Runs that begin from the projection P^h u_0: consistent with condition (2.1) of the paper, with errors O(h + k)."""
 
 import logging
 

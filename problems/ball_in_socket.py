@@ -56,7 +56,7 @@ def scene(friction=FRICTION, aside=ASIDE):
 def inflate_cube(n, size, hollow=False):
     """Return tetrahedra of a half ball of the radius `size`: the lower half of a cube, inflated.
 
-    A hollow one lacks the ball of the radius `RADIUS` inside.
+    A hollow half ball lacks the ball of the radius `RADIUS` inside.
     """
     made = vx.meshes.tetrahedra((2 * n, 2 * n, n), box=((-size, size), (-size, size), (-size, 0.0)))
     far, length = np.abs(made.points).max(axis=1), np.linalg.norm(made.points, axis=1)

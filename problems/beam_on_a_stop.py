@@ -5,8 +5,8 @@ and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory
 shear factor 5/6 of a rectangle, the end deflects by
 
 $$
-\text{end by } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\
-\text{end by } R \text{ upwards}: \qquad R (L^3 / (3 E I) + L / k).
+\text{under } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\
+\text{under } R \text{ upwards}: \qquad R (L^3 / (3 E I) + L / k).
 $$
 
 The beam meets the stop when the first deflection equals the gap. From then on the force R of the stop keeps the end at

@@ -124,7 +124,7 @@ def picture(history):
     lap, _, wall = 2e-3 * forces_on_upper_plate(history)[:, pulled]
     end = 1000 * PULL * (history.times[pulled] - 1.0)
     graph.plot(end, 2e-3 * history.reaction("upper.right")[pulled, 0], "C0o-", linewidth=1.0, label="pull")
-    graph.plot(end, -wall[:, 0], "C1s-", linewidth=1.0, label="part of the bolts")
+    graph.plot(end, -wall[:, 0], "C1s-", linewidth=1.0, label="carried by the bolts")
     graph.plot(end, FRICTION * lap[:, 2], "--", color="0.5", label=r"$\mu N$")
     graph.set(xlabel="displacement of the end (µm)", ylabel="force (kN)")
     graph.grid()

@@ -14,8 +14,8 @@ Friction is at most mu N, so that N stays between the lines of full slip,
 $$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
 N is on the first line while the root slides out, and on the second while it slides in, if all nodes slip straight along
-the flank. Between the lines the root sticks, and N hardly falls with the pull. Such sliding in and out wears the roots
-of turbine blades.
+the flank. Between the lines the root sticks, and N hardly falls when the pull falls. Such sliding in and out wears the
+roots of turbine blades.
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot
 """
@@ -62,7 +62,7 @@ def flank(y):
 
 
 def solid(x, y, layers, is_inside):
-    """Return hexahedra over a grid of lines x, y. Its right side (`is_inside`) or left side moves to the flank."""
+    """Return hexahedra over a grid of lines x, y, whose right side (`is_inside`) or left side moves to the flank."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     side = flank(y[j])

@@ -2,7 +2,7 @@
 
     python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
 
-With --page nothing is run: the page README.md of all pictures in the folder is written there.
+With --page nothing is run; README.md, a page of all pictures in the folder --out, is written into this folder.
 
 This folder has two kinds of problem:
 

@@ -2,17 +2,17 @@
 
 The block has the displacement of `manufactured_full_slip.py`, which is known in closed form. Its left side is on
 rollers. The tractions of that solution act on the other sides, its body force inside, and friction at its bound along
-the whole floor. All data grow with t^2; a step that evaluates them at its ends takes them as linear in between.
+the whole floor. All data grow with t^2; between the ends of a step the bound takes them as linear.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
 energy and the mean displacement of the top. They hold on every mesh, and involve no estimated constant (W. Prager and
 J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5, 1947). The
 bars shrink with h.
 
-Over whole histories the bounds cover mesh and steps at once. Steps make no error in a load that is proportional to one
-function of time: the bound of this block is the same in one step as in sixteen. The third panel therefore shows the
-block of `missed_reversal.py`, whose load reverses between two instants of the run. The bound includes the error of the
-steps, and decreases with more steps to the error of the mesh.
+Over whole histories the bounds cover mesh and steps at once. If all loads are proportional to one increasing function
+of time, steps make no error: the bound of this block is the same in one step as in sixteen. The third panel therefore
+shows the block of `missed_reversal.py`, whose load reverses between two instants of the run. The bound includes the
+error of the steps, and decreases with more steps to the error of the mesh.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """
@@ -134,7 +134,7 @@ def intervals_over_meshes(history, counts):
 
 
 def bounds_over_steps(n, counts):
-    """Return bounds of whole histories of `turning_scene` at the end, in these numbers of steps on n x n squares."""
+    """Return bounds at the end of histories of `turning_scene`, for these numbers of steps on n x n squares."""
     runs = [vx.simulate(turning_scene(), mesh(n), times(count)) for count in counts]
     return np.array([vx.error_bound(run).upper[-1] for run in runs])
 
@@ -161,7 +161,7 @@ def picture(history):
         ax.plot(steps, bounds_over_steps(n, steps) / unit, style, label=f"{n} x {n} squares")
     ax.set(
         xscale="log",
-        xlabel="steps, which miss the turn",
+        xlabel="steps, which miss the reversal",
         ylabel="bound of mesh and steps, % in energy",
         ylim=(0.0, None),
     )

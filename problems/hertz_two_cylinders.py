@@ -11,9 +11,9 @@ p_0 = 2 P / (\pi a)
 $$
 
 (Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block 40 half-widths wide and 20 high, of which one half is
-computed. Meshes are graded from a/n at the contact outwards. They do not match: the upper body has 3/4 of the cells.
-The top is pressed down, and P is measured; there is no friction. With n = 16 half-width and peak agree with Hertz
-within .5 %.
+computed. Meshes are graded from a/n at the contact outwards. They do not match: in each direction the upper body has
+about 3/4 of the cells of the lower body. The top is pressed down, and P is measured; there is no friction. With n = 16
+half-width and peak agree with Hertz within .5 %.
 
     vemcvx run problems/hertz_two_cylinders.py --n 12 --steps 4 --plot
 """

@@ -1,7 +1,7 @@
 """HiGHS 1.15.1 reports "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
 
-The program in the .mps file of the same name is a step of friction with two unknowns. With the implied bounds
-t >= 0 in the file HiGHS 1.15.1 is right; 1.16.0 is right without them.
+The program in the .mps file of the same name is a step of friction with two unknowns. If the implied bounds t >= 0 are
+in the file, HiGHS 1.15.1 is right; HiGHS 1.16.0 is right without these bounds.
 """
 
 from pathlib import Path

@@ -1,7 +1,8 @@
 r"""A viscous strip under a steady pull: creep towards the elastic displacement; friction holds part of it back.
 
-The strip (0, 4) x (0, 1), E = 10, nu = 1/4, is a Kelvin-Voigt body with the relaxation time tau: b = tau a. A steady
-pull p acts at its right end from t = 0 on. Without friction every displacement is the elastic displacement times
+The strip (0, 4) x (0, 1), E = 10, nu = 1/4, is a Kelvin-Voigt body with the relaxation time tau: its viscous form b is
+tau times its elastic form a. A steady pull p acts at its right end from t = 0 on. Without friction every displacement
+is the elastic displacement times
 
 $$ 1 - \exp(-t / \tau), \qquad \text{step by step} \qquad s_n = (1 + \tau / k s_{n-1}) / (1 + \tau / k) $$
 
@@ -59,7 +60,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the strip at the end, and the creep of its end with friction, and without beside its closed form."""
+    """Draw the strip at the last instant, and the creep of its end with and without friction beside the closed form."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -4,7 +4,7 @@ Strips of height t, length l and moduli E, nu = 0, are joined by a layer of thic
 three are separate bodies, with meshes that do not match, bonded by bilateral contact and friction that never slips. The
 lower strip is held at its left end, and the force F pulls the upper strip at its right end. Their outer faces are on
 rollers, because the theory neglects bending. Let q be the shear stress of the glue. With a parabolic shear profile in
-the strips (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 left them rigid in shear),
+the strips (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 took them as rigid in shear),
 
 $$
 q'' = k^2 q, \qquad k^2 = (1 / E_1 t + 1 / E_2 t) / C, \qquad C = t_g / G_g + t / 3 G_1 + t / 3 G_2, \\

@@ -14,7 +14,7 @@ gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.p
 
 $$ K_{ij} = |K| G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}), $$
 
-a force per area gives each vertex of K an equal part of int_K f, and so does the bound g.
+a force per area gives each vertex of K an equal part of int_K f, and the bound g is distributed in the same way.
 
 **Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. Its lower edge is
 pulled by q(t) and held by friction; its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and step by step

@@ -26,12 +26,13 @@ Its map of z is 2 P_C - 1, which is nonexpansive like P_C: algebraic errors do n
    reflection only keeps distances. If a place begins to slip inside a step, z is beyond its bound by some eta
    <= k |u_l'| / 2 at the end of this step, below it by eta at the end of the next step, and so on forever: from then on
    the order is one.
-3. Its order is two only where slips are smooth: where they change their direction, but neither begin nor end.
+3. The order of the midpoint rule is two only where slips are smooth: where they change their direction, but neither
+   begin nor end.
 
 The order of backward Euler is one where slips change their direction. Slips of plane bodies can only reverse. For these
 bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if these include the
 reversals of the loads (:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. Sums over
-steps, work and dissipation, are of second order in either case (`dissipated_second_order`).
+steps (work and dissipation) are of second order in either case (`dissipated_second_order`).
 
     python problems/midpoint_rule.py [--picture FILE]
 

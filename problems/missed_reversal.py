@@ -65,8 +65,8 @@ def picture(history):
     how = {"stress": "xx", "forces": "friction", "limits": (-6.5, 0.0), "units": UNITS}
     vx.plots.stressed_body(history, step=-1, ax=body, **how)
     corner, fine = np.argmin(history.contact.points[:, 0]), vx.simulate(scene(), history.mesh, times(200))
-    graph.plot(course(fine.times), fine.contact.slip[:, corner, 0], "k-", label="200 steps, the turn met")
-    words = f"{history.steps} steps, the turn missed"
+    graph.plot(course(fine.times), fine.contact.slip[:, corner, 0], "k-", label="200 steps, the reversal met")
+    words = f"{history.steps} steps, the reversal missed"
     graph.plot(course(history.times), history.contact.slip[:, corner, 0], "C0o-", linewidth=0.8, label=words)
     graph.set(xlabel="load / largest load", ylabel="slip of the pulled corner (mm)")
     error = largest_distance(history, vx.simulate(scene(), history.mesh, times(2 * history.steps)))

@@ -8,9 +8,9 @@ C = H_1 / mu_1 + H_2 / mu_2,
 $$ q_i = \operatorname{clip}((U - a_i) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 
 So bearing i begins to slide at U_i = g_i C. The force on the plate, L sum q_i, is the force of springs and sliders in
-parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) at first, F1 - 2 F((U1 - U) / 2) after a reversal
-at (U1, F1) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+. The solution is exact on any two meshes,
-to rounding.
+parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) in the first loading, F1 - 2 F((U1 - U) / 2)
+after a reversal at (U1, F1) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+. The solution is exact
+on any two meshes, to rounding.
 
     vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
 """

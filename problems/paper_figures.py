@@ -12,7 +12,7 @@ In these units S_K to the letter has an effect. The factor 1 in place of 2 mu = 
 that loads bend the cells on which they act. Little of the load reaches the contact. With n = 96 and k = 1/8 the largest
 slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1 they are .0114 on squares,
 .0113 on Voronoi cells and hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other
-units, N for daN, the same text gives other numbers.
+units, such as N instead of daN, the same text gives other numbers.
 
 The deviations of the package from the text of the paper, and the options that restore the text, are printed too. This
 command prints them alone:
@@ -175,7 +175,7 @@ Errors = dict[str, list[vx.measures.Measured]]
 
 
 def errors(sizes: Sequence[int] = SIZES, reference: int = REFERENCE, stabilisation: str = "unit") -> Errors:
-    """Return distances at t = 1 between h = k = 1/n and the reference on squares, by every measure, and in time."""
+    """Return distances at t = 1 between runs with h = k = 1/n and the reference on squares, by every measure."""
     scene = paper.scene(stabilisation=stabilisation)
     fine = vx.simulate(scene, paper.mesh(reference), paper.times(reference), store="last")
     found: Errors = {kind: [] for kind in (*KINDS, "nodal, 2 mu", "in time")}
@@ -217,12 +217,12 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
     of_ours = ", ".join(f"{one.relative:.3f}" for one in every["unit"]["nodal, 2 mu"])
     in_time = max(one.relative for found in every.values() for one in found["in time"])
     return [
-        f"exact: of the virtual functions, bilinear on squares; orders {slopes['unit']:.2f} (unit) and "
-        f"{slopes['shear']:.2f} (2 mu) rather than 1, for the solution is not in H^2 at the clamped corners, where the "
-        "boundary condition changes.",
-        "projected: of Pi u, constant on cells. nodal: |I u_ref - u|_{a^h}, what the coarse nodes see, in the a^h of "
-        "the run; consistent: its first part, without S_K. (In the a^h of 2 mu the nodal distances of unit runs are "
-        f"{of_ours}.)",
+        f"exact: errors of the virtual functions, which are bilinear on squares. Orders are {slopes['unit']:.2f} "
+        f"(unit) and {slopes['shear']:.2f} (2 mu) rather than 1, because the solution is not in H^2 at the clamped "
+        "corners, where the boundary condition changes.",
+        "projected: errors of Pi u. nodal: |I u_ref - u|_{a^h}, the errors at the coarse nodes, in the a^h of the run. "
+        "consistent: the first part of this norm, without S_K. (In the a^h of 2 mu the nodal distances of unit runs "
+        f"are {of_ours}.)",
         f"in time: at most {in_time:.0e}, the distance to a run on the same mesh with the steps of the reference. The "
         "load is proportional and no slipping node sticks again: backward Euler makes no error here, and only the mesh "
         "makes an error.",

@@ -7,7 +7,7 @@ from the end, T the pull at the end (a force) and N the force in the tendon. As 
 
 $$
 N = \min(N_0, T + g s)
-\qquad \text{on the first release}, N_0 = s_0 H: \text{ reaches } N_0 \text{ at the transfer length } N_0 / g, \\
+\qquad \text{on the first release}, \qquad N_0 = s_0 H \text{ at the transfer length } s = N_0 / g, \\
 u_1 = N_0^2 / (2 E H g) \qquad \text{the draw-in of the end}.
 $$
 

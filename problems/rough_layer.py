@@ -6,9 +6,9 @@ then column and layer act like springs in series,
 
 $$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{compression of the layer } = p / c. $$
 
-A large c is a rigid floor. With `radius=R` and the mesh `punch_mesh` the block of `hertz_contact.py` is pressed on a
-rough cylinder. The layer spreads Hertz' pressure and lowers its peak, and the pressure rises gradually at the edge of
-the contact (Johnson, *Contact Mechanics*, 13.5).
+A layer with a large c acts like a rigid floor. With `radius=R` and the mesh `punch_mesh`, the block of
+`hertz_contact.py` is pressed on a rough cylinder. The layer spreads Hertz' pressure and lowers its peak, and the
+pressure rises gradually at the edge of the contact (Johnson, *Contact Mechanics*, 13.5).
 
 While the column moves freely its energy is almost zero, and an error of 1e-8 of this energy is below rounding: use the
 accuracy 1e-6.

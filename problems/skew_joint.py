@@ -2,7 +2,7 @@ r"""Two blocks in space with a skew joint: a friction spring, whose loop has a c
 
 A column of square section is cut by a plane whose normal leans by theta from the vertical, obliquely to both sides. A
 vertical force P(t) loads the upper block, which slides down the slope against springs at its sides. The springs carry
-the horizontal force S. With phi = atan mu the equilibrium of the upper block is: it slides
+the horizontal force S. Let phi = atan mu. In equilibrium the upper block slides
 
 $$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \tan(\theta + \phi), $$
 

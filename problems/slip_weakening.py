@@ -6,14 +6,15 @@ place, from its peak to its residual value:
 
 $$ g(A) = \max(g_p - k A, g_r). $$
 
-With the slip a of the block and its friction q = mu (U - a) / H it sticks while |q| < g(A), and slips with |q| = g(A):
+Let a be the slip of the block, and q = mu (U - a) / H its friction. The block sticks while |q| < g(A), and slips with
+|q| = g(A):
 
 $$
 da = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k)
 \qquad \text{until } g = g_r, \text{ and with } k = 0 \text{ from there}.
 $$
 
-This is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
+The block is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
 `softening`, and `vemcvx show` compares it with the stiffness of the block.
 
 Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.

@@ -17,7 +17,7 @@ are measured.
 
 With n = 8 the radius agrees with Hertz within 2 % and the peak within 5 %, or 2 % if the cells near the contact have
 equal heights, too (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick
-radius, judged by single nodes, is .94 of the closed form.
+radius, read off single nodes, is .94 of the closed form.
 
     vemcvx run problems/spherical_indenter.py --n 8 --steps 8 --plot
 """

@@ -27,8 +27,8 @@ Three systems (K, load, Norms), Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i
    $$
 
 3. **The same elements under a given stress.** Now e is an unknown too, and K = [[E_0 + sum E, -E'], [-E, diag(E)]] has
-   the shape of an arrow. No norm contains e. Its elimination leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank
-   one.
+   the shape of an arrow. No norm contains e. The elimination of e leaves diag(E) - E E' / (E_0 + sum E), diagonal plus
+   rank one.
 
 The third system inverts the second. The inverse of a Prandtl-Ishlinskii operator is another one, whose curve of first
 loading is the inverse curve: under the displacement of the chain, the elements of :func:`inverse` have the stress F.
@@ -36,8 +36,8 @@ Backward Euler makes no error here as long as the input is monotone between inst
 
 Sums of plays have three properties. *Return-point memory* (wiping out): when the input returns to an earlier turning
 point without a larger excursion, the state is the earlier one. The loop between is forgotten. *Congruency*: closed
-loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop with inputs dF apart
-dissipates, for the force and the displacement of the chain, the area
+loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop dissipates its area.
+For force and displacement of the chain, and a loop between forces dF apart, this is
 
 $$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 

@@ -5,8 +5,9 @@ the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
 
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 
-The chart shows the least and the greatest ratio S / a_mu over all such v. Neither depends on mu, on the size of the
-cell or on nu. Bounded ratios make a_K^h equivalent to a form that is elastic in shear and contains the mean dilatation,
+The chart shows the least and the greatest ratio S / a_mu over all such v. Neither ratio depends on mu, on the size of
+the cell or on nu. Bounded ratios make a_K^h equivalent to a form that is elastic in shear and contains the mean
+dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
@@ -18,9 +19,10 @@ On a rectangle 2a x 2b the only such v are (xy, 0) and (0, xy). Their ratios S /
 other cells, linear finite elements on a mesh graded towards the vertices compute v. Their energies are a few per cent
 too high.
 
-Results: over all families of meshes S / a_mu stays between .5 and 7. An edge of length e h costs a logarithm,
-S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls, and the greatest grows, in proportion to the
-aspect ratio. On stretched rectangles both ratios fall. The consistent part, exact on linear fields, is not affected.
+Results: over all families of meshes S / a_mu stays between .5 and 7. An edge of length e h lowers the least ratio by a
+logarithm only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls, and the greatest grows, in
+proportion to the aspect ratio. On stretched rectangles both ratios fall. The consistent part, exact on linear fields,
+is not affected.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """

@@ -11,8 +11,8 @@ $$
 
 So the force of the hold is F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt
 reverses at U1, friction reverses in a zone that grows from the hold. Then F = F1 - 2 F((U1 - U) / 2), but at least
--g L: Masing's rule (1926). Up to U1 > U* the work of the belt is 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is
-stored. The rod is a model with the error O(H / l).
+-g L: Masing's rule (1926). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* + g L (U1 - U*), of
+which g L U* / 3 is stored. The rod is a model with the error O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
 """

@@ -10,19 +10,19 @@ N' = \pm g \text{ where it slips}, \qquad N = E H \alpha \theta \text{ where it 
 \qquad u = \int (\alpha \theta - N / (E H)) ds.
 $$
 
-In the first heating friction builds up the force N = g s over the length l = E H alpha T / g. Beyond it the bar is
+During the first heating, friction builds up the force N = g s over the length l = E H alpha T / g. Beyond it the bar is
 locked with the stress -E alpha T. The end moves by
 
 $$ u_1 = \alpha T l - g l^2 / (2 E H) = E H (\alpha T)^2 / (2 g). $$
 
-In cooling slip reverses over the length l / 2 next to the end, and N = -g s there. At the inner end of this length N is
-E H alpha T below the previous force g s. The change of N over this length is -2 g s, and the end returns by
+During cooling, the slip reverses over the length l / 2 next to the end, and N = -g s there. At the inner end of this
+length N is E H alpha T below the previous force g s. The change of N over this length is -2 g s, and the end returns by
 
 $$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2. $$
 
-Half of the expansion stays, with compression up to g l / 2 locked in. In every further heating the end returns to u_1.
-Friction dissipates int g u(s) ds = g^2 l^3 / (6 E H) in the first heating, with u(s) = g (l - s)^2 / (2 E H). The rod
-is a model with an error of the order of H / l.
+Half of the expansion stays, with compression up to g l / 2 locked in. During every further heating, the end returns to
+u_1. Friction dissipates int g u(s) ds = g^2 l^3 / (6 E H) in the first heating, with u(s) = g (l - s)^2 / (2 E H). The
+rod is a model with an error of the order of H / l.
 
     vemcvx run problems/thermal_expansion_blocked_by_friction.py --n 4 --steps 24
 """

@@ -1,9 +1,9 @@
 r"""A round pad pressed on a floor and twisted: it slips from its edge inwards, up to the torque 2/3 mu P R.
 
 The pad has the radius R and the height H = R/4, E = 1000. The uniform pressure p acts on its top, which then rotates by
-the angle t w about the axis. The floor is rigid, with Coulomb friction. With nu = 0 pressing does not widen the pad and
-twisting does not change the pressure, so that the pressure on the floor stays p. The shear of a thin pad is G r t w / H
-up to the bound, which it reaches at the radius c = mu p H / (G t w). It slips outside of c:
+the angle t w about the axis. The floor is rigid, with Coulomb friction. With nu = 0, pressing does not widen the pad
+and twisting does not change the pressure, so that the pressure on the floor stays p. The shear of a thin pad is G r t
+w / H up to the bound, which it reaches at the radius c = mu p H / (G t w). It slips outside of c:
 
 $$
 T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{before}.

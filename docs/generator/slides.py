@@ -14,7 +14,7 @@ from pathlib import Path
 from bs4 import BeautifulSoup, Tag
 
 LETTERS, LINES = 85, 5
-"""Letters in a line, and lines of text on a slide."""
+"""Number of letters in a line, and of lines of text on a slide."""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>

@@ -44,7 +44,7 @@ def increments_have_digits(setting, history):
 
 
 def reverses(setting, history):
-    """Return a fault unless the end moves like the end of the rod, up to H over the slip length."""
+    """Return a fault unless the end moves like the end of the rod, up to a fraction H over the slip length."""
     end = history.mesh.points[:, 0] == 0
     found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
     expected = np.array(shear_lag.end_displacement())

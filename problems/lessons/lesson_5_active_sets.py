@@ -69,7 +69,8 @@ def active_sets(program, gamma, rounds=40):
 #
 # **A body.** We take the paper's Section 4 on squares, with 32 nodes on the ground. The package keeps the program of
 # every step. It has eliminated all interior unknowns, so a full matrix for the 32 nodes remains. The package writes the
-# program of a step for the slips, so `b`, which takes the place of $u_{prev}$, is zero here. It calls the load `g`.
+# program of a step for the slips, so `b`, which takes the place of $u_{prev}$, is zero here. The package calls the load
+# `g`.
 
 
 # %%
@@ -169,10 +170,10 @@ def plane_step(K, f, w, u_prev, iterate, gamma):
 
 
 # %% [markdown]
-# Twenty blocks stand in a row that is tied at one end. The first pull is along the row, the second one turns. We
-# measure the distance to the last iterate in the energy norm. Far away the error falls by about a fifth per round,
-# while the front moves from block to block, because only neighbours are coupled. Then the error collapses.
-# *Superlinear* means that the factor itself tends to zero:
+# Twenty blocks stand in a row that is tied at one end. The first pull is along the row, the second pull has another
+# direction. We measure the distance to the last iterate in the energy norm. Far from the solution the error falls by
+# about a fifth per round, while the front moves from block to block, because only neighbours are coupled. Then the
+# error collapses. *Superlinear* means that the factor itself tends to zero:
 #
 # $$\frac{|u^{(m+1)} - u^*|_K}{|u^{(m)} - u^*|_K} \to 0 .$$
 
@@ -297,9 +298,9 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # one sure step, from the point where the last sure step ended, and continue Newton's method from the result of this
 # step.
 #
-# **Theorem.** The best gap tends to zero. *Proof.* If the gap is halved again and again, the claim holds. If not, from
-# some round on the sure steps never stop. They are the iterates of the projected gradient, so the gap of these iterates
-# tends to zero, and it is halved after all: a contradiction. $\square$
+# **Theorem.** The best gap tends to zero. *Proof.* If the gap is halved again and again, the claim holds. If not, then
+# from some round on there are always further sure steps. They are the iterates of the projected gradient, so the gap of
+# these iterates tends to zero, and it is halved after all: a contradiction. $\square$
 
 
 # %%

@@ -137,7 +137,7 @@ print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at
 
 # %% [markdown]
 # **5.** Run the iteration until sets repeat; the number of rounds in between is the length of the cycle. The sets
-# determine the next iterate, and so all that follows: one repetition is enough. The length two is the most frequent,
+# determine the next iterate, and thus all later ones: one repetition is enough. The length two is the most frequent,
 # but not the only one.
 
 

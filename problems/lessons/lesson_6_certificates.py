@@ -236,10 +236,11 @@ _figure
 #
 # $$P(s) - D(f) = P(s) .$$
 #
-# It is zero or negative for every $s$ with $P(s) \le 0$, so for every answer with no more energy than no slip at all.
-# The careless check certifies all of these answers, also $s = 0$, as exact. For answers with $P(s) > 0$ the "gap" is
-# positive, but it need not bound the error either: at $2.1\,s^*$ it is smaller than half the squared error. The package
-# first moves each multiplier to the nearest admissible value, as `clip` does in the six lines above.
+# It is zero or negative for every $s$ with $P(s) \le 0$, that is, for every answer whose energy does not exceed the
+# energy of $s = 0$. The careless check certifies all of these answers, also $s = 0$, as exact. For answers with
+# $P(s) > 0$ the "gap" is positive, but it need not bound the error either: at $2.1\,s^*$ it is smaller than half the
+# squared error. The package first moves each multiplier to the nearest admissible value, as `clip` does in the six
+# lines above.
 
 
 # %%

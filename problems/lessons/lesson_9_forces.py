@@ -3,7 +3,8 @@
 
 # %% [markdown]
 # *You need:* the dual of one slider (lesson 1) and the gap (lesson 6). *You will see:* that friction is a projection,
-# that we may compute forces first and displacements afterwards, and that both approach the same optimum from two sides.
+# that we may compute forces first and displacements afterwards, and that forces and displacements approach the same
+# optimum from two sides.
 #
 # A step of friction minimises over the slips $s$, as in lesson 6,
 #
@@ -84,7 +85,7 @@ def below(lam):
     return -0.5 * (f - lam) @ np.linalg.solve(K, f - lam)
 
 
-rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # of the sums below, times 10
+rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # rounding of the sums below, times 10
 best = above(step.answer.d)
 print(f"best slips  {best:.12f}\nbest forces {below(lam):.12f}")
 # The certificate sets slips to zero that are zero up to rounding, so its gap may be smaller.

@@ -229,13 +229,13 @@ def test_invalid_sets_of_bodies_are_refused():
     tubes = {"a": quarter([0.9, 1.0], 8), "b": quarter([1.0, 1.1], 6)}
     for meshes, options, subject in (
         ({"a": a, "b": cubes(1)}, {}, r"'a' and 'b' overlap near \("),
-        ({"a": a, "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, {}, r"'a' and 'b' overlap near \(0\.5"),
+        ({"a": a, "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, {}, r"'a' and 'b' overlap near"),
         ({"a": a, "b": cubes(2, ((0.2, 0.8), (0.2, 0.8), (0.2, 0.8)))}, {}, "'a' and 'b' overlap near"),
         (tubes, {}, "'a' and 'b' overlap near .* give both bodies the same nodes there"),
-        ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, {}, r"touch only in an edge .* near \(1, 1, 0\)"),
-        ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, {}, r"touch only in an edge .* near \(1, 1, 1\)"),
-        ({"a": a, "b": beside}, {}, "'a' and 'b' (touch only|overlap)"),
-        ({"a": a, "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))}, {}, "are 1e-07 apart near"),
+        ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, {}, r"near \(1, 1, 0\), or touch there only in"),
+        ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, {}, r"near \(1, 1, 1\), or touch there only in"),
+        ({"a": a, "b": beside}, {}, "'a' and 'b' overlap near"),
+        ({"a": a, "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))}, {}, "are less than 0.001 of the height"),
         ({"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))}, {"tolerance": 0.3}, r"near \(.* move to the same place"),
     ):
         with pytest.raises(vx.MeshError, match=subject):

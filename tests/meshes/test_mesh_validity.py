@@ -55,8 +55,8 @@ GEOMETRY = [
     (*spiral_stair(), "overlap"),
     ([(0, 0), (1, 0), (0, 1), (0.14, 0.14), (-0.14, 0.14)], [[0, 1, 2], [0, 3, 4]], "overlap"),
     # Node 6 is near the middle of the common edge of two squares: on it, 1e-9 to the right, and 1e-9 to the left.
-    ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 do not fit together near .* hanging nodes included"),
-    ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 do not fit together near .* a gap narrower than"),
+    ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 .* do not fit together there: .* hanging nodes included"),
+    ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 .* do not fit together there: .* a gap narrower than"),
     ([*TWO, (1, 0.5), (1 - 1e-9, 0.5)], NOTCHED, "overlap"),
     # The squares are 1e-9 apart.
     ([*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)], [[0, 1, 2, 3], [4, 5, 6, 7]], "a gap narrower than"),

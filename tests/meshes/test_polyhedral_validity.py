@@ -92,7 +92,7 @@ def test_cells_that_do_not_fit_together_are_refused(offset):
         ),
         ([make_cube((0.25, 0.25, 0.25), 0.5), make_cube()], "cells overlap: their volumes add up to 1.125"),
         ([make_cube(), make_cube((1.0, 0.25, 0.25), 0.5)], MEET_IN_PART),
-        ([make_cube(), make_cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], f"{MEET_IN_PART}, 1e-08 apart"),
+        ([make_cube(), make_cube((1.0 + 1e-8, 0.25, 0.25), 0.5)], MEET_IN_PART),
         ([make_cube(), make_cube((1.0, 0.5, 0.0))], MEET_IN_PART),
         (CROSS, "of cell 0 and the face .* of cell 1 lie on one another"),
     ):
@@ -156,10 +156,10 @@ def test_cells_that_cross_or_touch_themselves_or_have_no_inside_are_refused():
         assert_refused(points, cells, r"cell 0: its face \d \(.*\) crosses or touches itself")
     inner, faces = make_cube((0.25, 0.25, 0.25), 0.5, first=8)
     hollow = [*FACES, *(face[::-1] for face in faces)]
-    assert_refused([*CUBE, *inner], [hollow], "cell 0 has several closed surfaces, and a cell must have one")
+    assert_refused([*CUBE, *inner], [hollow], "faces of cell 0 do not form one closed surface")
     triangles = "012 023 034 045 051 124 235 341 452 513"
     faces = [list(map(int, triangle)) for triangle in triangles.split()]
-    assert_refused(np.random.default_rng(0).random((6, 3)), [faces], "cell 0 has no inside")
+    assert_refused(np.random.default_rng(0).random((6, 3)), [faces], "faces of cell 0 do not form one closed surface")
 
 
 @pytest.mark.parametrize("reversed_faces", [(0,), range(6), (0, 1, 2, 5)], ids=str)

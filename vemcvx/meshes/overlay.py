@@ -88,7 +88,7 @@ def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, toler
     shapes = face_shapes(points, *outline)
     upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
-    links = np.column_stack([upon.one, upon.other])[number[upon.one] != number[upon.other]]
+    links = upon.T[number[upon[0]] != number[upon[1]]]
     points, face, pieces = _split_faces(points, outline, shapes, links, tolerance)
     faces, origin = _replace_faces(faces, outer[face], pieces)
     sides = np.append(outline[0], outline[0][-1] + pieces[0][1:]), np.append(outline[1], pieces[1])

@@ -10,7 +10,7 @@ of both bodies are overlaid: :mod:`.overlay`. For cracks in a single body see :m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -137,29 +137,17 @@ def join(
 
 
 def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
-    """Return a sentence for each body without an interface: the nearest other body, its distance and the place."""
+    """Return a sentence for each body without an interface: the nearest other body, the distance and place of nodes."""
     joined, said = {body for interface in mesh.interfaces.values() for body in interface.bodies}, {}
     for body in (name for name in meshes if name not in joined):
-        gaps = {other: _gap(meshes[body], meshes[other]) for other in meshes if other != body}
-        other, (distance, at) = min(gaps.items(), key=lambda gap: gap[1][0])
+        gaps = {other: nearest(meshes[other].points, meshes[body].points)[0] for other in meshes if other != body}
+        other, distance = min(gaps.items(), key=lambda gap: gap[1].min())
         said[frozenset((body, other))] = (
-            f"{body!r} touches no other body: the nearest, {other!r}, is {distance:.3g} away near "
-            f"{coordinates(at, 6)}. If they should touch, move one of them, or give tolerance=."
+            f"{body!r} touches no other body: the nearest nodes, of {other!r}, are {distance.min():.3g} away near "
+            f"{coordinates(meshes[body].points[np.argmin(distance)], 6)}. If they should touch, move one of them, or "
+            "give tolerance=."
         )
     return list(said.values())
-
-
-def _gap(one: AnyKind, other: AnyKind) -> tuple[float, Floats]:
-    """Return the distance between two separate bodies (in space: between their nearest nodes), and a point there."""
-    if isinstance(one, PolyhedralMesh):
-        distance, _ = nearest(other.points, one.points)
-        return float(distance.min()), one.points[np.argmin(distance)]
-    import shapely
-
-    edges, across = (shapely.linestrings(mesh.points[mesh._boundary]) for mesh in (one, other))
-    (mine, its), distance = shapely.STRtree(across).query_nearest(edges, return_distance=True, all_matches=False)
-    k = np.argmin(distance)
-    return float(distance[k]), shapely.get_coordinates(shapely.shortest_line(edges[mine[k]], across[its[k]]))[0]
 
 
 class JoinedBodies(NamedTuple, Generic[AnyKind]):
@@ -312,31 +300,20 @@ def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
     of_cell = body[mesh.vertices[mesh.offsets[:-1]]]
     misfit = find_misfit(outlines(mesh.points, mesh.offsets, mesh.vertices), width, of_cell)
     if misfit:
-        pair = of_cell[list(misfit.cells)]
-        raise (
-            _overlap(names, pair, misfit.at)
-            if misfit.overlap
-            else _hardly_apart(names, pair, misfit.distance, misfit.at)
-        )
+        raise _misplaced(names, of_cell[list(misfit[:2])], misfit.at)
 
 
-def _overlap(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
+def _misplaced(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
+    """Return the error for two bodies that overlap, touch without an interface, or are hardly apart near a point."""
     a, b = (names[number] for number in sorted(pair))
-    same = "give both bodies the same nodes there"
-    cure = "give tolerance=, the largest distance between them" if len(at) == 2 else same
+    point, edge, cure = "a point", "edges", "give tolerance=, the largest distance between them"
+    if len(at) == 3:
+        point, edge, cure = "a point or an edge", "faces", "give both bodies the same nodes there"
     return MeshError(
-        f"bodies: {a!r} and {b!r} overlap near {coordinates(at, 6)}. Move one of them; if their boundaries "
-        f"approximate one curve or curved surface, {cure}."
-    )
-
-
-def _hardly_apart(names: tuple[str, ...], pair: Ints, distance: float, at: Floats) -> MeshError:
-    a, b = (names[number] for number in sorted(pair))
-    return MeshError(
-        f"bodies: {a!r} and {b!r} are {distance:.3g} apart near {coordinates(at, 6)}, less than "
-        f"{NARROW_BETWEEN_BODIES:g} of the smallest height of a cell, and without an interface they are never in "
-        "contact. Bring them together (a larger tolerance= joins their boundaries; for a clearance give gap= to the "
-        "contact effect), or leave a larger gap."
+        f"bodies: {a!r} and {b!r} overlap near {coordinates(at, 6)}, or touch there only in {point}, or are less than "
+        f"{NARROW_BETWEEN_BODIES:g} of the height of the lowest cell apart. Move one of them: bodies in contact have "
+        f"{edge} in common, and a clearance is the gap= of a contact. If both approximate one curve or curved surface, "
+        f"{cure}."
     )
 
 
@@ -345,16 +322,7 @@ def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) 
     mesh, body, place = joined.mesh, joined.body, joined.place
     alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
     if len(alone):
-        raise _touching(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
-
-
-def _touching(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
-    first, second = (names[number] for number in sorted(pair))
-    where, share = ("the point", "an edge") if len(at) == 2 else ("an edge or a point near", "a face")
-    return MeshError(
-        f"bodies: {first!r} and {second!r} touch only in {where} {coordinates(at, 6)}, so there is no interface. "
-        f"Leave a gap there, or let them share {share}."
-    )
+        raise _misplaced(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
 
 
 # In space.
@@ -373,26 +341,32 @@ def _match_in_space(
 def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[PolyhedralMesh]) -> None:
     """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
 
-    Bodies overlap if an unshared node of one body, or a point just below the centroid of a face, is inside another.
+    No unshared node of a body, no point just outside it, and no point just below a face may be inside another body.
     """
     mesh, body = joined.mesh, joined.body
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
     free = mesh._boundary[mesh._outer]
-    normals, middles = mesh.face_normals[free], mesh.face_centroids[free]
     offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
-    rim = distinct(vertices[np.bincount(joined.place)[joined.place[vertices]] == 1])
-    below = (mesh.face_centroids - width * mesh.face_normals)[mesh._boundary]
-    owner = np.append(body[rim], of_face[mesh._boundary])
-    _check_outside(names, joined, owner, np.concatenate([mesh.points[rim], below]), _overlap)
-    shapes = FaceShapes(mesh.face_areas[free], normals, middles)
-    upon = find_touching_faces(mesh.points, offsets, vertices, shapes, width, body=of_face[free])
-    if len(upon.one):
-        pair = of_face[free[[upon.one[0], upon.other[0]]]]
-        raise _hardly_apart(names, pair, upon.distance[0], middles[upon.other[0]])
+    shapes = FaceShapes(mesh.face_areas[free], mesh.face_normals[free], mesh.face_centroids[free])
+    upon = free[find_touching_faces(mesh.points, offsets, vertices, shapes, width, body=of_face[free])]
+    if upon.size:
+        raise _misplaced(names, of_face[upon[:, 0]], mesh.face_centroids[upon[1, 0]])
+    rim = np.unique(vertices[np.bincount(joined.place)[joined.place[vertices]] == 1])
     outwards = np.zeros((mesh.n_nodes, 3))
-    np.add.at(outwards, vertices, np.repeat(normals, np.diff(offsets), axis=0))
-    _check_outside(names, joined, body[rim], mesh.points[rim] + width * outwards[rim], _touching)
+    np.add.at(outwards, vertices, np.repeat(shapes.normals, np.diff(offsets), axis=0))
+    below = (mesh.face_centroids - width * mesh.face_normals)[mesh._boundary]
+    places = np.concatenate([mesh.points[rim], mesh.points[rim] + width * outwards[rim], below])
+    owner = np.concatenate([body[rim], body[rim], of_face[mesh._boundary]])
+    offsets, vertices = mesh._outlines
+    for number in range(len(names)):
+        rows = rows_in_order(offsets, vertices, np.flatnonzero(body[vertices[offsets[:-1]]] == number))
+        x = mesh.points[rows[1]]
+        near = (owner != number) & ((places >= x.min(axis=0)) & (places <= x.max(axis=0))).all(axis=1)
+        there = np.flatnonzero(near)
+        inside = there[is_enclosed(places[there], mesh.points, *rows)]
+        if len(inside):
+            raise _misplaced(names, np.array([number, owner[inside[0]]]), places[inside[0]])
     _check_pockets(mesh, body, joined.place)
 
 
@@ -403,27 +377,6 @@ def _check_whole(mesh: PolygonMesh | PolyhedralMesh) -> None:
             check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
         except MeshError as error:
             raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
-
-
-def _check_outside(
-    names: tuple[str, ...],
-    joined: JoinedBodies[PolyhedralMesh],
-    owner: Ints,
-    places: Floats,
-    error: Callable[[tuple[str, ...], Ints, Floats], MeshError],
-) -> None:
-    """Raise an error if points (m, 3) of the bodies `owner` are inside another body."""
-    mesh = joined.mesh
-    offsets, vertices = mesh._outlines
-    of_face = joined.body[vertices[offsets[:-1]]]
-    for number in range(len(names)):
-        rows = rows_in_order(offsets, vertices, np.flatnonzero(of_face == number))
-        x = mesh.points[rows[1]]
-        near = (owner != number) & ((places >= x.min(axis=0)) & (places <= x.max(axis=0))).all(axis=1)
-        there = np.flatnonzero(near)
-        inside = there[is_enclosed(places[there], mesh.points, *rows)]
-        if len(inside):
-            raise error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
 
 
 def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:

@@ -217,16 +217,13 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     """Raise MeshError if cells overlap, do not meet in whole edges, or leave a gap too narrow to be intended."""
     width = SINGLE_EPS * lowest(points, offsets, vertices)
     misfit = find_misfit(outlines(points, offsets, vertices), width)
-    if misfit is None:
-        return
-    (one, other), at = sorted(misfit.cells), coordinates(misfit.at, 6)
-    if misfit.overlap:
-        raise MeshError(f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them.")
-    raise MeshError(
-        f"cells {one} and {other} do not fit together near {at}: a vertex of one cell lies on an edge of the other but "
-        f"is not its vertex, or there is a gap narrower than {width:.3g}, {SINGLE_EPS:g} of the height of the lowest "
-        "cell. Give both cells the same vertices there, hanging nodes included, or widen the gap."
-    )
+    if misfit:
+        raise MeshError(
+            f"cells {misfit.one} and {misfit.other} overlap near {coordinates(misfit.at, 6)}, or do not fit together "
+            "there: a vertex of one lies on an edge of the other but is not its vertex, or there is a gap narrower "
+            f"than {width:.3g}, {SINGLE_EPS:g} of the height of the lowest cell. Give both cells the same vertices, "
+            "hanging nodes included, or widen the gap."
+        )
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
@@ -236,16 +233,15 @@ def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
 
 
 class Misfit(NamedTuple):
-    """Two cells that overlap or leave a narrow gap."""
+    """Two cells that overlap or leave a narrow gap, and a point (2,) there."""
 
-    cells: tuple[int, int]
-    overlap: bool  # False: there is a gap, of width 0 if one cell lacks a hanging node
-    at: Floats  # (2,) a point of the overlap or beside the gap
-    distance: float
+    one: int
+    other: int
+    at: Floats
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> Misfit | None:
-    """Return the two cells (of two bodies, if given) that overlap most, or else leave the widest narrow gap."""
+    """Return the two cells (of two bodies, if given) that overlap most, or else do not fit along the longest edge."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -254,20 +250,12 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
     one = bad[one]
     pairs = one != other if body is None else body[one] != body[other]
     one, other = one[pairs], other[pairs]
-    common = shapely.intersection(polygons[one], polygons[other])
-    if len(one) and (areas := shapely.area(common)).max() > 0.0:
-        k = int(np.argmax(areas))
-        return Misfit(
-            (int(one[k]), int(other[k])), True, shapely.get_coordinates(shapely.point_on_surface(common[k]))[0], 0.0
-        )
+    overlap = shapely.area(shapely.intersection(polygons[one], polygons[other]))
     # edges with a missing hanging node have a segment in common; edges along a gap have none
-    apart, along = (
-        shapely.distance(edges[one], edges[other]),
-        shapely.length(shapely.intersection(edges[one], edges[other])),
-    )
-    near = np.flatnonzero(apart <= width)
+    along = shapely.length(shapely.intersection(edges[one], edges[other]))
+    near = np.flatnonzero((overlap > 0.0) | (shapely.distance(edges[one], edges[other]) <= width))
     if not len(near):
         return None
-    k = near[np.lexsort((apart[near], along[near]))[-1]]
-    at = shapely.get_coordinates(shapely.shortest_line(edges[one[k]], edges[other[k]]))[0]
-    return Misfit((int(one[k]), int(other[k])), False, at, float(apart[k]))
+    k = near[np.lexsort((along[near], overlap[near]))[-1]]
+    at = shapely.get_coordinates(shapely.shortest_line(edges[one[k]], polygons[other[k]]))[0]
+    return Misfit(*sorted((int(one[k]), int(other[k]))), at)

@@ -3,10 +3,8 @@
 The checks are, in this order: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward
 normals are reversed and unused nodes dropped, each with a note for a warning.
 
-Each edge of a cell belongs to exactly two of its faces. They traverse it in opposite directions if both normals point
-outwards or both inwards. To find the faces to reverse, we build a graph with two vertices per face, one for the face as
-given and one for its reverse; links join consistent orientations of neighbouring faces. The connected components are
-the consistent orientations of a cell. If a face is linked to its own reverse, the cell has no inside.
+Each edge of a cell belongs to exactly two of its faces, which traverse it in opposite directions if both normals point
+outwards or both inwards. Otherwise the faces whose normals point to the middle of the cell are reversed.
 
 Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Intersecting cells are found
 only if the volumes of all cells add up to more than the volume of their convex hull.
@@ -16,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,81 +96,61 @@ def _face(number: int, cell_offsets: Ints) -> str:
 def _check_cells(points: Floats, listed: FaceLists) -> Bools:
     """Return a mask of the listed faces with inward normals, which must be reversed, or raise MeshError."""
     owner = cell_of_corner(listed.cell_offsets)
-    first = polygons.same_rows(listed.offsets, listed.vertices)[0]
+    first, number = polygons.same_rows(listed.offsets, listed.vertices)
     shapes = polyhedra.face_shapes(points, listed.offsets, listed.vertices)
     _check_faces(points, listed, first, shapes)
-    turn = _faces_to_turn(listed, len(points))
+    turn = _faces_to_turn(listed, shapes, len(points))
     signs = np.where(turn, -1.0, 1.0)
     volumes = polyhedra.volumes_and_centroids(shapes, listed.cell_offsets, np.arange(len(owner)), signs)[0]
     turn ^= (volumes < 0.0)[owner]
-    outwards = listed._replace(vertices=reverse_rows(listed.offsets, listed.vertices, turn))
-    _check_sharing(outwards, owner)
-    normals = np.where(turn[first, None], -shapes.normals[first], shapes.normals[first])
-    faces = polyhedra.join_faces(*outwards)
-    _check_volumes(points, faces, np.abs(volumes), FaceShapes(shapes.areas[first], normals, shapes.centroids[first]))
-    return turn
-
-
-def _check_sharing(listed: FaceLists, owner: Ints) -> None:
-    """Raise MeshError unless each face belongs to one cell, or to two cells on opposite sides of it."""
-    offsets, vertices, _ = listed
-    first, number = polygons.same_rows(offsets, vertices)
-    other = rows_in_order(offsets, vertices, first[number])[1]
-    face, count = cell_of_corner(offsets), int(vertices.max()) + 1
-    corner = polygons.find_in(face * count + other, face * count + vertices)
-    follow, before = vertices[polygons.next_corner(offsets)], other[polygons.previous_corner(offsets)]
-    against = np.logical_and.reduceat(before[corner] == follow, offsets[:-1])
-    later = first[number] != np.arange(len(owner))
-    bad = np.flatnonzero(later & (~against | (np.bincount(number)[number] > 2)))
+    normals = np.where(turn[:, None], -shapes.normals, shapes.normals)
+    again = first[number] != np.arange(len(owner))
+    same_side = np.einsum("ij,ij->i", normals, normals[first[number]]) > 0.0
+    bad = np.flatnonzero(again & (same_side | (np.bincount(number)[number] > 2)))
     if len(bad):
         cells = ", ".join(map(str, owner[number == number[bad[0]]]))
         raise MeshError(
             f"cells {cells} overlap at their face {_row(listed, bad[0])}: a face belongs to at most two cells, one on "
-            "each side, which list its vertices in the same cyclic order or its reverse. Correct or remove other cells."
+            "each side. Correct or remove other cells."
         )
+    outer = FaceShapes(shapes.areas[first], normals[first], shapes.centroids[first])
+    _check_volumes(points, polyhedra.join_faces(*listed), np.abs(volumes), outer)
+    return turn
 
 
-def _faces_to_turn(listed: FaceLists, n_nodes: int) -> Bools:
-    """Return a mask of the listed faces to reverse so that they agree with the first face of the cell."""
+def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools:
+    """Return a mask of the listed faces to reverse so that the faces of each cell agree, or raise MeshError."""
     offsets, vertices, cell_offsets = listed
-    owner, count = cell_of_corner(cell_offsets), len(offsets) - 1
+    owner, face = cell_of_corner(cell_offsets), cell_of_corner(offsets)
     ends = corner_edges(offsets, vertices)
-    corners = _pairs(ends, owner[cell_of_corner(offsets)], n_nodes)
-    one, other = cell_of_corner(offsets)[corners].T
-    backwards = other + count * (ends[corners[:, 0], 0] == ends[corners[:, 1], 0])
-    links = [(one, backwards), (one + count, (backwards + count) % (2 * count))]
-    label = polygons.smallest_linked(np.concatenate([np.column_stack(pair) for pair in links]), 2 * count)
-    forth, back = label[:count], label[count:]
-    first = cell_offsets[:-1][owner]
-    for bad, what in (
-        (forth == back, "has no inside: its faces form a surface like a Klein bottle. Correct its faces."),
-        (
-            (forth != forth[first]) & (forth != back[first]),
-            "has several closed surfaces, and a cell must have one. Make each surface a separate cell, or split a cell "
-            "with a cavity into two cells.",
-        ),
-    ):
-        if bad.any():
-            raise MeshError(f"cell {owner[np.argmax(bad)]} {what}")
-    return forth != forth[first]
-
-
-def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
-    """Return the two corners (m, 2) of each edge of each cell, or raise MeshError if there are not exactly two."""
     edges, number = np.unique(polygons.edge_keys(ends, n_nodes), return_inverse=True)
-    keys = cells * len(edges) + number
+    keys = owner[face] * len(edges) + number
     order = np.argsort(keys, kind="stable")
-    starts, counts = np.unique(keys[order], return_index=True, return_counts=True)[1:]
-    wrong = np.flatnonzero(counts != 2)
-    if len(wrong):
-        k = wrong[np.argmin(cells[order[starts[wrong]]])]
+    edge, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
+    if (counts != 2).any():
+        k = np.argmax(counts != 2)
         corner = order[starts[k]]
         raise MeshError(
-            f"cell {cells[corner]} is not closed, or touches itself: its edge {brief_row(np.sort(ends[corner]))} "
+            f"cell {owner[face[corner]]} is not closed, or touches itself: its edge {brief_row(np.sort(ends[corner]))} "
             f"belongs to {counts[k]} of its faces instead of two. List each face once; insert hanging nodes of "
             "neighbours into edges; split a cell that touches itself."
         )
-    return order.reshape(-1, 2)
+    nodes = np.bincount(np.unique(owner[face] * n_nodes + vertices) // n_nodes)
+    euler = nodes - np.bincount(edge // len(edges)) + np.diff(cell_offsets)
+    one, other = order.reshape(-1, 2).T
+    alike = ends[one, 0] == ends[other, 0]
+    mixed = np.zeros(len(cell_offsets) - 1, dtype=bool)
+    mixed[owner[face[one[alike]]]] = True
+    middles = np.add.reduceat(shapes.centroids, cell_offsets[:-1]) / np.diff(cell_offsets)[:, None]
+    turn = mixed[owner] & (np.einsum("ij,ij->i", shapes.normals, shapes.centroids - middles[owner]) < 0.0)
+    wrong = euler != 2
+    wrong[owner[face[one[alike ^ turn[face[one]] ^ turn[face[other]]]]]] = True
+    if wrong.any():
+        raise MeshError(
+            f"the faces of cell {np.argmax(wrong)} do not form one closed surface without holes, with all faces "
+            "counter-clockwise seen from outside. Correct its faces, or split the cell."
+        )
+    return turn
 
 
 def _row(listed: FaceLists | Faces, face: int) -> str:
@@ -234,25 +212,15 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
     outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
     rows = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
     upon = find_touching_faces(points, *rows, FaceShapes(*(values[outer] for values in shapes)), width)
-    if len(upon.one):
+    if upon.size:
         first, second = (
-            f"the face {_row(faces, face)} of cell {faces.face_cells[face, 0]}"
-            for face in (outer[upon.one[0]], outer[upon.other[0]])
+            f"the face {_row(faces, face)} of cell {faces.face_cells[face, 0]}" for face in outer[upon[:, 0]]
         )
         raise MeshError(
-            f"{first} and {second} lie on one another, {upon.distance[0]:.3g} apart. Two cells must meet in whole "
+            f"{first} and {second} lie on one another. Two cells must meet in whole "
             "faces of both: split the larger face into the faces of its neighbours, and insert a node on an edge into "
             "every face with this edge. If the cells overlap, correct the vertices."
         )
-
-
-class TouchingFaces(NamedTuple):
-    """Pairs of boundary faces that lie on one another, up to a distance."""
-
-    one: Ints
-    """Positions (k,) among the boundary faces, the smaller of each pair."""
-    other: Ints
-    distance: Floats
 
 
 def find_touching_faces(
@@ -264,25 +232,24 @@ def find_touching_faces(
     *,
     body: Ints | None = None,
     part: float = SINGLE_EPS,
-) -> TouchingFaces:
-    """Return pairs of boundary faces at most `width` apart that share more than the fraction `part` of the smaller.
+) -> Ints:
+    """Return pairs (2, k) of boundary faces at most `width` apart that share more than the `part` of the smaller.
 
-    If the bodies (f,) of the faces are given, only pairs of two different bodies are returned.
+    The smaller number of each pair comes first. If the bodies (f,) of the faces are given, return only pairs of two
+    different bodies.
     """
     import shapely
 
     corners = points[vertices]
     low, high = (f.reduceat(corners, offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
-    slack = width + TOLERANCE * np.abs(corners).max()
+    slack = width + TOLERANCE * np.abs(corners).max(initial=0.0)
     one, other = polygons.overlapping_boxes(low - slack, high + slack, low, high)
     pairs = one < other if body is None else (one < other) & (body[one] != body[other])
     one, other = one[pairs], other[pairs]
     tilt = np.linalg.norm(np.cross(shapes.normals[one], shapes.normals[other]), axis=1)
     apart = np.abs(np.einsum("ij,ij->i", shapes.normals[one], shapes.centroids[other] - shapes.centroids[one]))
     near = apart + tilt * np.sqrt(shapes.areas[other]) <= slack
-    one, other, apart = one[near], other[near], apart[near]
-    if not len(one):
-        return TouchingFaces(one, other, apart)
+    one, other = one[near], other[near]
 
     def in_plane(listed: Ints) -> NDArray[Any]:
         rows, nodes = rows_in_order(offsets, vertices, listed)
@@ -291,7 +258,7 @@ def find_touching_faces(
 
     common = shapely.area(shapely.intersection(in_plane(one), in_plane(other)))
     over = common > part * np.minimum(shapes.areas[one], shapes.areas[other])
-    return TouchingFaces(one[over], other[over], apart[over])
+    return np.stack([one[over], other[over]])
 
 
 RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]

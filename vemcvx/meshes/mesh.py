@@ -401,10 +401,9 @@ class Mesh(ABC):
         Parameters
         ----------
         path : str or Path
-            The suffix determines the format. A .vtu file can hold any mesh. Files of Gmsh (.msh), Abaqus (.inp) and
-            Nastran (.bdf, .nas, .fem) can hold triangles and quads, in space tetrahedra, hexahedra and wedges; Gmsh
-            and Nastran also pyramids. Gmsh files also keep names of boundaries, and cell data of zeros and ones that
-            mark disjoint sets of cells.
+            The suffix determines the format. A .vtu file can hold any mesh. Files of Gmsh (.msh) can hold triangles and
+            quads, in space tetrahedra, hexahedra, wedges and pyramids, with names of boundaries, and cell data of zeros
+            and ones that mark disjoint sets of cells. ``to("meshio").write(path)`` writes other formats.
 
         Raises
         ------
@@ -414,7 +413,7 @@ class Mesh(ABC):
         Warns
         -----
         MeshWarning
-            The format does not keep some names, data or digits.
+            The format does not keep some data.
         """
         from vemcvx.meshes.io.files import write
 

@@ -258,4 +258,5 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
         return None
     k = near[np.lexsort((along[near], overlap[near]))[-1]]
     at = shapely.get_coordinates(shapely.shortest_line(edges[one[k]], polygons[other[k]]))[0]
-    return Misfit(*sorted((int(one[k]), int(other[k]))), at)
+    first, second = sorted((int(one[k]), int(other[k])))
+    return Misfit(first, second, at)

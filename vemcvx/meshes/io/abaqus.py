@@ -31,7 +31,6 @@ TYPES |= {
 TYPES |= {f"{SOLID}10": ("tetra10", 10), f"{SOLID}15": ("wedge15", 15), f"{SOLID}20": ("hexahedron20", 20)}
 TYPES |= {"(?:T[23]D|R2D)2|B[23]1": ("line", 2), "T[23]D3|B[23]2": ("line3", 3)}
 """Patterns of element types (letters may follow) -> kind of cells, number of nodes."""
-WRITTEN = {"triangle": "CPS3", "quad": "CPS4", "tetra": "C3D4", "wedge": "C3D6", "hexahedron": "C3D8"}
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -40,7 +39,6 @@ SIDES = {
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
 """The sides S1, S2 ... of elements, by their corners."""
-ENTITY = r"(Line|Surface|Volume)\d+"
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
 KEYWORDS_WITH_FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
 Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals without blanks, options, lines of data
@@ -57,20 +55,14 @@ def read_abaqus(path: Path) -> Grid:
     sizes = np.array(list(map(len, deck.rows)), dtype=np.int64)
     points = np.array(deck.points, dtype=float).reshape(-1, 3)
     grid = keep_corners(Grid(points, np.array(deck.kinds, dtype=str), offsets_of(sizes), vertices))
-    shown = {kind: {n: x for n, x in sets.items() if n not in deck.internal} for kind, sets in deck.sets.items()}
-    # drop sets that Gmsh made of its entities if all their cells are in other sets
-    others = {cell for name, x in shown["ELSET"].items() if not re.fullmatch(ENTITY, name) for cell in x}
-    for name in [n for n, x in shown["ELSET"].items() if re.fullmatch(ENTITY, n) and others.issuperset(x)]:
-        del shown["ELSET"][name]
     every = np.arange(len(deck.kinds))
-    grid.sets = {name: np.isin(every, cells) for name, cells in shown["ELSET"].items()}
-    grid.nodes = {name: np.isin(np.arange(len(points)), nodes) for name, nodes in shown["NSET"].items()}
+    grid.sets = {name: np.isin(every, cells) for name, cells in deck.sets["ELSET"].items()}
+    grid.nodes = {name: np.isin(np.arange(len(points)), nodes) for name, nodes in deck.sets["NSET"].items()}
     for name, side, cells in deck.sides:
         _add_sides(grid, name, side, np.unique(np.array(cells, dtype=np.int64)))
     known = {} if deck.numbers.get("", {}).get("ELSET") else deck.numbers
     own = {name: np.isin(every, list(numbers["ELSET"].values())) for name, numbers in known.items() if name}
     grid.bodies = tuple(own or _largest(grid) or grid.sets)
-    grid.numbers = {instance: numbers["NSET"] for instance, numbers in deck.numbers.items()}
     grid.sets |= own
     if deck.unread:
         grid.notes = (*grid.notes, f"these parts of the file were not read: {', '.join(dict.fromkeys(deck.unread))}.")
@@ -84,18 +76,6 @@ def _largest(grid: Grid) -> list[str]:
     order = sorted(some, key=lambda name: np.count_nonzero(some[name]))
     inside = {name for k, name in enumerate(order) for one in order[k + 1 :] if (some[name] <= some[one]).all()}
     return [name for name in some if name not in inside]
-
-
-def write_abaqus(path: Path, grid: Grid) -> None:
-    """Write the points and cells."""
-    points, lines, last = np.pad(grid.points, ((0, 0), (0, 3 - grid.points.shape[1]))), ["*NODE"], ""
-    lines += [f"{number}, {', '.join(map(repr, x))}" for number, x in enumerate(points.tolist(), 1)]
-    rows = np.split(grid.vertices + 1, grid.offsets[1:-1])
-    for number, (kind, row) in enumerate(zip(grid.kinds.tolist(), rows, strict=True), 1):
-        lines += [f"*ELEMENT, TYPE={WRITTEN[kind]}"] * (kind != last)
-        lines.append(", ".join(map(str, (number, *row.tolist()))))
-        last = kind
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 @dataclass
@@ -115,7 +95,6 @@ class _Deck:
     scope: str = ""  # the instance that is being read
     moves: list[list[float]] = field(default_factory=list)  # translations (3 numbers) and rotations (7) of the instance
     spelt: dict[str, str] = field(default_factory=dict)  # name in capitals -> its first spelling
-    internal: set[str] = field(default_factory=set)  # names of sets that Abaqus marked as internal
     unread: list[str] = field(default_factory=list)
 
     def take(self, word: str, options: dict[str, str], lines: list[str]) -> None:
@@ -194,8 +173,6 @@ class _Deck:
 
     def _take_set(self, kind: str, options: Mapping[str, str], rows: list[list[str]]) -> None:
         name, instance = options[kind], self.spell(options.get("INSTANCE", ""))
-        if "INTERNAL" in options:
-            self.internal.add(self.spell(name))
         if kind == "NSET" and "ELSET" in options:
             self.unread.append(f"the node set {self.spell(name)} of an element set")
         elif "GENERATE" in options:
@@ -205,14 +182,8 @@ class _Deck:
                 chosen = [n for n in known if first <= n <= last and (n - first) % (step or 1) == 0]
                 self._name(kind, name, [known[n] for n in chosen])
         else:
-            words = [one for row in rows for one in row if one]
-            for word in words:
+            for word in (one for row in rows for one in row if one):
                 self._name(kind, name, self._places(kind, word, instance, name))
-            known = self._numbers_of(kind, instance)
-            # missing elements are reported with their type
-            if lost := [one for one in words if kind == "NSET" and one.isdigit() and int(one) not in known]:
-                more = f" and {len(lost) - 1} more" if lost[1:] else ""
-                self.unread.append(f"the node {lost[0]}{more} in {self.spell(name)} (there is no such node)")
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
         """Return the nodes or elements that a word in a set or surface names: one, by number, or all of another set."""
@@ -220,6 +191,8 @@ class _Deck:
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self._numbers_of(kind, instance)
         if of.isdigit():
+            if kind == "NSET" and int(of) not in known:  # missing elements are reported with their type
+                self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:
             self.unread.append(f"the set {self.spell(of)} in {self.spell(name)} (there is no such set)")
@@ -246,13 +219,6 @@ class _Deck:
         if part and part not in self.parts:
             raise MeshError(f"its instance {name} belongs to the part {part}, which does not exist.")
         lines = [",".join(row).rstrip(",").split(",") for row in rows]
-        for words in lines:
-            if len(words) > 3 and len(words) != 7:
-                raise MeshError(
-                    f"its instance {name} has the line {', '.join(words)!r} of {len(words)} numbers. A translation has "
-                    "three numbers; a rotation, in the next line, has seven: two points of the axis, and the angle in "
-                    "degrees."
-                )
         self.place(part, name, [[*map(_real, words), *[0.0] * (3 - len(words))] for words in lines])
 
     def spell(self, name: str) -> str:
@@ -286,10 +252,8 @@ def _add_sides(grid: Grid, name: str, side: int, cells: Ints) -> None:
         grid.parts[name] = offsets_of(counts), np.concatenate([vertices, rows.ravel()])
 
 
-def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[str]:
+def _lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file without comments, with the lines of included files."""
-    if path in above:
-        raise MeshError(f"it includes the file {path} in itself.")
     data = path.read_bytes()
     try:
         text = data.decode()
@@ -301,10 +265,7 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[str]:
         if line and not line.startswith("**") and word != "INCLUDE":
             yield line
         if named and line.startswith("*"):
-            other = path.parent / named[1].strip().replace("\\", "/")
-            if not other.is_file():
-                raise MeshError(f"it includes the file {other}, which does not exist.")
-            yield from _lines(other, (*above, path))
+            yield from _lines(path.parent / named[1].strip().replace("\\", "/"))
 
 
 def _blocks(path: Path) -> Iterator[Block]:

@@ -20,7 +20,6 @@ from vemcvx.meshes.polygons import same_rows
 
 FORMAT = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+([48])\s")
 PARAMETRIC = "its nodes have parametric coordinates: save without parametric coordinates (Mesh.SaveParametric = 0)."
-LONG_NUMBER = re.compile(rb"(?<![\w.+-])\d{9,}(?![\w.])")  # meshio makes an array as long as the largest number
 
 
 def read_gmsh(path: Path) -> Grid:
@@ -34,10 +33,6 @@ def read_gmsh(path: Path) -> Grid:
     version, binary = float(found[1]), found[2] == b"1"
     if version == 4.0:  # Gmsh writes "4", which meshio takes for 4.1
         data = data[: found.start(1)] + b"4.0" + data[found.end(1) :]
-    if long := None if binary else LONG_NUMBER.search(data):
-        raise MeshError(
-            f"it has the number {long[0][:30].decode()}; numbers may have at most eight digits: renumber the mesh."
-        )
     if b"$PartitionedEntities" in data:
         raise MeshError("its mesh is partitioned, and groups of partitions are not read; unpartition it before saving.")
     names, data = _without(data, b"PhysicalNames")

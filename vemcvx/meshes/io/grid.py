@@ -61,7 +61,6 @@ class Grid:
     parts: dict[str, Rows] = field(default_factory=dict)  # parts of the boundary that are not cells of the grid
     nodes: dict[str, Bools] = field(default_factory=dict)  # (n,) named sets of nodes
     bodies: tuple[str, ...] = ()  # names of sets that are bodies
-    numbers: Mapping[str, Mapping[int, int]] = field(default_factory=dict)  # instance -> number in the file -> node
     faces: FaceLists | None = None  # faces of the polyhedra, in the order of the polyhedra
     notes: tuple[str, ...] = ()  # sentences on parts of the file that were not read
 

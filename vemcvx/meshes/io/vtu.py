@@ -165,12 +165,6 @@ def write_cells(path: Path, packed: PackedMesh, point_data: Arrays, cell_data: A
 
     Vectors of two components get a zero third component.
     """
-    if path.suffix != ".vtu":
-        raise MeshError(f"{path}: fields are written as .vtu files; got the suffix {path.suffix!r}.")
-    for kind, data, rows in (("point", point_data, packed.nodes), ("cell", cell_data, packed.cells)):
-        for name, values in data.items():
-            if np.ndim(values) not in (1, 2) or len(values) != rows:
-                raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
     nodes, cells = (_blocks({name: _three(values) for name, values in d.items()}) for d in (point_data, cell_data))
     with translate_errors(str(path), "cannot be written"):
         _write(path, packed, {"PointData": nodes, "CellData": cells})

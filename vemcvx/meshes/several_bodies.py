@@ -300,10 +300,10 @@ def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
     of_cell = body[mesh.vertices[mesh.offsets[:-1]]]
     misfit = find_misfit(outlines(mesh.points, mesh.offsets, mesh.vertices), width, of_cell)
     if misfit:
-        raise _misplaced(names, of_cell[list(misfit[:2])], misfit.at)
+        raise _position_error(names, of_cell[list(misfit[:2])], misfit.at)
 
 
-def _misplaced(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
+def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
     """Return the error for two bodies that overlap, touch without an interface, or are hardly apart near a point."""
     a, b = (names[number] for number in sorted(pair))
     point, edge, cure = "a point", "edges", "give tolerance=, the largest distance between them"
@@ -322,7 +322,7 @@ def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) 
     mesh, body, place = joined.mesh, joined.body, joined.place
     alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
     if len(alone):
-        raise _misplaced(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
+        raise _position_error(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
 
 
 # In space.
@@ -351,7 +351,7 @@ def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[Polyhedra
     shapes = FaceShapes(mesh.face_areas[free], mesh.face_normals[free], mesh.face_centroids[free])
     upon = free[find_touching_faces(mesh.points, offsets, vertices, shapes, width, body=of_face[free])]
     if upon.size:
-        raise _misplaced(names, of_face[upon[:, 0]], mesh.face_centroids[upon[1, 0]])
+        raise _position_error(names, of_face[upon[:, 0]], mesh.face_centroids[upon[1, 0]])
     rim = np.unique(vertices[np.bincount(joined.place)[joined.place[vertices]] == 1])
     outwards = np.zeros((mesh.n_nodes, 3))
     np.add.at(outwards, vertices, np.repeat(shapes.normals, np.diff(offsets), axis=0))
@@ -366,7 +366,7 @@ def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[Polyhedra
         there = np.flatnonzero(near)
         inside = there[is_enclosed(places[there], mesh.points, *rows)]
         if len(inside):
-            raise _misplaced(names, np.array([number, owner[inside[0]]]), places[inside[0]])
+            raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
     _check_pockets(mesh, body, joined.place)
 
 

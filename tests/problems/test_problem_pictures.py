@@ -22,7 +22,15 @@ ROOT = Path(gallery.__file__).parent.parent
 SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain", "block_in_space")
 """One problem of every kind: slow tests draw the others, a third of a second each."""
 SLOW = [name for name in gallery.problem_files() if name not in SHOWN]
-LONG = ("ball_in_socket", "bolted_flange", "bolted_lap_joint", "dovetail", "spherical_indenter", "twisted_pad")
+LONG = (
+    "ball_in_socket",
+    "bolted_flange",
+    "bolted_lap_joint",
+    "dovetail",
+    "seal_ring",
+    "spherical_indenter",
+    "twisted_pad",
+)
 """Problems whose small setting takes more than a second."""
 matplotlib = pytest.importorskip("matplotlib")
 

@@ -3,10 +3,10 @@ r"""A ball in a socket, pressed from all sides and then pushed aside: the joint 
 Ball and socket are meshed by tetrahedra: the lower halves of meshed cubes, inflated to balls. Cells of both bodies have
 the same width at the joint, so that both approximate the sphere by the same polyhedron.
 
-Up to t = 1 both bodies are pressed from all sides by p, as in `cone_clutch.py`: the stress is -p in both of them and at
-the joint, whatever its shape. Then the grip, a square in the top of the ball, moves aside. The pressure rises in front
-of the ball and falls behind it, until the joint opens there. Where the ball slides along the socket, friction resists.
-At each instant the forces on the ball balance to rounding:
+Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p in both
+of them and at the joint, whatever its shape. Then the grip, a square in the top of the ball, moves aside. The pressure
+rises in front of the ball and falls behind it, until the joint opens there. Where the ball slides along the socket,
+friction resists. At each instant the forces on the ball balance to rounding:
 
 $$
 \text{sum of pressure and friction on the ball } - p (\text{area of the top}) e_3 + \text{ reaction of the grip } =

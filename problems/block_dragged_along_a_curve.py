@@ -10,9 +10,9 @@ In full slip the friction on the whole sole, which transmits the force P, is
 $$ F = -\mu P U' / |U'|, $$
 
 opposite to the velocity; in a step of backward Euler, opposite to the step U_n - U_{n-1}. A small effect is left out:
-the sole lags behind the plate by the shear r = mu p H / G of the block with p = P / 4. Friction opposes the velocity of
-the sole. Its direction differs from the direction of the plate's velocity by an angle O(r / R_c), with the radius of
-curvature R_c of the path.
+the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H, the shear
+modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. Its direction differs from the
+direction of the plate's velocity by an angle O(r / R_c), with the radius of curvature R_c of the path.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """

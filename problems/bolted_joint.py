@@ -3,9 +3,9 @@
 Two steel plates, 80 mm x 10 mm each in 40 x 10 cells, plane strain, lie on each other. Only the pressure of a bolt
 clamps them together, 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped. The
 right end of the upper plate is guided along x and pulled and pushed by a force; only Coulomb friction resists it. A
-cycle has four steps: pulled, free, pushed, free. The force is 0.6 mu P, so that the joint as a whole does not slip. The
-sum of the nodal friction forces equals the load at each instant, to rounding. From the second cycle on all cycles are
-alike, and wear (friction work per length) is proportional to their number.
+cycle has four steps: pulled, free, pushed, free. The force is 0.6 mu P with the force P of the bolt, so that the joint
+as a whole does not slip. The sum of the nodal friction forces equals the load at each instant, to rounding. From the
+second cycle on all cycles are alike, and wear (friction work per length) is proportional to their number.
 
     vemcvx run problems/bolted_joint.py --n 10 --steps 40 --plot
 

@@ -1,6 +1,7 @@
 r"""An L-shaped bracket in space: stress is infinite along its re-entrant edge, and adaptive meshes recover the order.
 
-The displacement is the field of Williams in a corner of 270 degrees with free sides (J. Appl. Mech. 19, 1952),
+The displacement is the field of Williams in a corner of 270 degrees with free sides (J. Appl. Mech. 19, 1952) in polar
+coordinates r, phi,
 
 $$
 2 \mu u_r = r^a (-(a + 1) \cos(a + 1) f + C (\kappa - a) \cos(a - 1) f), \\

@@ -2,14 +2,14 @@ r"""Partial slip under a cylinder, pressed and then dragged: the contact sticks 
 
 A tangential force Q < mu P is added to the force P of Hertz' contact. Where Dundurs' beta vanishes, pressure causes no
 slip; this is so for a rigid obstacle and a body with nu = 1/2. Then the solution of Cattaneo (1938) and Mindlin (1949)
-is a difference of two half-ellipses,
+is a difference of two half-ellipses, of the half-width a of the contact and the half-width c of its sticking part,
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-x^2/a^2} - \tfrac ca \sqrt{1-x^2/c^2}), \qquad c / a = \sqrt{1-Q/(\mu P)}, $$
 
-with stick in |x| < c (Johnson, *Contact Mechanics*, 7.2). The top of a wide block is pressed down on the obstacle and
-then moved sideways without rotation; P and Q are measured. The block is finite: dragging it also strains its surface.
-As a bulk stress does, this moves the stick zone as a whole (Nowell and Hills, Int. J. Mech. Sci. 29, 1987), here by
-a/16 for all meshes and steps. The width of the stick zone stays.
+(Johnson, *Contact Mechanics*, 7.2). The top of a wide block is pressed down on the obstacle and then moved sideways
+without rotation; P and Q are measured. The block is finite: dragging it also strains its surface. As a bulk stress
+does, this moves the stick zone as a whole (Nowell and Hills, Int. J. Mech. Sci. 29, 1987), here by a/16 for all meshes
+and steps. The width of the stick zone stays.
 
     vemcvx run problems/cattaneo_mindlin.py --n 20 --steps 8 --plot
 """

@@ -1,9 +1,10 @@
 r"""A block whose top moves in circles over a rough floor: rotating friction in closed form, exact on every mesh.
 
-The block (0, 2) x (0, 1) x (0, 1/2), E = 1000, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its
-top is moved by U(t) = (U_1, U_2, 0): straight to a circle of radius R for t < 1, then around the circle, one turn per
-unit of time. On the sides act the shear tractions of a uniformly sheared block, so that the block is sheared uniformly:
-u = (a + gamma z, 0) with vectors a, gamma in the plane of the floor and, step by step,
+The block (0, 2) x (0, 1) x (0, H), H = 1/2, with E = 1000, nu = 1/4, has the shear modulus mu and a sole of the area A.
+It rests in bilateral contact with Tresca friction, bound g. Its top is moved by U(t) = (U_1, U_2, 0): straight to a
+circle of radius R for t < 1, then around the circle, one turn per unit of time. On the sides act the shear tractions of
+a uniformly sheared block, so that the block is sheared uniformly: u = (a + gamma z, 0) with vectors a, gamma in the
+plane of the floor and, step by step,
 
 $$ \gamma_n = P((U_n - a_{n-1}) / H), \qquad a_n = U_n - \gamma_n H. $$
 

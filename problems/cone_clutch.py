@@ -1,10 +1,10 @@
 r"""A plug in a conical socket, pressed from all sides and twisted: the torque at which the joint slips.
 
 The joint is the part R_1 < r < R_2 of a cone whose side leans by alpha from the axis. Both bodies have the same
-material. Up to t = 1 all sides are pressed by p: the rim of the socket and the top of the plug are displaced by -p (1 -
-2 nu) / E x, and p acts on all other sides. The stress is -p in both bodies and at the joint, whatever its shape. Then
-the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round
-bodies does not change the pressure, nodes slip in circles, and the torque of full slip is
+material. Up to t = 1 all sides are pressed by the pressure p: the rim of the socket and the top of the plug are
+displaced by -p (1 - 2 nu) / E x, and p acts on all other sides. The stress is -p in both bodies and at the joint,
+whatever its shape. Then the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays.
+The rotation of round bodies does not change the pressure, nodes slip in circles, and the torque of full slip is
 
 $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
 

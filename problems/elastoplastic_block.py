@@ -8,7 +8,8 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-where N_2 has a strain out of the plane, which no plane displacement has. With the deviator s = 2 mu (dev eps - P),
+where N_2 has a strain out of the plane, which no plane displacement has. With the deviator s = 2 mu (dev eps - P) of
+the stress, the hardening modulus H and the yield stress sigma_y,
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,

@@ -6,9 +6,9 @@ is the elastic displacement times
 
 $$ 1 - \exp(-t / \tau), \qquad \text{step by step} \qquad s_n = (1 + \tau / k s_{n-1}) / (1 + \tau / k) $$
 
-(backward Euler; exact on every mesh, because the displacement is linear in space). Friction with the bound g acts on
-the bottom. It holds the end that is far from the pull while the other end slips, so that the pulled end creeps less
-far. The energy ledger has the dissipation of friction and viscosity.
+(backward Euler with the step k; exact on every mesh, because the displacement is linear in space). Friction with the
+bound g acts on the bottom. It holds the end that is far from the pull while the other end slips, so that the pulled end
+creeps less far. The energy ledger has the dissipation of friction and viscosity.
 
     vemcvx run problems/kelvin_voigt_creep.py --n 8 --steps 40 --plot
 """

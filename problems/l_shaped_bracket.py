@@ -3,8 +3,8 @@
 In the corner of 270 degrees strains grow like r^-0.455 (Williams, *Stress singularities resulting from various
 boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952: the root of sin(1.5 pi a) =
 -a sin(1.5 pi) between 0 and 1 is a = 0.5445). On equal squares the energy error is therefore only O(h^0.5445), or
-N^-0.27. Friction on the floor holds the foot back; slip spreads from the right. Adaptive meshes (`adaptive_meshes.py`)
-recover N^-0.5.
+N^-0.27 for N unknowns. Friction on the floor holds the foot back; slip spreads from the right. Adaptive meshes
+(`adaptive_meshes.py`) recover N^-0.5.
 
     vemcvx run problems/l_shaped_bracket.py --n 32 --steps 16 --plot
 """

@@ -6,9 +6,9 @@ once; then slip in the other direction spreads, over less of the contact. At the
 stress-free: friction locks stresses in.
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
-k/2 away from the nearest instants, and the run misses the fraction k of the largest load. The slip that is missing on
-the way up is not recovered on the way down: from the reversal to the end the error is O(k), as (3.28) of the paper
-allows. With an even number of steps a step ends at the reversal. While the load only grows, as in the paper
+half a step, k/2, away from the nearest instants, and the run misses the fraction k of the largest load. The slip that
+is missing on the way up is not recovered on the way down: from the reversal to the end the error is O(k), as (3.28) of
+the paper allows. With an even number of steps a step ends at the reversal. While the load only grows, as in the paper
 (`feng_han_huang.py`), the response is piecewise affine and no slipping node sticks again; then any number of steps
 gives the same displacement.
 

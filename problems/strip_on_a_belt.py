@@ -10,7 +10,7 @@ E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U -
 $$
 
 So the force of the hold is F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt
-reverses at U1, friction reverses in a zone that grows from the hold. Then F = F1 - 2 F((U1 - U) / 2), but at least
+reverses at U1, friction reverses in a zone that grows from the hold. Then F = F(U1) - 2 F((U1 - U) / 2), but at least
 -g L: Masing's rule (1926). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* + g L (U1 - U*), of
 which g L U* / 3 is stored. The rod is a model with the error O(H / l).
 

@@ -2,8 +2,8 @@ r"""A bar on a rough floor, heated and cooled: it expands from its ends only, an
 
 Half of a bar of length 2 L and height H is computed: x = 0 is its middle (a plane of symmetry) and x = L its free end.
 It lies on a floor with the friction bound g per length. Its temperature theta is uniform and is 0, T, 0, T at t = 0, 1,
-2, 3; plane stress, nu = 0. As a rod, with s the distance from the end, the force N(s) (compression positive) on its
-section and the displacement u of the end obey
+2, 3; plane stress, nu = 0, coefficient of expansion alpha. As a rod, with s the distance from the end, the force N(s)
+(compression positive) on its section and the displacement u of the end obey
 
 $$
 N' = \pm g \text{ where it slips}, \qquad N = E H \alpha \theta \text{ where it never slipped},

@@ -2,9 +2,9 @@ r"""A block pressed on a rough floor, then sheared back and forth: two stages, i
 
 The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 0, rests on a floor with Coulomb friction, coefficient f.
 In the first stage, 0 <= t <= 1, a pressure that grows to P presses its top: u_y = -t P y / E, and there is no friction.
-In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1, -1, 1) at t = 1, 2, 4,
-6. On the sides act the shear tractions +-mu gamma of a block that is sheared uniformly by gamma, with mu = E / 2, and
-slips as a whole by a:
+In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1, -1, 1) at the instants
+1, 2, 4, 6. On the sides act the shear tractions +-mu gamma of a block that is sheared uniformly by gamma, with
+mu = E / 2, and slips as a whole by a:
 
 $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm f P / \mu), \qquad a_n = U_n - \gamma_n H. $$
 

@@ -204,7 +204,7 @@ def test_effects_that_are_not_linear_quantities_are_refused():
         (history, -1, vx.PointLoad(ALONG, at=(0.0, 1.0)), "PointLoad"),
         (history, -1, vx.PrescribedDisplacement(ALONG, on="left"), "no support of the scene"),
         (history, -1, vx.PrescribedDisplacement(1.0, on="bottom", direction="normal"), "that meets another support"),
-        (history, None, vx.Traction(UP, on="top"), "is bounded in one step; give its number, too, such as step=-1"),
+        (history, None, vx.Traction(UP, on="top"), "is bounded in one step; give the step, too, such as step=-1"),
         (rubbed, -1, vx.Traction(ALONG, on="left"), "only friction or one-sided contact holds the body"),
     ):
         with pytest.raises(vx.SceneError, match=message):

@@ -81,7 +81,7 @@ vx.march(vx.System(K, lambda t: t * np.ones(40)), [0, 1], linear=vx.PETSc())
 def test_an_error_of_rank_1_ends_all_ranks_with_a_sentence():
     run = run_on_two_ranks("-c", FAILING)
     assert run.returncode != 0
-    assert "PETSc: rank 1 of 2 failed, which ends all: no memory is left here" in run.stderr
+    assert "PETSc: rank 1 of 2 failed, which ends all ranks: no memory is left here" in run.stderr
 
 
 @ranked

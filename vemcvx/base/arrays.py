@@ -102,7 +102,7 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def largest(values: Floats, part: float) -> Ints:
-    """Return the indices of the fewest values (k,) >= 0 whose sum is `part` times the total; the largest is first."""
+    """Return the indices of the fewest values (k,) >= 0 whose sum reaches `part` times the total, largest first."""
     order = np.argsort(-values, kind="stable")
     sums = np.cumsum(values[order])
     return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]

@@ -31,7 +31,7 @@ CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
 def new_figure(width: float | None = None, height: float | None = None) -> Figure:
-    """Return an empty figure of a size in inches, or raise VemcvxError without matplotlib."""
+    """Return an empty figure of this size in inches; raise VemcvxError without matplotlib."""
     wide, high = usual_page()
     return _figure_class()(figsize=(width or wide, height or high), layout="constrained")
 
@@ -162,7 +162,7 @@ def draw_arrows(
     """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
     from matplotlib.patheffects import withStroke
 
-    # A white rim separates arrows from cells of any colour, also in grey print. By default matplotlib draws arrows
+    # A white rim separates arrows from cells of any colour, also in grey print. By default, matplotlib draws arrows
     # shorter than a line width as dots; here they vanish.
     look: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.0, foreground="white")]}
     look |= {"pivot": pivot, "width": width, "minlength": 0.0, "zorder": 3}
@@ -206,7 +206,7 @@ def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: PointedEnds
 
 
 def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMappable:
-    """Return a colour scale between limits, for drawings without one."""
+    """Return a colour scale between limits, for drawings that have no scale."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

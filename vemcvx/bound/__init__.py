@@ -59,6 +59,6 @@ bound tractions only in the dual norm H^{-1/2}, which admits any value at a poin
 **In space** there is no bound yet. The theorems hold in any dimension; the construction of their fields does not. On a
 tetrahedron split at its centroid, symmetric stresses that are linear on the four parts have 42 dimensions (M. Krizek,
 Apl. Mat. 27 (1982)). Tractions on faces and divergences determine them, and the hybrid method of :mod:`.equilibrium`
-carries over with nine motions per face in place of four per edge. A displacement inside polyhedra
-that does not lock near nu = 1/2 is missing; linear functions lock.
+carries over with nine motions per face in place of four per edge. There is no displacement inside polyhedra yet that
+does not lock near nu = 1/2; linear functions lock.
 """

@@ -88,7 +88,7 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Return the edge motions x = P y (4 E,) with P' forces(x) = P' given, for given forces (4 E,).
+        """Return the edge motions x = P y (4 E,) with P' forces(x) = P' given; `given` (4 E,) are forces.
 
         Tolerances are relative to `largest`, the largest force.
 
@@ -98,7 +98,7 @@ class Equilibrium:
             Rounding errors make the forces of neighbouring cells differ too much.
         """
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
-        # Correct x as long as this halves the residual: near nu = 1/2 each digit takes several corrections.
+        # Correct x as long as this halves the residual: near nu = 1/2, each digit takes several corrections.
         while ROUNDING * largest < apart <= 0.5 * before:
             before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             left = given - self.forces(x)

@@ -41,7 +41,7 @@ class ErrorBound(Outlined):
     steps : (S,) int
         The examined steps.
     upper, lower : (S,)
-        Upper and lower bounds on |u - v|_a; numbers for a single step. For whole histories `lower` is zero.
+        Upper and lower bounds on |u - v|_a; numbers for a single step. For whole histories, `lower` is zero.
     energy : ((S,), (S,))
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The step with the largest bound: "step", "upper", "lower", "relative", "kind", "reading" (part "data")."""
+        """The largest bound by name: "step", "upper", "lower", "relative", "kind", and "reading", its part "data"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
@@ -155,7 +155,7 @@ def error_bound(
         A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
         is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and
         ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain xx of the body. A PrescribedDisplacement on a support
-        gives its force times this displacement: ``(1.0, 0.0)`` gives the force along x. A sequence gives the sum.
+        gives the support force times the displacement: the force along x for ``(1.0, 0.0)``. A sequence gives the sum.
 
     Returns
     -------
@@ -183,7 +183,7 @@ def error_bound(
     """
     scene = scene_of(history, "error_bound")
     if step is None and of is not None:
-        raise SceneError("error_bound: a quantity, of=, is bounded in one step; give its number, too, such as step=-1.")
+        raise SceneError("error_bound: a quantity, of=, is bounded in one step; give the step, too, such as step=-1.")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     if step is None:
         return _bound_history(posed, history)

@@ -4,9 +4,9 @@ A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0),
 x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts
 are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
-A body force is linear in each cell: f = (1, x, y) c with six coefficients c, and x, y relative to the fan's centre.
+A body force is linear in each cell: f = (1, x, y) a with six coefficients a, and x, y relative to the fan's centre.
 Stresses and displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. After
-condensing its inner unknowns, a cell has a symmetric matrix with 4 n rows for its outline and 6 for c.
+condensing its inner unknowns, a cell has a symmetric matrix with 4 n rows for its outline and 6 for a.
 """
 
 from __future__ import annotations

@@ -3,11 +3,11 @@
 The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), for a step
 with
 
-    j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap),
+    j(v) = int g |v_t - d| + phi(v_n - gap),
 
-where phi is zero up to the gap of a rigid obstacle and infinite beyond, and k z_+^2 / 2 for a compliant obstacle. For b
-see :mod:`.surface`. Springs to the ground with the stiffness k are treated like triangles: if tau has the tractions
--k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the energy of the springs.
+with v_t - d the slip in the step. phi(z) is zero for z <= 0 and infinite for z > 0 for a rigid obstacle, k z_+^2 / 2
+for a compliant one. For b see :mod:`.surface`. Springs to the ground with the stiffness k are treated like triangles:
+if tau has the tractions -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the spring energy.
 
 **The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions, x
 the edge motions of tau minus L y, and f the coefficients of the body force. With the forms G of stresses
@@ -215,7 +215,7 @@ class Hypercircle:
         return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Return the forces (2 nodes + 2 E,) on vertices and middles with the work of int t phi (b, 2, 2) at ends."""
+        """Return forces (2 nodes + 2 E,) on vertices and middles that do the same work as int t phi (b, 2, 2)."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         work: Floats = edges.motions.T @ whole

@@ -23,8 +23,8 @@ of gaps. Features narrower than the distance of points may be missed.
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
 with the longest side d_K of the box of a cell, and the depth z of :mod:`.surface`. The first two follow from Poincare
-inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)); half
-is enough for functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu
+inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)). Half
+of them is enough for functions orthogonal to linear functions. A half space under surface waves stores the energy 2 mu
 times the wave number, which is at most the energy of motions. The last energy is exactly the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
@@ -95,7 +95,7 @@ class Fit:
 
     @cached_property
     def second(self) -> Fit:
-        """A fit with triple weights on every other point: half-way from this fit to one of every other point only."""
+        """A fit with triple weights on every other point: half-way between this fit and one to these points only."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property

@@ -1,6 +1,6 @@
 """Stresses in equilibrium on the fan of a polygon (Johnson and Mercier), from tractions on its edges.
 
-On a triangle split at its centroid consider the symmetric stresses that are linear on the three parts, with continuous
+On a triangle split at its centroid, consider symmetric stresses that are linear on the three parts, with continuous
 tractions across inner edges. The linear tractions on the three edges and the divergences on the parts determine them:
 12 + 6 numbers with three conditions of balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). By
 

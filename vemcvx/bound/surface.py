@@ -1,8 +1,8 @@
 """The surface of a body at an instant: supports, loads, and admissible tractions of friction and contact.
 
-All functions are linear on edges, and given by values at both ends. For loads and friction bounds :mod:`.reading` gives
-these values; for gaps and ground motions they are the nodal values. The effects of the scene contribute a second time,
-on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`); this shows on which edges an effect acts.
+All functions are linear on edges, and given by values at both ends. For loads and friction bounds, :mod:`.reading`
+gives these values; for gaps and ground motions, they are nodal values. The effects of the scene contribute a second
+time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`); this shows on which edges an effect acts.
 
 Let s be the slip of v in the step, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n - gap the
 depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the

@@ -12,7 +12,7 @@ friction or viscosity occurs together with limits, the sum is no bound
 (:class:`vemcvx.stepping.trajectory.Trajectory`). Then the distance is reported without a bound.
 
 Every solver has a row, also a solver that refuses the program, misses its accuracy, fails, or exceeds the time limit.
-With a time limit, each solver runs in a separate process, which is stopped at the limit; a crash ends one row only.
+With a time limit, each solver runs in a separate process, which is stopped at the limit; a crash affects one row only.
 """
 
 from __future__ import annotations
@@ -204,9 +204,9 @@ class Compare:
     accuracy: Accuracy = None
     options: Options = NONE
     time_limit: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Stop each solver, in a separate process, after this time.")
+        float | None, typer.Option(metavar="SECONDS", help="Time limit of each solver, which runs in its own process.")
     ] = None
-    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all figures to this file.")] = None
+    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all numbers to this file.")] = None
     csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table to this file.")] = None
     settings: Settings = NONE
 

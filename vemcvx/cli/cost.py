@@ -120,7 +120,7 @@ class Cost:
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
         """Return all combinations, the largest first, so that no worker waits long for another at the end.
 
-        By default Newton's method runs at all points, and other solvers run on some meshes of the first family.
+        By default, Newton's method runs at all points, and other solvers run on some meshes of the first family.
         """
         kinds = self._families(problem)
         ns = parse_list("--n", self.n or (SPACE_N if problem.in_space() else DEFAULT_N), _whole, WHOLE)

@@ -252,7 +252,7 @@ class Problem:
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """Return the parameters of the function scene or stages; by default of stages if the file defines it."""
+        """Return the parameters of the function scene or stages; by default, of stages if the file defines it."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 

@@ -78,7 +78,7 @@ class PrescribedSlip(Effect):
         seen from either side, the other side moves to the right. So the sign does not depend on which body is first. In
         space, a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
-        Names of interfaces or boundaries, as for BilateralContact. At shared nodes the slips of parts must agree.
+        Names of interfaces or boundaries, as for BilateralContact. At shared nodes, the slips of parts must agree.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     return Contribution(obstacles=(stops,), curves=(subject,) if rows.curved else ())
 
 
-STIFFNESS_RULE = "it must be > 0. For a rigid obstacle use UnilateralContact; for no obstacle leave the effect out"
+STIFFNESS_RULE = "it must be > 0. For a rigid obstacle, use UnilateralContact; for none, leave the effect out"
 
 
 @dataclass(frozen=True)
@@ -253,8 +253,8 @@ class TrescaFriction(Effect):
         with a warning if friction acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
-        Friction acts against the slip of the body relative to the obstacle. Only its part along the boundary
-        counts, and only changes in time. For an obstacle that moves along the normal, use a `gap` that changes in time.
+        Friction acts against the slip of the body relative to the obstacle. Only the motion of the obstacle
+        along the boundary counts. For an obstacle that moves along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
         Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface), and
         `across` against slip across it. Friction lies in the ellipse with these two semi-axes, and slip is normal to

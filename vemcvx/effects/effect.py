@@ -6,7 +6,7 @@ Users may define further effects; each effect returns contributions of any of th
 
 Friction by direction, on a surface in space, is bounded by an ellipse. Let g be the bound along a unit vector e in the
 surface and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. The dissipation in a slip s is
-the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, q_c / h) this work is
+the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, q_c / h), this work is
 
     max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
 

@@ -60,7 +60,7 @@ class Pressure(Effect):
         negative.
     on : str or sequence of str
         Boundary names. At a corner, the pressure acts on each side along the normal of that side. At an interface (a
-        crack or a joint filled with fluid) the pressure pushes both bodies apart, whether they touch or not.
+        crack or a joint filled with fluid), the pressure pushes both bodies apart, whether they touch or not.
 
     Examples
     --------

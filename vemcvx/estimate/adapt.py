@@ -58,7 +58,7 @@ THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes in which the mesh error falls if the quantity has a limit; cells become 3 to 8 times as many."""
+"""Number of passes within which the mesh error falls if the quantity has a limit: cells multiply by 3 to 8."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",

@@ -166,7 +166,7 @@ class Residuals:
         return tractions(sigma[one] - sigma[two], self.sides.inner_normals)
 
     def _rest(self, sigma: Floats, now: Instant) -> Floats:
-        """Return the forces (b, dim) on outer sides minus the forces of stresses, where supports leave them free."""
+        """Return forces minus stress resultants (b, dim) on outer sides, in directions that supports leave free."""
         sides = self.sides
         stress = sides.sizes[:, None] * tractions(sigma[sides.outer], sides.normals)
         force = self._tractions(now.t) + self.contact(now) + self._springs(now.u)

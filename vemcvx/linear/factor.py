@@ -29,7 +29,7 @@ class Factor(ABC):
     """A factorised symmetric positive definite matrix K (n, n), which solves K x = b."""
 
     exact: bool = True
-    """True if solves are exact to rounding; False if they are iterative."""
+    """True if solves are exact up to rounding; False if they are iterative."""
 
     @abstractmethod
     def solve(self, b: Floats) -> Floats:

@@ -94,7 +94,7 @@ class IterativeFactor(Factor):
         if failed:
             left = np.linalg.norm(b - self._K @ x) / np.linalg.norm(b)
             raise SceneError(
-                f"{self._name}: {self._limits.max_iterations} iterations left a residual of {left:.1e}, requested was "
+                f"{self._name}: {self._limits.max_iterations} iterations left a residual of {left:.1e} instead of "
                 f"{self._limits.tolerance:.1e}. {ADVICE}"
             )
         return x

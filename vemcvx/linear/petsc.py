@@ -133,7 +133,7 @@ class Ranks:
         except Exception as error:
             if self.comm.size == 1:
                 raise SceneError(f"PETSc: {_shorten(error)}") from error
-            words = "PETSc: rank %d of %d failed, which ends all: %s"
+            words = "PETSc: rank %d of %d failed, which ends all ranks: %s"
             log.error(words, self.comm.rank, self.comm.size, _shorten(error))
             self.comm.Abort(2)
 

@@ -15,13 +15,13 @@ In space, the integrals are sums over pyramids between the centroid of a cell of
 centroid of a pyramid determines the cell of the first mesh. The integrals are exact if the cells of the second mesh lie
 inside cells of the first mesh; otherwise their error is O(h). In space, "exact" is for tetrahedra: there u is linear.
 
-On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
+On a triangle, the virtual function of (3.11), harmonic and linear on edges, is linear. On a rectangle with sides e_1,
 e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values u_1 ... u_4 in turn, it is
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
 because xi eta is harmonic, and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, with the slope of
-sym(b (x) grad(xi eta)). On other cells, only Pi u is known.
+the symmetric part of b grad(xi eta)'. On other cells, only Pi u is known.
 """
 
 from __future__ import annotations

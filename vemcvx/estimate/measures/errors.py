@@ -272,7 +272,7 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
     ----------
     h : (m,) sequence of positive numbers, no two neighbours equal
         Mesh sizes or steps; Markdown shows the inverse of a whole number as a fraction, such as 1/64.
-    errors : (m,) sequence of positive numbers, or mapping of names to such
+    errors : (m,) sequence of positive numbers, or mapping of names to such sequences
         Each sequence gives a column of errors and a column of orders. NaN stands for a missing error.
     name : str
         The name of the sizes.

@@ -252,7 +252,7 @@ def test_invalid_interfaces_are_refused():
         (found.edges[:, [0, 2, 1]], found.partners[:, [0, 2, 1]], "same place"),
         (np.append(found.edges, extra, axis=0), np.append(found.partners, extra, axis=0), r"\(0, 1, 2\) is not a face"),
         (found.edges, found.partners[:, [2, 1, 0, 3]], "nodes 1 and 14 are partners .* but lie at"),
-        (found.edges + 100, found.partners, r"faces must be rows .* of three nodes or more, .* numbered 0 to 15"),
+        (found.edges + 100, found.partners, r"edges and partners must be nodes 0 to 15 in arrays of one shape"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             vx.PolyhedralMesh(

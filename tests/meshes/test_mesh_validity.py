@@ -22,7 +22,7 @@ def assert_refused(points, cells, message):
 def test_invalid_points_and_cells_are_refused():
     for points, cells, subject in (
         (np.zeros((4, 3)), BOTH, r"got the shape \(4, 3\). PolyhedralMesh is for points in space"),
-        ([*SQUARE[:3], (0.0, 1e70)], BOTH, "coordinates reach"),
+        ([*SQUARE[:3], (0.0, 1e70)], BOTH, "coordinates must be finite, and at most"),
         (SQUARE, [[0, 1, 2, 3], [0, 1]], "cell 1 has 2 vertices"),
         (SQUARE, np.arange(4), "cell 0 must be a list of node numbers"),
         (SQUARE, [[0, 1, [2]]], "cell 0 must be a list of node numbers; got list"),

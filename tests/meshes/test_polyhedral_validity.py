@@ -48,7 +48,7 @@ GEOMETRY = [
 def test_invalid_points_and_cells_are_refused():
     for points, cells, subject in (
         (np.zeros((8, 2)), [FACES], r"got the shape \(8, 2\). PolygonMesh is for points in the plane"),
-        ([*CUBE[:7], (1, 1, 1e70)], [FACES], "coordinates reach"),
+        ([*CUBE[:7], (1, 1, 1e70)], [FACES], "coordinates must be finite, and at most"),
         (CUBE, [5], "cells must be a sequence of cells"),
         (CUBE, [], "at least one cell"),
         (CUBE, [FACES, FACES[:3]], "cell 1 has 3 faces"),

@@ -65,7 +65,7 @@ def test_invalid_rings_and_grades_are_refused():
     for make, subject in (
         (lambda: ring([1.0], 4), r"^ring: radii must be .* got \[1\.0\]"),
         (lambda: ring([-1.0, 1.0], 4), "^ring: radii must be"),
-        (lambda: ring([0, 1e61], 9), r"^ring: radii must be at most .* got 1e\+61"),
+        (lambda: ring([0, 1e61], 9), r"^ring: radii must be .* from 0 to 1e\+60; got"),
         (lambda: ring([0, 1], 9, angles=(0.0, 7.0)), "^ring: angles must be"),
         (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), "^sectors must be at least 2"),
         (lambda: tetrahedra(2, grade=(1.0, 2.0)), "^grade must be .*along x, along y, along z"),

@@ -32,9 +32,7 @@ from vemcvx.meshes.carrying import (
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygons import (
-    among,
     cell_of_corner,
-    distinct,
     edge_keys,
     find_in,
     offsets_of,
@@ -129,8 +127,8 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
         some = Tetrahedra(*(array[todo] for array in cells))
         at = some.longest_edges(points, places)
         pairs = np.take_along_axis(some.corners, at, axis=1)
-        keys = distinct(edge_keys(pairs, len(points)))
-        fresh = np.column_stack(np.divmod(keys[~among(keys, edge_keys(ends, len(points)))], len(points)))
+        keys = np.unique(edge_keys(pairs, len(points)))
+        fresh = np.column_stack(np.divmod(keys[~np.isin(keys, edge_keys(ends, len(points)))], len(points)))
         check_lengths(points, fresh)
         ends, points = np.concatenate([ends, fresh]), np.concatenate([points, points[fresh].mean(axis=1)])
         values = vstack([values, 0.5 * (values[fresh[:, 0]] + values[fresh[:, 1]])], format="csr")
@@ -138,7 +136,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
         places = np.concatenate([places[:n], n + find_in(split, split)])
         cells = cells.cut(todo, at, n + find_in(edge_keys(ends, len(points)), edge_keys(pairs, len(points))))
         edges = edge_keys(places[cells.corners[:, EDGES]].reshape(-1, 2), len(points))
-        hanging = among(edges, split).reshape(-1, 6).any(axis=1)
+        hanging = np.isin(edges, split).reshape(-1, 6).any(axis=1)
         todo = hanging | (marked[cells.parents] & (cells.cuts < cuts))
     cells = Tetrahedra(*(array[np.argsort(cells.parents, kind="stable")] for array in cells))
     faces = cells.faces()

@@ -62,18 +62,11 @@ class Box:
 
 def check_box(box: Any, dimension: int = 2) -> Box:
     """Return the box between two corners of finite numbers, or raise MeshError."""
-    try:
-        given = [(low, high) for low, high in box]
-        values = [(float(low), float(high)) for low, high in given]
-        if len(given) != dimension or not all(is_real(value) for pair in given for value in pair):
-            raise TypeError
-    except Exception:  # users may pass any object
+    given = plain(box)
+    if given is None or given.shape != (dimension, 2) or given.dtype.kind not in "iuf":
         wanted = ", ".join(f"({axis}0, {axis}1)" for axis in AXES[:dimension])
-        count = {2: "four", 3: "six"}[dimension]
-        raise MeshError(f"box must be ({wanted}), {count} numbers; got {box!r}.") from None
-    if not all(math.isfinite(value) for pair in values for value in pair):
-        raise MeshError(f"box must be finite; got {box!r}.")
-    for axis, (low, high) in zip(AXES, values, strict=False):
+        raise MeshError(f"box must be ({wanted}), {2 * dimension} real numbers; got {brief(box)}.")
+    for axis, (low, high) in zip(AXES, given.tolist(), strict=False):
         if not low < high:
             raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
         if high - low < SHORTEST or max(-low, high) > LARGEST:
@@ -81,7 +74,8 @@ def check_box(box: Any, dimension: int = 2) -> Box:
                 f"box must have sides above {SHORTEST:g} and coordinates below {LARGEST:g}, or areas underflow and "
                 f"overflow; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units."
             )
-    return Box(*zip(*values, strict=True))
+    low, high = given.astype(float).T.tolist()
+    return Box(tuple(low), tuple(high))
 
 
 def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> int:
@@ -210,14 +204,12 @@ def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
             f"boundary {name!r}: predicate must be a function of the {middles} (m, {dimension}); got {predicate!r}."
         )
     failed = f"boundary {name!r}: the predicate failed for {middles} of shape {places.shape}"
-    chosen = _array(
-        call_function(predicate, (places,), failed, f"take all {middles} at once and return a boolean for each")
-    )
+    wanted = f"take all {middles} at once and return a boolean for each, as lambda x: x[:, 0] < 0.5 does"
+    chosen = _array(call_function(predicate, (places,), failed, wanted))
     if chosen.shape != (m,) or chosen.dtype != bool:
         raise MeshError(
-            f"boundary {name!r}: the predicate gets {m} {middles}, shape ({m}, {dimension}), "
-            f"and must return booleans of shape ({m},); it returned {chosen.dtype} of shape "
-            f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5."
+            f"boundary {name!r}: the predicate gets {m} {middles}, shape ({m}, {dimension}). It must {wanted}; it "
+            f"returned {chosen.dtype} of shape {chosen.shape}."
         )
     if not chosen.any():
         low, high = places.min(axis=0), places.max(axis=0)

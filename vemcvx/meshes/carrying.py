@@ -17,7 +17,6 @@ from vemcvx.meshes.box import WHOLE, check_cell_data
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
-    among,
     cell_of_corner,
     edge_keys,
     find_in,
@@ -71,7 +70,7 @@ def inherit_parts(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
     def pieces(old: Ints) -> Ints:
-        return np.flatnonzero(among(parts, old))
+        return np.flatnonzero(np.isin(parts, old))
 
     named = {
         name: read_only(made._boundary[pieces(mesh._places(old))])

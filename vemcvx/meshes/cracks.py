@@ -22,10 +22,8 @@ from vemcvx.meshes.carrying import check_marks
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
-    among,
     backwards,
     cell_of_corner,
-    distinct,
     find_in,
     matching_rows,
     offsets_of,
@@ -100,8 +98,8 @@ def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[I
     `nodes` has the old node of each corner. `pairs` (k, 2) are corners at one node of a side, joined unless `opened`.
     """
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
-    first = distinct(parted)  # each group is identified by its first corner
-    fresh = ~among(first, distinct(whole))
+    first = np.unique(parted)  # each group is identified by its first corner
+    fresh = ~np.isin(first, np.unique(whole))
     number = np.where(fresh, count + np.cumsum(fresh) - 1, nodes[first])
     return number[np.searchsorted(first, parted)], np.concatenate([np.arange(count), nodes[first[fresh]]])
 

@@ -18,7 +18,7 @@ from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons import corner_edges, distinct, insert_hanging, positions, rows_in_order
+from vemcvx.meshes.polygons import corner_edges, insert_hanging, positions, rows_in_order
 from vemcvx.meshes.polyhedra import list_faces
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
@@ -121,7 +121,7 @@ def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends
     parents = np.flatnonzero(np.minimum.reduceat(side[rows[1]], rows[0][:-1]) < 0)
     offsets, nodes = rows_in_order(*rows, parents)
     kept = side[nodes] <= 0
-    used = distinct(nodes[kept])
+    used = np.unique(nodes[kept])
     number = np.full(len(points), -1)
     number[used] = np.arange(len(used))
     if isinstance(mesh, PolygonMesh):

@@ -15,7 +15,6 @@ from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import check_mapping, check_name
 from vemcvx.meshes.polygons import (
     cell_of_corner,
-    distinct,
     find_in,
     matching_rows,
     offsets_of,
@@ -59,7 +58,7 @@ class Interface:
         known = self.edges.ravel() >= 0
         own, other = self.edges.ravel()[known], self.partners.ravel()[known]
         count = int(other.max(initial=0)) + 1
-        return np.column_stack(np.divmod(distinct(own * count + other), count))
+        return np.column_stack(np.divmod(np.unique(own * count + other), count))
 
 
 def check_interfaces(
@@ -69,35 +68,31 @@ def check_interfaces(
     found = {}
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
         check_name(name)
-        if not isinstance(given, Interface):
-            raise MeshError(f"interface {name!r} must be an Interface; got {brief(given)}.")
-        bodies = tuple(given.bodies) if isinstance(given.bodies, (tuple, list)) else ()
+        bodies = tuple(given.bodies) if isinstance(getattr(given, "bodies", None), (tuple, list)) else ()
         if len(bodies) != 2 or not all(isinstance(body, str) for body in bodies):
-            raise MeshError(f"interface {name!r}: bodies must be two names; got {brief(given.bodies)}.")
-        edges, partners = (_check_sides(name, side, n_nodes, dimension) for side in (given.edges, given.partners))
-        if edges.shape != partners.shape or not np.array_equal(edges < 0, partners < 0):
             raise MeshError(
-                f"interface {name!r}: edges and partners must have rows of the same lengths; got {len(edges)} and "
-                f"{len(partners)} rows."
+                f"interface {name!r} must be an Interface with the names of two bodies; got {brief(given)}."
             )
-        found[name] = Interface(bodies, edges, partners)
+        sides = [plain(side) for side in (given.edges, given.partners)]
+        rows = [side.astype(np.int64) for side in sides if side is not None and side.dtype.kind in "iu"]
+        if len(rows) < 2 or not _are_rows(*rows, n_nodes, dimension):
+            wanted = "(k, 2)" if dimension == 2 else "(k, n), n > 2, each row padded with -1"
+            raise MeshError(
+                f"interface {name!r}: edges and partners must be nodes 0 to {n_nodes - 1} in arrays of one shape "
+                f"{wanted}; got {brief(given.edges)} and {brief(given.partners)}."
+            )
+        found[name] = Interface(bodies, *rows)
     return found
 
 
-def _check_sides(name: str, given: object, n_nodes: int, dimension: int) -> Ints:
-    """Return rows (k, n) of the vertices of edges or faces, padded with -1, or raise MeshError."""
-    rows, good = plain(given), False
-    if rows is not None and rows.ndim == 2 and rows.dtype.kind in "iu" and len(rows) and rows.shape[1] >= dimension:
-        rows = rows.astype(np.int64)
-        filled = rows >= 0
-        last = filled[:, :dimension].all() and (filled[:, 1:] <= filled[:, :-1]).all() and (rows >= -1).all()
-        good = bool(last and (rows < n_nodes).all()) and (dimension == 3 or rows.shape[1] == 2)
-    if rows is None or not good:
-        wanted = "edges must be pairs (k, 2) of nodes"
-        if dimension == 3:
-            wanted = "faces must be rows (k, n) of three nodes or more, padded with -1"
-        raise MeshError(f"interface {name!r}: {wanted}, numbered 0 to {n_nodes - 1}; got {brief(given)}.")
-    return rows
+def _are_rows(edges: Ints, partners: Ints, n_nodes: int, dimension: int) -> bool:
+    """Return True if both arrays have the same rows of nodes, with -1 only at the ends of rows in space."""
+    if edges.shape != partners.shape or edges.ndim != 2 or not len(edges) or edges.shape[1] < dimension:
+        return False
+    filled, rows = edges >= 0, np.stack([edges, partners])
+    whole = filled[:, :dimension].all() and (filled[:, 1:] <= filled[:, :-1]).all()
+    known = ((rows >= -1) & (rows < n_nodes)).all() and ((rows >= 0) == filled).all()
+    return bool(whole and known and (dimension == 3 or edges.shape[1] == 2))
 
 
 def pad_rows(offsets: Ints, flat: Ints) -> Ints:

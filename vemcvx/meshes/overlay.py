@@ -26,7 +26,6 @@ from vemcvx.meshes.polygons import (
     close_pairs,
     corner_edges,
     diameters,
-    distinct,
     edge_keys,
     find_in,
     insert_hanging,
@@ -101,7 +100,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
     """Insert vertices of `sides` that lie on edges of `sides` into these edges wherever they occur in `rows`."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
-    known = distinct(sides[1])
+    known = np.unique(sides[1])
     at, (start, end) = points[known], points[ends].swapaxes(0, 1)
     i, k = overlapping_boxes(at, at, np.minimum(start, end) - tolerance, np.maximum(start, end) + tolerance)
     arm, apart = (end - start)[k], at[i] - start[k]
@@ -117,7 +116,7 @@ def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
     """Return points with new places, the face (k,) of each piece, ascending, and the pieces (k rows of places)."""
-    linked = distinct(links.ravel())
+    linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
     patch = smallest_linked(links, len(shapes.areas))[linked]
@@ -132,7 +131,7 @@ def _split_faces(
         face, ring, corners = _split_in_plane(own, (points[nodes] - centre) @ axes.T)
         found.append((linked[first + face], np.diff(ring), centre + corners @ axes))
     face, counts, corners = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    points, places = _places(points, distinct(rows[1]), corners, tolerance)
+    points, places = _places(points, np.unique(rows[1]), corners, tolerance)
     kept, pieces = _without_slivers(points, (offsets_of(counts), places), tolerance)
     face, piece = face[kept], face_shapes(points, *pieces)
     covered = np.bincount(face, piece.areas, len(shapes.areas))[linked] / shapes.areas[linked]
@@ -162,7 +161,7 @@ def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
     """Return points with new places, and the place of each corner (m, 3): a known place nearby, or a new one."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
-    fresh = distinct(leader[leader >= len(known)])
+    fresh = np.unique(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])
     place[fresh] = len(points) + np.arange(len(fresh))
     return np.concatenate([points, corners[fresh - len(known)]]), place[leader[len(known) :]]

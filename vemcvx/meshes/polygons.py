@@ -57,21 +57,6 @@ def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
     return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
 
 
-def distinct(numbers: Ints) -> Ints:
-    """Return the distinct numbers of an array (k,), ascending, in a third of the time of np.unique (numpy 2.3)."""
-    ordered = np.sort(numbers)
-    return ordered[np.concatenate([[True], ordered[1:] != ordered[:-1]])] if len(ordered) else ordered
-
-
-def among(numbers: Ints, known: Ints) -> Bools:
-    """Return a mask (k,) of the numbers that are among the known ones."""
-    ordered = distinct(known)
-    if not len(ordered):
-        return np.zeros(len(numbers), dtype=bool)
-    found: Bools = ordered[np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)] == numbers
-    return found
-
-
 def find_in(keys: Ints, wanted: Ints) -> Ints:
     """Return the position of each wanted number among the keys (k,): the first of equal keys, -1 if missing."""
     if not len(keys):
@@ -105,7 +90,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
         rows = rows[order]
         starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
         leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
-    first = distinct(leader)
+    first = np.unique(leader)
     return first, np.searchsorted(first, leader)
 
 

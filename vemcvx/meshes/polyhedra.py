@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.base.arrays import CHUNK_SIZE, Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, reverse_rows, rows_in_order, same_rows
 
 
@@ -88,14 +88,7 @@ class FaceShapes(NamedTuple):
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
     """Compute the shapes of faces, with normals by the right-hand rule."""
-    begin = range(0, max(len(offsets) - 1, 1), CHUNK_SIZE)
-    parts = [_shapes_of_some(points, offsets[first : first + CHUNK_SIZE + 1], vertices) for first in begin]
-    return FaceShapes(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _shapes_of_some(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
-    places = points[vertices[offsets[0] : offsets[-1]]]
-    offsets = offsets - offsets[0]
+    places = points[vertices]
     counts, begin = np.diff(offsets), offsets[:-1]
     origin = places[begin]
     here = places - np.repeat(origin, counts, axis=0)

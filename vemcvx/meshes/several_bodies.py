@@ -28,10 +28,8 @@ from vemcvx.meshes.overlay import CORNER_FACTOR, mismatch_error, overlay_tilings
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     TOLERANCE,
-    among,
     cell_of_corner,
     close_pairs,
-    distinct,
     find_all_in,
     least_of_each,
     nearest,
@@ -127,7 +125,7 @@ def join(
     mesh, named = joined.mesh, {}
     for start, (own, given) in zip(starts, meshes.items(), strict=False):
         for name, parts in given.boundaries.items():
-            left = mesh._outer & among(joined.origin, start + given._places(parts))
+            left = mesh._outer & np.isin(joined.origin, start + given._places(parts))
             if name != WHOLE and left.any():
                 named[f"{own}.{name}"] = mesh._boundary[left]
     body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
@@ -179,7 +177,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
     """Return, for each node, the first node within the distance; raise MeshError if two nodes of a body share it."""
-    nodes = distinct(mesh._outlines[1])
+    nodes = np.unique(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
     key = place * len(names) + body
@@ -225,7 +223,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
     node, other = leaders[number], body[ends[edge, 0]]
     # the nearest edge of each body that has no node at this position
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
-    without = np.flatnonzero(~among(node * count + other, place * count + body))
+    without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
@@ -250,7 +248,7 @@ def _by_name(
     named = _check_names(interfaces, names)
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
-    for a, b in np.column_stack(np.divmod(distinct(first * len(names) + second), len(names))):
+    for a, b in np.column_stack(np.divmod(np.unique(first * len(names) + second), len(names))):
         here = (first == a) & (second == b)
         edges, partners = (side[here] for side in sides)
         pair = names[a], names[b]
@@ -426,10 +424,11 @@ def _check_meshes(meshes: Mapping[str, AnyKind]) -> None:
                 f"bodies: the name of a body must be a string without {' and '.join(RESERVED_CHARACTERS)}, other than "
                 f"{BODY!r}; got {brief(name)}."
             )
-        if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
-            raise MeshError(f"bodies: the mesh of {name!r} must be a PolygonMesh or PolyhedralMesh; got {brief(mesh)}.")
-        if mesh.interfaces:
-            raise MeshError(f"bodies: {name!r} already has interfaces; give all bodies at once, a mesh for each.")
+        if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)) or mesh.interfaces:
+            raise MeshError(
+                f"bodies: the mesh of {name!r} must be a PolygonMesh or PolyhedralMesh of one body, without "
+                f"interfaces; got {brief(mesh)}. Give all bodies at once, a mesh for each."
+            )
     if len({mesh.points.shape[1] for mesh in meshes.values()}) > 1:
         raise MeshError("bodies: some meshes are in the plane, and some in space; extrude the plane ones.")
 

@@ -89,19 +89,18 @@ def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | No
 
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     """Return a copy of the points as finite floats (n_nodes, dimension), or raise MeshError."""
-    given, wanted = plain(points), f"points must be real numbers of shape (n_nodes, {dimension})"
-    if given is None or given.dtype.kind not in "biuf":
-        raise MeshError(f"{wanted}; got {brief(points)}.")
-    array = np.array(given, dtype=float)
-    if array.ndim != 2 or array.shape[1] != dimension:
+    given = plain(points)
+    if given is None or given.dtype.kind not in "biuf" or given.ndim != 2 or given.shape[1] != dimension:
+        found = brief(points) if given is None or given.dtype.kind not in "biuf" else f"the shape {given.shape}"
         other = "PolyhedralMesh is for points in space" if dimension == 2 else "PolygonMesh is for points in the plane"
-        raise MeshError(f"{wanted}; got the shape {array.shape}. {other}.")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        raise MeshError(f"points must be real numbers of shape (n_nodes, {dimension}); got {found}. {other}.")
+    array = np.array(given, dtype=float)
+    bad = np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))
     if len(bad):
-        raise MeshError(f"node {bad[0]} is at {tuple(array[bad[0]].tolist())}: coordinates must be finite.")
-    largest = np.abs(array).max(initial=0.0)
-    if largest > LARGEST:
-        raise MeshError(f"coordinates reach {largest:.3g}; more than {LARGEST:g} overflows. Choose other units.")
+        raise MeshError(
+            f"node {bad[0]} is at {tuple(array[bad[0]].tolist())}: coordinates must be finite, and at most {LARGEST:g} "
+            "in size. Choose other units."
+        )
     return array
 
 

@@ -386,8 +386,11 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     >>> vx.meshes.ring(np.linspace(1.0, 2.0, 5), 48).extruded(np.linspace(0.0, 3.0, 7)).n_cells
     1152
     """
-    r = _increasing(radii)
-    start, end = _rays(angles)
+    r = _increasing(radii, f"radii must be at least two increasing numbers from 0 to {LARGEST:g}", 0.0, LARGEST)
+    words = "angles must be two increasing numbers in radians, at most 2 pi apart"
+    start, *_, end = _increasing(angles, words, -LARGEST, LARGEST).tolist()
+    if len(angles) > 2 or end - start > math.tau * (1 + ROUNDING):
+        raise MeshError(f"ring: {words}; got {brief(angles)}.")
     check_whole("sectors", sectors, int((end - start) / np.pi) + 1)
     check_total(sectors * (len(r) - 1))
     turns, disc = end - start > math.tau * (1 - ROUNDING), r[0] == 0.0
@@ -408,26 +411,14 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     return PolygonMesh(points, [*middle, *quads], boundaries=parts)
 
 
-def _increasing(radii: ArrayLike) -> Floats:
-    given = plain(radii)
-    numbers = given is not None and given.dtype.kind in "iuf" and given.ndim == 1 and len(given) > 1
-    r = np.array(given, dtype=float) if numbers else np.zeros(1)
-    if not numbers or not np.isfinite(r).all() or r[0] < 0 or np.diff(r).min() < SHORTEST:
-        raise MeshError(
-            f"ring: radii must be at least two increasing numbers >= 0, the radii of circles; got {brief(radii)}."
-        )
-    if r[-1] > LARGEST:
-        raise MeshError(f"ring: radii must be at most {LARGEST:g}; got {r[-1]:g}. Choose other units.")
-    return r
-
-
-def _rays(angles: tuple[float, float]) -> tuple[float, float]:
-    given = plain(angles)
-    if given is not None and given.dtype.kind in "iuf" and given.shape == (2,) and np.isfinite(given).all():
-        start, end = map(float, given)
-        if 0 < end - start <= math.tau * (1 + ROUNDING):
-            return start, end
-    raise MeshError(f"ring: angles must be two increasing numbers in radians, at most 2 pi apart; got {brief(angles)}.")
+def _increasing(given: ArrayLike, what: str, least: float, most: float) -> Floats:
+    """Return increasing numbers from `least` to `most`, at least two, or raise MeshError."""
+    numbers = plain(given)
+    if numbers is not None and numbers.ndim == 1 and len(numbers) > 1 and numbers.dtype.kind in "iuf":
+        x = numbers.astype(float)
+        if np.isfinite(x).all() and least <= x[0] and x[-1] <= most and np.diff(x).min() >= SHORTEST:
+            return x
+    raise MeshError(f"ring: {what}; got {brief(given)}.")
 
 
 def _directions(start: float, end: float, sectors: int) -> Floats:

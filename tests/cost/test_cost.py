@@ -396,7 +396,7 @@ def times(steps):
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_process")
 def test_cells_across_the_border_of_two_materials_are_named(tmp_path):
-    """With three columns of squares the middle column lies across the border; with four columns none does."""
+    """With three columns of squares, the middle column lies across the border; with four columns, none does."""
     (tmp_path / "two.py").write_text(TWO_MATERIALS)
     asked = ("--mesh", "squares", "--n", "3,4", "--steps", "2", "--solver", "newton", "--workers", "1")
     done = cost(tmp_path / "two.py", *asked, "--out", tmp_path / "out")

@@ -94,7 +94,7 @@ def test_orders_of_powers_are_their_exponents():
 
 @mostly_long("kind", ["exact", "projected"])
 def test_nested_triangles_satisfy_galerkin_orthogonality(kind):
-    """Under one load |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
+    """Under one load, |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
     scene = vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3), vx.Clamp(on="right"), vx.Traction(paper_load(monotone), on="left")
     )

@@ -168,7 +168,7 @@ def test_highs_reads_and_solves_mps_files(tmp_path, name, condense):
     highs = highspy.Highs()
     highs.setOptionValue("output_flag", False)  # silent() prints a banner
     read, K = highs.readModel(str(tmp_path / "step.mps")), program.operators.K
-    # Since 1.16 HiGHS warns that it drops entries of K below 1e-9, which are rounding here.
+    # Since version 1.16, HiGHS warns that it drops entries of K below 1e-9, here rounding errors.
     tiny = (K != 0).sum() > (abs(K) > 1e-9).sum()
     assert read == highspy.HighsStatus.kOk or (tiny and read == highspy.HighsStatus.kWarning)
     assert highs.getNumCol() == len(program.g) + len(program.w) + int((program.operators.compliance > 0).sum())

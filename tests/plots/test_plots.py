@@ -407,7 +407,7 @@ def test_every_picture_has_the_given_units_and_stays_within_the_page(rubbed):
         words = [text.get_text() for text in figure.findobj(matplotlib.text.Text)]
         assert not [word for word in words if any(name in word for name in ("length", "force)", "time)", " per area"))]
         assert_drawn_within_the_page(figure)
-    # In the plane a force per length is a stress times the thickness 1.
+    # In the plane, a force per length is a stress times the thickness 1.
     assert drawn["contact_pressure"].axes[0].get_ylabel() == "contact pressure\n(MPa)"
     assert drawn["hysteresis_loop"].axes[0].get_ylabel() == "reaction (N), per thickness"
 

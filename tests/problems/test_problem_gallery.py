@@ -245,7 +245,7 @@ def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
     assert extra.max() < 4.5 * unit < 0.2 * pad.pressure(0.0, poisson)
     force = -history.reaction("top")[-1, 1]
     assert 0 < force - pad.force(poisson) < 4.5 * unit * pad.HALF_WIDTH
-    # Without the clamp the force would be 4 mu d / h for nu = 1/2, less than a fifth of this force.
+    # Without the clamp, the force would be 4 mu d / h for nu = 1/2, less than a fifth of this force.
     assert force > 5 * 4 * unit * pad.HALF_WIDTH
 
 

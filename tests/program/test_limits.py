@@ -18,7 +18,7 @@ HEIGHT = 0.5
 
 
 def test_a_wall_and_a_buffer_stop_two_springs():
-    """A wall at 0.3 stops the first unknown. At 0.2 the second unknown meets a buffer of compliance 0.5."""
+    """A wall at 0.3 stops the first unknown. At 0.2, the second unknown meets a buffer of compliance 0.5."""
     system = vx.System(
         np.diag([2.0, 4.0]), lambda t: [t, 4 * t], limits=vx.Limits(np.eye(2), [0.3, 0.2], compliance=[0.0, 0.5])
     )

@@ -66,7 +66,7 @@ def test_the_gap_bounds_the_error(block, separate):
             v = np.linalg.solve(K, program.g - program.multiplier_force(lam, p))
             dual = -0.5 * v @ K @ v - lam.ravel() @ program.b - p @ program.e
             dual -= 0.5 * p @ (program.operators.compliance * p)
-            # By theorem 2 of `vemcvx.program.certificate` the gap may be less than primal minus dual.
+            # By theorem 2 of `vemcvx.program.certificate`, the gap may be less than primal minus dual.
             plain = pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)
             assert certificate.gap == plain or (certificate.moved > 0 and certificate.gap < plain.expected)
         assert not separate or max(one.gap for one in computed[:2]) < 1e-3 * computed[2].gap
@@ -125,13 +125,13 @@ def test_a_slider_has_its_closed_form(g):
 
 
 def test_a_bound_and_friction_on_one_unknown_are_certified_without_multipliers():
-    """Minimise d^2/2 - 2 d + |d|/2 with d <= 0.4: at d = 0.4 friction has the force 1/2, and the bound has 1.1."""
+    """Minimise d^2/2 - 2 d + |d|/2 with d <= 0.4: at d = 0.4, friction has the force 1/2, and the bound has 1.1."""
     program = StepProgram(Operators([[1.0]], [[1.0]], D=[[1.0]]), [2.0], [0.5], [0.0], [0.4])
     lam, p = program.multipliers(np.array([0.4]))
     assert lam[0, 0] == 0.5
     assert p == pytest.approx([1.1], rel=1e-15)
     assert program.certify([0.4]).error < 1e-15
-    # At d = 0.3 the error is 0.1, and the bound has no force.
+    # At d = 0.3, the error is 0.1, and the bound has no force.
     assert 0.1 <= program.certify([0.3]).error < 0.6
 
 

@@ -38,7 +38,7 @@ def mark_at(history, place):
 
 @pytest.mark.long
 def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
-    """From squares of 1/8 to squares of 1/16 the pressure at the corner grows by 2^.29; .29 is Williams's exponent."""
+    """The pressure at the corner grows by 2^.29 from squares of 1/8 to squares of 1/16; .29 is Williams's exponent."""
     found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
     told = marks(found[16])
     assert told["von_mises"] == told["largest_principal_stress"] == CLAMP
@@ -67,7 +67,7 @@ def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, pl
 
 @pytest.mark.parametrize(("degrees", "words"), [(90, ""), (120, f"at a corner of clamp and contact{MAY}")])
 def test_frictionless_contact_counts_as_symmetry(degrees, words):
-    """With its mirror image the corner has twice the angle, between two clamps, and is singular above 180 degrees."""
+    """With its mirror image, the corner has twice the angle, between two clamps, and is singular above 180 degrees."""
     lean = 1.0 / np.tan(np.radians(degrees))
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [lean, 1]]), [[0, 1, 2, 3]]).refine().refine()
     mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] - lean * x[:, 1]) < 1e-9)

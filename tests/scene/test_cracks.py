@@ -129,7 +129,7 @@ def pulled(mesh, stress):
 
 @pytest.mark.slow
 def test_the_opening_of_a_round_crack_converges_to_sneddons_closed_form():
-    """In an infinite body the middle opens by 8 (1 - nu^2) sigma a / (pi E) (Proc. R. Soc. A 187 (1946))."""
+    """In an infinite body, the middle opens by 8 (1 - nu^2) sigma a / (pi E) (Proc. R. Soc. A 187 (1946))."""
     found = []
     for n in (4, 8, 16):
         history, _ = pulled(round_block(n), 1.0)

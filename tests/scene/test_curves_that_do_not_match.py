@@ -48,7 +48,7 @@ def test_normals_of_a_circle_are_radial(cells, order, named, digits):
 
 @mostly_long("contact", [vx.BilateralContact, vx.UnilateralContact], 1)
 def test_a_ring_turns_freely_in_another_ring(contact):
-    """With the normals of the chords it would get caught."""
+    """With the normals of the chords, it would get caught."""
     spin = vx.PrescribedDisplacement(lambda x, t: 0.01 * t * x @ np.array([[0.0, 1.0], [-1.0, 0.0]]), on="bore")
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), spin, contact(on="inner|outer"), vx.Clamp(on="rim"))
     history = vx.simulate(scene, rings(16, 20), [0.0, 1.0])

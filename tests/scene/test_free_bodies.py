@@ -40,7 +40,7 @@ def test_a_bar_pulled_at_both_ends_stretches_about_its_middle(family, n):
 
 
 def test_heat_alone_leaves_a_body_without_stress():
-    """In plane strain a body grows by (1 + nu) alpha T about its middle."""
+    """In plane strain, a body grows by (1 + nu) alpha T about its middle."""
     mesh = vx.meshes.voronoi(5)
     history = settled(mesh, STEEL, vx.ThermalStrain(1e-3, 10.0))
     assert np.abs(history.stress(-1)).max() <= 1e-12 * E

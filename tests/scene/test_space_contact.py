@@ -102,7 +102,7 @@ def test_a_block_agrees_with_scikit_fem_and_cvxpy():
 
 
 def test_wear_is_traction_times_displacement():
-    """At edges friction acts in two planes; `slip` lacks the component along the mean normal, and is smaller."""
+    """At edges, friction acts in two planes; `slip` lacks the component along the mean normal, and is smaller."""
     mesh, sides = vx.meshes.cubes(2), ["bottom", "left"]
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),

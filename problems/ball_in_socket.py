@@ -4,7 +4,7 @@ Ball and socket are meshed by tetrahedra: the lower halves of meshed cubes, infl
 the same width at the joint, so that both approximate the sphere by the same polyhedron.
 
 Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p in both
-of them and at the joint, whatever its shape. Then the grip, a square in the top of the ball, moves aside. The pressure
+bodies and at the joint, whatever its shape. Then the grip, a square in the top of the ball, moves aside. The pressure
 rises in front of the ball and falls behind it, until the joint opens there. Where the ball slides along the socket,
 friction resists. At each instant the forces on the ball balance to rounding:
 

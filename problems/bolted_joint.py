@@ -1,8 +1,8 @@
 """A bolted joint under cyclic load: slip wears it at the edges of the clamped zone. SI units.
 
-Two steel plates, 80 mm x 10 mm each in 40 x 10 cells, plane strain, lie on each other. Only the pressure of a bolt
-clamps them together, 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped. The
-right end of the upper plate is guided along x and pulled and pushed by a force; only Coulomb friction resists it. A
+Two steel plates, 80 mm x 10 mm each in 40 x 10 cells, plane strain, lie on each other. Only a bolt clamps them
+together: its pressure is 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped.
+The right end of the upper plate is guided along x and pulled and pushed by a force; only Coulomb friction resists it. A
 cycle has four steps: pulled, free, pushed, free. The force is 0.6 mu P with the force P of the bolt, so that the joint
 as a whole does not slip. The sum of the nodal friction forces equals the load at each instant, to rounding. From the
 second cycle on all cycles are alike, and wear (friction work per length) is proportional to their number.

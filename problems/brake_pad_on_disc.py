@@ -6,14 +6,14 @@ join pad and disc. In a cycle the hub rotates forward by `ANGLE` under the full 
 the hub rotates back, and the pad is pressed again. Both bodies are elastic; at first the pad sticks and is sheared.
 
 Once all of the pad slips, friction is mu p at every node, always at the radius b: the torque is mu b N, N = integral of
-p. The equilibrium of the pad along y, 2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds with the angle
-theta measured forward from its middle, gives N if p(theta) is known. For p_0 cos theta, as in a lining that has worn to
-fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
+p. The equilibrium of the pad along y is 2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds, with the angle
+theta measured forward from the middle of the pad. It gives N if p(theta) is known. For p_0 cos theta, as in a lining
+that has worn to fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
 
 $$ N = 2 b \sin(\alpha) P (4 \sin \alpha) / (2 \alpha + \sin 2 \alpha), $$
 
-which is within 0.2 % of N for a uniform p; an elastic pad is close to both. Friction dissipates in every step, and from
-the second cycle on equally in each cycle.
+which is within 0.2 % of N for a uniform p; an elastic pad is close to both values. Friction dissipates in every step,
+and from the second cycle on equally in each cycle.
 
     vemcvx run problems/brake_pad_on_disc.py --n 8 --steps 96 --plot
 """

@@ -72,7 +72,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the fibre in its matrix, and the stresses along a line through both."""
+    """Draw the fibre in its matrix, and the stresses along a line through fibre and matrix."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,8 +1,8 @@
 r"""A silo: friction on the walls carries the filling, and the pressure on the floor stays bounded.
 
-Half of a plane silo of half-width B and height H is computed: x = 0 is the middle, x = B a rigid rough wall with the
-coefficient mu, y = 0 a smooth floor. The filling is elastic, plane strain, and its weight w per area grows from zero.
-Between the walls its horizontal stress is K times its vertical stress s, K = nu / (1 - nu). The filling settles
+Half of a plane silo of half-width B and height H is computed: x = 0 is the middle, x = B is a rigid rough wall with the
+coefficient mu, and y = 0 is a smooth floor. The filling is elastic, plane strain, and its weight w per area grows from
+zero. Between the walls its horizontal stress is K times its vertical stress s, K = nu / (1 - nu). The filling settles
 everywhere, so that friction is mu K s along the whole wall. The equilibrium of a slice of height dz at the depth z
 below the top is (Janssen, Z. VDI 39, 1895)
 

@@ -23,9 +23,9 @@ Its map of z is 2 P_C - 1, which is nonexpansive like P_C: algebraic errors do n
 1. At the ends of steps z may be outside of C: it is in C only at the middles. Then friction exceeds its bound and (2.1)
    fails: friction cannot balance the state that one step passes to the next.
 2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2; a
-   reflection only keeps distances. If a place begins to slip inside a step, z is beyond its bound by some eta
-   <= k |u_l'| / 2 at the end of this step, below it by eta at the end of the next step, and so on forever: from then on
-   the order is one.
+   reflection only keeps distances. Suppose that a place begins to slip inside a step. At the end of this step z is
+   beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step it is below its bound by eta, and so on
+   forever: from then on the order is one.
 3. The order of the midpoint rule is two only where slips are smooth: where they change their direction, but neither
    begin nor end.
 

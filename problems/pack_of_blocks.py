@@ -2,8 +2,8 @@ r"""A pack of blocks under one plate: they slide one by one, and give the loop o
 
 Bearings stand in a row between the ground and a plate that moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. Each
 bearing consists of two blocks, one on the other, with friction of the bound g_i between them. Their sides are free
-along x only, so that both are sheared uniformly, as in `two_blocks_in_series.py`: step by step, with the slip a_i, the
-heights H, the shear moduli mu, and C = H_1 / mu_1 + H_2 / mu_2,
+along x only, so that both blocks are sheared uniformly, as in `two_blocks_in_series.py`: step by step, with the slip
+a_i, the heights H, the shear moduli mu, and C = H_1 / mu_1 + H_2 / mu_2,
 
 $$ q_i = \operatorname{clip}((U - a_i) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 

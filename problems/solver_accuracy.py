@@ -35,7 +35,7 @@ Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
   1e-2.
 - Newton ends at rounding after finitely many steps; accuracy costs nothing.
 - In one of the two steps HiGHS 1.15 reports a solution as optimal that is 14 % off; in the other it is right. The
-  certificate shows which. 1.16 is right in both, certified to 4.1e-9 and to rounding.
+  certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 4.1e-9 and to rounding.
 
     python problems/solver_accuracy.py [--n 32] [--repeats 5] [--table FILE.csv] [--picture FILE.png]
 """

@@ -20,7 +20,7 @@ Three systems (K, load, Norms), Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i
    $$ T_j = \operatorname{play}_{r_j}(F), \qquad u_i = \sum_{j \ge i} T_j / k_j, \qquad \lambda_i = T_{i-1} - T_i. $$
 
 2. **Parallel elements under a given strain e(t).** Element i is a spring E_i in series with a slider of yield stress
-   y_i, and E_0 is a spring alone: energy 1/2 sum E_i (e - p_i)^2, so K = diag(E), load = E e(t), and
+   y_i, and E_0 is a spring alone. The energy is 1/2 sum E_i (e - p_i)^2, so that K = diag(E), load = E e(t), and
 
    $$
    p_i = \operatorname{play}_{y_i/E_i}(e), \qquad \lambda_i = E_i (e - p_i), \qquad \sigma = E_0 e + \sum_i \lambda_i.

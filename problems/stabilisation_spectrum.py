@@ -11,7 +11,7 @@ dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
-That form does not lock. The last column, the least S / (a_mu + a_lam) at nu = .499999, goes to zero with 1 / lam
+That form does not lock. The last column is the least S / (a_mu + a_lam) at nu = .499999. It goes to zero with 1 / lam
 *because* S does not contain lam, and so does not penalise variations of the dilatation within a cell.
 
 On a rectangle 2a x 2b the only such v are (xy, 0) and (0, xy). Their ratios S / a_mu are 6ab / (a^2 + 2b^2) and

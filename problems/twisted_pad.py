@@ -56,7 +56,7 @@ initial = "settled"
 
 
 def mesh(n, family="rings"):
-    """Return n rings of 6n sectors in n/2 layers; the innermost one is a polygon.
+    """Return n rings of 6n sectors in n/2 layers; the innermost ring is a polygon.
 
     The corners are a little outside of their circles, so that the polygons have the areas of the circles.
     """

@@ -2,9 +2,9 @@ r"""Two blocks with friction between them, sheared back and forth: a loop in clo
 
 Blocks of shear moduli mu_1, mu_2 and heights H_1, H_2 lie on each other, with the same length and meshes that do not
 match. The lower block is clamped below, and the top of the upper block is moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1,
-3, 5. Their sides are free along x only, so that both are sheared uniformly. Bilateral contact and Tresca friction with
-the bound g act between them. Both have the same friction traction q, so that the slip of the upper over the lower block
-is
+3, 5. Their sides are free along x only, so that both blocks are sheared uniformly. Bilateral contact and Tresca
+friction with the bound g act between them. Both blocks have the same friction traction q, so that the slip of the upper
+over the lower block is
 
 $$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2, $$
 

@@ -102,7 +102,8 @@ def split_nodes(n, part):
     points = np.vstack([mesh.points, mesh.points[inside] + part / n])
     cells = []
     for lower_left, lower_right, upper_right, upper_left in mesh.cells:
-        # Around a split node the cell below keeps it, the cell above has its twin, and the other two have both.
+        # Around a split node, the lower left cell keeps the node and the upper right cell has its twin. The other two
+        # cells have both.
         corners = [
             [lower_left if twin[lower_left] < 0 else twin[lower_left]],
             [lower_right],

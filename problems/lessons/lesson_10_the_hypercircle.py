@@ -23,8 +23,8 @@
 # $$\begin{gathered} \text{displacements } v \text{ that are zero where the net is held,} \\
 # \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f . \end{gathered}$$
 #
-# Displacements need no equilibrium, and forces need no displacement. Both are easy to find. The solution $u$ with
-# $\sigma = \mathbb C\, \varepsilon(u)$ belongs to both sets. Norms of forces are
+# Displacements need no equilibrium, and forces need no displacement. Fields of both kinds are easy to find. The
+# solution $u$ with $\sigma = \mathbb C\, \varepsilon(u)$ belongs to both sets. Norms of forces are
 # $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, norms of displacements $|v|^2 = v^T K v$. So
 # $|v| = |\mathbb C\, \varepsilon(v)|$.
 

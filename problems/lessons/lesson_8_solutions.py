@@ -64,9 +64,9 @@ for _normal in (0.0, 100.0):
     assert np.abs(_run.displacement[..., 0]).max() <= 1e-11 * p / mu
 
 # %% [markdown]
-# **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has both. For the
-# bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. This is linear in $x$, and exact for every mesh and
-# every step.
+# **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has an effect for
+# each. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. This is linear in $x$, and exact for
+# every mesh and every step.
 
 
 # %%

@@ -89,8 +89,8 @@ class History(Results, Outlined):
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
-        With `bound`: bounds on the force of a support that moves a boundary, along the axis of its longest path; NaN at
-        the initial instant, and where no bound is known.
+        With `bound`: bounds on the force of a support that moves a boundary, along the axis on which it moves most; NaN
+        at the initial instant, and where no bound is known.
     bounded_force : dict or None
         The boundary and the axis of `force_bounds`: its name -> the number of the axis, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None

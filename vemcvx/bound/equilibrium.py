@@ -6,7 +6,7 @@ the boundary, and have continuous tractions between cells. The minimiser of
     |tau|^2 / 2 in C^-1  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
 
 is determined by edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells
-on each edge cancel. The forces of a cell are G m + b, where b is due to body forces. The sum of all G is a stiffness
+on each edge cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
 matrix, positive definite up to rigid motions. (B. Fraeijs de Veubeke introduced equilibrium elements in 1965; on the
 split triangle they have no spurious motions.) The prestress sigma_0 acts as forces on edges: tau - sigma_0 is due to m.
 The unknown is x = m - v, with the displacement v of the run. x is as small as the equilibrium residual of v, so x has

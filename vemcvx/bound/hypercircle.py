@@ -5,8 +5,8 @@ with
 
     j(v) = int g |v_t - d| + phi(v_n - gap),
 
-with v_t - d the slip in the step. phi(z) is zero for z <= 0 and infinite for z > 0 for a rigid obstacle, k z_+^2 / 2
-for a compliant one. For b see :mod:`.surface`. Springs to the ground with the stiffness k are treated like triangles:
+with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the gap and infinite beyond; for a compliant
+obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. Springs to the ground (stiffness k) are treated as triangles:
 if tau has the tractions -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the spring energy.
 
 **The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions, x

@@ -2,12 +2,12 @@
 
 On a triangle split at its centroid, consider symmetric stresses that are linear on the three parts, with continuous
 tractions across inner edges. The linear tractions on the three edges and the divergences on the parts determine them:
-12 + 6 numbers with three conditions of balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). By
+12 + 6 numbers with three conditions of balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Because of
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
-one reference triangle serves all. A linear traction t on an edge is given by int t phi at both ends. A body force f is
-given by F_k = int f lambda_k. f is split into constants on the parts, with the same moments against linear functions,
+one reference triangle serves all. A linear traction t on an edge is given by int t phi at both ends, a body force f by
+F_k = int f lambda_k. f is split into constants on the parts, with the same moments against linear functions,
 and a remainder. The stress of the remainder has degree 2, and no tractions on the edges. So div tau = -f exactly.
 
 Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the

@@ -235,7 +235,7 @@ class Symmetry(Effect):
 class PrescribedDisplacement(Effect):
     """Given displacements of a part of the boundary: all components, or one.
 
-    `history.reaction` is the force that causes them.
+    `history.reaction` is the force that causes these displacements.
 
     Parameters
     ----------

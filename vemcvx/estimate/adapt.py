@@ -69,7 +69,7 @@ QUANTITIES = {
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells with a part `theta` of `squares` (n_cells,), or fewer if they reach `goal`."""
+    """Return a mask of the fewest cells with a part `theta` of `squares` (n_cells,), or fewer if this meets `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)

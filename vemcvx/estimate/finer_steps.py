@@ -2,13 +2,13 @@
 
 Steps of a condensed system are cheap. The run is repeated on the same mesh with FINER steps per step, more steps where
 data vary faster, and an instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). At the instants of the
-coarse run, both runs have the same data, so only their contact forces differ. With the condensed stiffness S,
+coarse run, both runs have the same data, so only their contact forces differ. For the run u and the finer run v,
 
-    |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns in friction and limits.
+    |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n)     with S condensed to the unknowns y, z in friction and limits.
 
-The finer run has an error, too. If errors are of first order, its error is 1/FINER of the error of the run, and
+If errors are of first order, the error of the finer run is 1/FINER of the error of the run, and
 
-    |u_n - u(t_n)|_a <= |u_n - u_n'|_a / (1 - 1/FINER).
+    |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER).
 
 Without friction, nothing depends on the path, and steps make no error.
 """

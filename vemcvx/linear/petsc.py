@@ -212,7 +212,7 @@ def all_ranks() -> Ranks:
 
 
 def serve() -> bool:
-    """Answer calls of rank 0 until it ends, on ranks above 0; on rank 0, return False at once.
+    """Answer calls of rank 0 until rank 0 ends; on rank 0 itself, return False at once.
 
     Examples
     --------

@@ -119,5 +119,5 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # Separators follow the parts that they separate: their lower bits are ones. Finer separators go before coarser.
+    # Separators, with ones as lower bits, follow the parts that they separate. Finer separators go before coarser.
     return np.lexsort((height, part | ((1 << height) - 1)))

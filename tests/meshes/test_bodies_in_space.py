@@ -218,7 +218,7 @@ def test_files_pickles_and_pyvista_keep_interfaces_names_and_data(tmp_path):
     assert_same(mesh, vx.meshes.convert(mesh.to("pyvista")))
 
 
-def quarter(radii, sectors):
+def make_quarter(radii, sectors):
     """Return a quarter of a tube."""
     return vx.meshes.ring(radii, sectors, angles=(0.0, 0.5 * np.pi)).extruded([0.0, 0.4])
 
@@ -226,7 +226,7 @@ def quarter(radii, sectors):
 def test_invalid_sets_of_bodies_are_refused():
     a = cubes(1)
     beside = rotate(cubes(1, ((1.2, 2.2), (0, 1), (0.2, 0.8))), np.pi / 4, (1.2, 0.5))
-    tubes = {"a": quarter([0.9, 1.0], 8), "b": quarter([1.0, 1.1], 6)}
+    tubes = {"a": make_quarter([0.9, 1.0], 8), "b": make_quarter([1.0, 1.1], 6)}
     for meshes, options, subject in (
         ({"a": a, "b": cubes(1)}, {}, r"'a' and 'b' overlap near \("),
         ({"a": a, "b": cubes(2, ((0.5, 1.5), (0, 1), (0, 1)))}, {}, r"'a' and 'b' overlap near"),

@@ -3,7 +3,6 @@
 import meshio
 import numpy as np
 import pytest
-from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -23,28 +22,23 @@ def write(path, points, blocks, tags, groups):
 BOTH = {"plate": [11, 2], "pin": [12, 2]}
 
 
-def two_squares(path, double=False, outside=False, names=True):
-    """Write two unit squares side by side, "plate" and "pin"; nodes between them are shared, or exist twice."""
+def write_two_squares(path, outside=False, names=True):
+    """Write two unit squares side by side, "plate" and "pin", which share nodes; a cell may be in no group."""
     made = vx.meshes.triangles(4, box=((0.0, 2.0), (0.0, 1.0)))
-    points, cells = made.points, np.array(made.cells)
-    right = points[cells].mean(axis=1)[:, 0] > 1
-    if double:
-        middle = np.flatnonzero(np.abs(points[:, 0] - 1) < 1e-12)
-        other = np.arange(len(points))
-        other[middle] = len(points) + np.arange(len(middle))
-        cells, points = np.where(right[:, None], other[cells], cells), np.vstack([points, points[middle]])
+    right = made.centroids[:, 0] > 1
     wall, rim = made.boundaries["left"], made.boundaries["right"]
     tags = [np.repeat([1, 2], [len(wall), len(rim)]), np.where(right, 12, 11)]
     if outside:
         tags[1][0] = 0
     groups = {"wall": [1, 1], "rim": [2, 1], **BOTH} if names else {}
-    return write(path, points, [("line", np.vstack([wall, rim])), ("triangle", cells)], tags, groups)
+    return write(
+        path, made.points, [("line", np.vstack([wall, rim])), ("triangle", np.array(made.cells))], tags, groups
+    )
 
 
-@mostly_long("double", [False, True], 1, ids=["shared nodes", "double nodes"])
-def test_groups_become_bodies(tmp_path, double):
+def test_groups_become_bodies(tmp_path):
     """Simulate two bodies free to slide and to widen: the contact force is the force that presses on the pin."""
-    mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", double), bodies="physical")
+    mesh = vx.meshes.read(write_two_squares(tmp_path / "two.msh"), bodies="physical")
     assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
     assert list(mesh.interfaces) == ["plate|pin"]
     assert sorted(mesh.cell_data) == ["body", "pin", "plate"]
@@ -93,12 +87,12 @@ def test_an_arc_named_on_one_body_names_the_interface(tmp_path):
 
 
 def test_groups_without_names_become_bodies_and_cells_in_no_group_are_refused(tmp_path):
-    mesh = vx.meshes.read(two_squares(tmp_path / "two.msh", names=False), bodies="physical")
+    mesh = vx.meshes.read(write_two_squares(tmp_path / "two.msh", names=False), bodies="physical")
     assert list(mesh.interfaces) == ["11|12"]
     assert {"11.1", "12.2"} < set(mesh.boundaries)
     vx.meshes.squares(2).write(tmp_path / "one.vtu")
     for path, how, subject in (
-        (two_squares(tmp_path / "two.msh", outside=True), "physical", "here 1 of its cells are in no body"),
+        (write_two_squares(tmp_path / "two.msh", outside=True), "physical", "here 1 of its cells are in no body"),
         (tmp_path / "one.vtu", "physical", "bodies='physical' makes a body of every physical group"),
         (tmp_path / "one.vtu", "all", "read: found bodies = 'all'; give bodies='physical'"),
     ):
@@ -106,38 +100,15 @@ def test_groups_without_names_become_bodies_and_cells_in_no_group_are_refused(tm
             vx.meshes.read(path, bodies=how)
 
 
-HEXES = """$MeshFormat
-2.2 0 8
-$EndMeshFormat
-$PhysicalNames
-5
-2 1 "wall"
-2 2 "joint"
-2 3 "end"
-3 11 "lug"
-3 12 "pin"
-$EndPhysicalNames
-$Nodes
-12
-{nodes}
-$EndNodes
-$Elements
-5
-1 3 2 1 1 1 4 8 5
-2 3 2 2 2 2 3 7 6
-3 3 2 3 3 9 10 12 11
-4 5 2 11 11 1 2 3 4 5 6 7 8
-5 5 2 12 12 2 9 10 3 6 11 12 7
-$EndElements
-"""
-
-
 def test_a_named_face_between_two_volumes_is_their_interface(tmp_path):
     """Compress two blocks in a row: pressure p at the joint, and u = -p (l1 / E1 + l2 / E2) at the end."""
     x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     x += [(3, 0, 0), (3, 1, 0), (3, 0, 1), (3, 1, 1)]
-    path = tmp_path / "two.msh"
-    path.write_text(HEXES.format(nodes="\n".join(f"{k} {a} {b} {c}" for k, (a, b, c) in enumerate(x, start=1))))
+    sides = [[0, 3, 7, 4], [1, 2, 6, 5], [8, 9, 11, 10]]
+    cells = [[0, 1, 2, 3, 4, 5, 6, 7], [1, 8, 9, 2, 5, 10, 11, 6]]
+    tags, groups = [np.array([1, 2, 3]), np.array([11, 12])], {"wall": [1, 2], "joint": [2, 2], "end": [3, 2]}
+    groups |= {"lug": [11, 3], "pin": [12, 3]}
+    path = write(tmp_path / "two.msh", x, [("quad", sides), ("hexahedron", cells)], tags, groups)
     mesh = vx.meshes.read(path, bodies="physical")
     assert (mesh.n_cells, mesh.n_nodes) == (2, 16)
     assert mesh.measures.tolist() == [1.0, 2.0]
@@ -156,19 +127,19 @@ def test_a_named_face_between_two_volumes_is_their_interface(tmp_path):
     assert history.displacement[-1, mesh.points[:, 0] == 3, 0] == pytest.approx(-0.1 * (1 / 10 + 2 / 20), rel=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_lines_between_bodies_name_the_interface_or_a_part_of_it(tmp_path, share):
+@pytest.mark.parametrize("fraction", [0.5, 1.0])
+def test_lines_between_bodies_name_the_interface_or_a_part_of_it(tmp_path, fraction):
     """Name half of the edges between two bodies, or all of them."""
     made = vx.meshes.squares((4, 2), box=((0.0, 2.0), (0.0, 1.0)))
     cells = np.array(made.cells)
     right = made.centroids[:, 0] > 1
     middle = np.flatnonzero(np.abs(made.points[:, 0] - 1) < 1e-12)
-    lines = np.column_stack([middle[:-1], middle[1:]])[: round(2 * share)]
+    lines = np.column_stack([middle[:-1], middle[1:]])[: round(2 * fraction)]
     tags = [np.full(len(lines), 1), np.where(right, 12, 11)]
     path = tmp_path / "two.msh"
     write(path, made.points, [("line", lines), ("quad", cells)], tags, {"joint": [1, 1], **BOTH})
     found = vx.meshes.read(path, bodies="physical")
-    assert list(found.interfaces) == ["joint" if share == 1.0 else "plate|pin"]
-    assert sorted(found.boundaries) == ["boundary", "joint", *["plate|pin"] * (share < 1.0)]
-    assert len(found.boundaries["joint"]) == 2 * share
-    assert found.points[found.boundaries["joint"]][..., 1].max() == share
+    assert list(found.interfaces) == ["joint" if fraction == 1.0 else "plate|pin"]
+    assert sorted(found.boundaries) == ["boundary", "joint", *["plate|pin"] * (fraction < 1.0)]
+    assert len(found.boundaries["joint"]) == 2 * fraction
+    assert found.points[found.boundaries["joint"]][..., 1].max() == fraction

@@ -24,12 +24,12 @@ FAR = ((1e5, 1e5 + 2.0), (-3e5, -3e5 + 0.5), (0.0, 0.5))
 CASES = {"one": (1, UNIT), "few": ((5, 3, 3), ODD), "row": ((4, 1, 1), ODD), "box": ((2, 3, 1), ODD), "far": (2, FAR)}
 
 
-def dimension(family):
+def find_dimension(family):
     return 2 if family in FAMILIES else 3
 
 
 def make(family, n, box, seed=0):
-    dim = dimension(family)
+    dim = find_dimension(family)
     return EVERY[family](n[:dim] if isinstance(n, tuple) else n, box[:dim], seed)
 
 
@@ -45,10 +45,10 @@ def describe_part(mesh, name):
     return np.concatenate(nodes), mesh.face_normals[faces], mesh.face_areas[faces]
 
 
-def test_no_family_is_missing_from_the_list():
+def test_every_function_that_meshes_a_box_is_a_family():
     functions = {name: getattr(meshes, name) for name in meshes.__all__ if inspect.isfunction(getattr(meshes, name))}
-    of_boxes = {name for name, function in functions.items() if "box" in inspect.signature(function).parameters}
-    assert of_boxes - {"l_shape"} == set(EVERY)  # an L does not fill its box
+    families = {name for name, function in functions.items() if "box" in inspect.signature(function).parameters}
+    assert families - {"l_shape"} == set(EVERY)  # an L does not fill its box
     assert all(found.__name__ == name for name, found in EVERY.items())
 
 
@@ -56,7 +56,7 @@ def test_no_family_is_missing_from_the_list():
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
     """Compare sides without tolerance; a family skips the checks of meshes of users, which must find no fault."""
-    (n, box), dim = CASES[case], dimension(family)
+    (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
     rounding = 1e-14 * mesh.n_cells + 2.0**-46 * np.abs(box).max() / lengths.min()
@@ -123,15 +123,15 @@ def test_the_same_seed_gives_the_same_mesh(family):
     assert differs == (family in RANDOM)
 
 
-def cells_per_square(family):
+def count_cells_per_square(family):
     """Return the number of cells over nx ny on a fine mesh: 2 for triangles, 1.9 for `hanging`."""
     return round(FAMILIES[family]((40, 40)).n_cells / 1600, 1)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
-def test_n_is_cells_across_the_shortest_side(family):
-    coarse, fine, per_square = make(family, 10, UNIT), make(family, 20, UNIT), cells_per_square(family)
+def test_n_is_the_number_of_cells_across_the_shortest_side(family):
+    coarse, fine, per_square = make(family, 10, UNIT), make(family, 20, UNIT), count_cells_per_square(family)
     assert coarse.n_cells / per_square == pytest.approx(100, rel=0.1)
     assert fine.n_cells / coarse.n_cells == pytest.approx(4.0, rel=0.1)
     for box, cells in ((((0, 2), (0, 0.5)), 400), (((0, 0.04), (0, 0.01)), 400), (((0, 30), (0, 40)), 130)):
@@ -141,16 +141,16 @@ def test_n_is_cells_across_the_shortest_side(family):
 
 
 @mostly_long("family", SPACE_FAMILIES, "voronoi3", "tetrahedra")
-def test_n_is_cells_across_the_shortest_side_in_space(family):
+def test_n_is_the_number_of_cells_across_the_shortest_side_in_space(family):
     for box, nx, ny, nz in ((((0, 1), (0, 1), (0, 1)), 2, 2, 2), (((0, 2), (0, 0.5), (0, 1)), 8, 2, 4)):
-        per_cube = {"tetrahedra": 6 * nx * ny * nz, "kelvin": 2 * nx * ny * nz}
+        per_cube = {"tetrahedra": 6 * nx * ny * nz, "kelvin": nx * ny * nz + (nx + 1) * (ny + 1) * (nz + 1)}
         assert make(family, 2, box).n_cells == per_cube.get(family, nx * ny * nz)
 
 
 @mostly_long("family", EVERY, "voronoi", "hanging", "tetrahedra", "voronoi3")
 def test_a_size_gives_the_mesh_of_equally_many_cells_in_any_unit(family):
     for unit in (1.0, 1e-3) if family in FAMILIES else (1.0,):
-        box = [(0.0, 40.0 * unit), (-10.0 * unit, 0.0), (0.0, 20.0 * unit)][: dimension(family)]
+        box = [(0.0, 40.0 * unit), (-10.0 * unit, 0.0), (0.0, 20.0 * unit)][: find_dimension(family)]
         sized, counted = EVERY[family](size=5.0 * unit, box=box), EVERY[family](2, box)
         for name in counted.ARRAYS:
             np.testing.assert_array_equal(getattr(sized, name), getattr(counted, name))
@@ -169,9 +169,9 @@ def test_too_many_cells_and_extreme_boxes_are_refused(family):
         ({"n": 2, "box": ((0, 1), (0, np.inf), (0, 1))}, "box must have sides above"),
         ({"n": 2, "box": ((0, 1), (0, 1e80), (0, 1))}, "box .*Choose other units"),
         ({"n": 2, "box": ((0, 1), (0, 1e-80), (0, 1))}, "box .*Choose other units"),
-        ({"size": 0.25, "box": ((1e16, 1e16 + 2), (0, 1), (0, 1))}, "box nearer to the origin"),
+        ({"size": 0.25, "box": ((1e16, 1e16 + 2), (0, 1), (0, 1))}, "narrower than the spacing"),
     ):
-        cut = {key: value[: dimension(family)] if key == "box" else value for key, value in given.items()}
+        cut = {key: value[: find_dimension(family)] if key == "box" else value for key, value in given.items()}
         with pytest.raises(vx.MeshError, match=subject):
             EVERY[family](**cut)
 
@@ -223,7 +223,8 @@ def test_distortion_moves_inner_nodes_only():
     PolygonMesh(wild.points, wild.cells)
 
 
-def turns(mesh, cell):
+def cross_edges(mesh, cell):
+    """Return the cross product of the edges before and after each vertex."""
     edge = np.roll(mesh.points[cell], -1, axis=0) - mesh.points[cell]
     before = np.roll(edge, 1, axis=0)
     return before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
@@ -233,7 +234,7 @@ def turns(mesh, cell):
 def test_nonconvex_cells_are_not_convex(zigzag):
     mesh = meshes.nonconvex(3, zigzag=zigzag)
     PolygonMesh(mesh.points, mesh.cells)
-    assert all(turns(mesh, cell).min() < -1e-3 * mesh.areas[0] for cell in mesh.cells)
+    assert all(cross_edges(mesh, cell).min() < -1e-3 * mesh.areas[0] for cell in mesh.cells)
     np.testing.assert_allclose(mesh.areas, 1.0 / 9.0, rtol=1e-13)
 
 
@@ -241,11 +242,11 @@ def test_nonconvex_cells_are_not_convex(zigzag):
 def test_hanging_nodes_belong_to_both_cells(fraction):
     mesh = meshes.hanging(4, seed=2, fraction=fraction)
     assert mesh.n_cells == 16 + 3 * round(fraction * 16)
-    assert any((turns(mesh, cell) == 0.0).any() for cell in mesh.cells) == (fraction == 0.3)
+    assert any((cross_edges(mesh, cell) == 0.0).any() for cell in mesh.cells) == (fraction == 0.3)
     assert set(mesh.areas.tolist()) <= {1 / 16, 1 / 64}
 
 
-def edge_lengths(mesh):
+def measure_edges(mesh):
     ends = np.concatenate([np.roll(cell, -1) for cell in mesh.cells])
     return np.hypot(*(mesh.points[ends] - mesh.points[mesh.vertices]).T)
 
@@ -265,12 +266,12 @@ def test_voronoi_makes_the_requested_number_of_cells(cells):
 def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
     mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
     PolygonMesh(mesh.points, mesh.cells)
-    # The default is 0.02; edges of triangles stay, and so do edges between a side of the box and the next side.
-    assert np.quantile(edge_lengths(mesh) * 20, 0.01) > 0.02
-    assert edge_lengths(mesh).min() * 20 > 1e-3
+    # The default is 0.02; edges of triangles stay, and edges that join two sides of the box.
+    assert np.quantile(measure_edges(mesh) * 20, 0.01) > 0.02
+    assert measure_edges(mesh).min() * 20 > 1e-3
     raw = meshes.voronoi(cells=400, seed=seed, relaxations=0, shortest=0.0)
     PolygonMesh(raw.points, raw.cells)
-    assert edge_lengths(raw).min() * 20 < 0.02
+    assert measure_edges(raw).min() * 20 < 0.02
     assert raw.areas.std() * 400 > 0.4  # 0.53 for random seeds in the plane
     assert mesh.areas.std() * 400 < (0.15 if relaxations else 0.7)
 
@@ -293,16 +294,17 @@ def test_relaxation_evens_out_voronoi_cells_in_space():
     assert relaxed.h < raw.h
 
 
-def test_cubes_tetrahedra_and_truncated_octahedra():
+def test_cubes_tetrahedra_and_truncated_octahedra_have_their_closed_forms():
     assert meshes.cubes(4).h == pytest.approx(np.sqrt(3.0) / 4.0, rel=1e-15)
     np.testing.assert_allclose(meshes.tetrahedra(2).volumes, 1.0 / 48.0, rtol=1e-14)
-    mesh = meshes.kelvin(4, ((0, 4), (0, 4), (0, 4)))
-    inner = np.flatnonzero(np.abs(mesh.centroids - 2.0).max(axis=1) < 1.0)
-    np.testing.assert_allclose(mesh.volumes[inner], 0.5, rtol=1e-12)
-    np.testing.assert_allclose(mesh.diameters[inner], np.sqrt(5.0) / 2.0, rtol=1e-12)
-    for cell in inner:
-        sides = np.diff(mesh.face_offsets)[mesh.cell_faces[mesh.cell_offsets[cell] : mesh.cell_offsets[cell + 1]]]
-        assert sorted(sides) == [4] * 6 + [6] * 8
+    mesh = meshes.kelvin((2, 3, 4), ((0, 2), (0, 3), (0, 4)))
+    middle, corner = mesh.volumes[:24], mesh.volumes[24:]
+    np.testing.assert_allclose(middle, 0.5, rtol=1e-14)
+    assert (corner.min(), corner.max()) == pytest.approx((0.5 / 8, 0.5))
+    assert (np.diff(mesh.cell_offsets)[:24] == 14).all()
+    sides = np.sort(np.diff(mesh.face_offsets)[mesh.cell_faces[: 24 * 14]].reshape(24, 14), axis=1)
+    np.testing.assert_array_equal(sides, np.tile([4] * 6 + [6] * 8, (24, 1)))
+    np.testing.assert_allclose(mesh.diameters[:24], np.sqrt(5.0) / 2.0, rtol=1e-14)
 
 
 def test_an_l_is_a_box_without_its_upper_right_quarter():

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pickle
-import re
 from functools import cache
-from pathlib import Path
 from xml.etree import ElementTree
 
 import meshio
@@ -70,7 +68,7 @@ def split_cube():
     return vx.PolyhedralMesh(points, [[face, *([face[k], face[k - 1], 8] for k in range(4))] for face in faces])
 
 
-def standard(name):
+def make_standard(name):
     """Return a mesh of cells that other programs have."""
     if name == "pyramids":
         return split_cube()
@@ -84,8 +82,8 @@ def standard(name):
 
 @pytest.mark.parametrize("name", ["squares", "mixed", "cubes", "tetrahedra", "wedges", "pyramids"])
 def test_files_of_gmsh_keep_cells_in_their_order_names_and_sets_of_cells(name, tmp_path):
-    soft = np.arange(standard(name).n_cells) % 2
-    mesh = standard(name).with_boundary("lid", lambda x: x[:, -1] == x[:, -1].max()).with_cell_data("soft", soft)
+    soft = np.arange(make_standard(name).n_cells) % 2
+    mesh = make_standard(name).with_boundary("lid", lambda x: x[:, -1] == x[:, -1].max()).with_cell_data("soft", soft)
     mesh.write(tmp_path / "mesh.msh")
     back = read(tmp_path / "mesh.msh")
     for one, other in zip(mesh.cell_nodes, back.cell_nodes, strict=True):
@@ -125,14 +123,13 @@ def test_files_of_gmsh_that_would_lose_cells_names_or_interfaces_are_refused(tmp
 def test_unknown_formats_and_missing_folders_are_refused(tmp_path):
     """Refuse all formats outside a closed list: readers of some other formats hang on damaged files."""
     for suffix in (".vtk", ".vol.gz", ""):
-        (tmp_path / f"mesh{suffix}").touch()
-        message = (
-            f"mesh{suffix}: the suffix {Path(f'mesh{suffix}').suffix!r} is not one of the mesh formats: VTK (.vtu)"
-        )
-        with pytest.raises(vx.MeshError, match=re.escape(message) + ".*meshio convert"):
-            read(tmp_path / f"mesh{suffix}")
+        path = tmp_path / f"mesh{suffix}"
+        path.touch()
+        subject = rf"mesh{suffix}: the suffix '{path.suffix}' is not one of the mesh formats: VTK .*meshio convert"
+        with pytest.raises(vx.MeshError, match=subject):
+            read(path)
         with pytest.raises(vx.MeshError, match=r"meshes are written as .vtu or .msh files; mesh.to\('meshio'\)"):
-            vx.meshes.squares(2).write(tmp_path / f"mesh{suffix}")
+            vx.meshes.squares(2).write(path)
     (tmp_path / "folder.vtu").mkdir()
     for path in (tmp_path / "no" / "mesh.vtu", tmp_path / "folder.vtu", "x" * 300 + ".vtu"):
         with pytest.raises(vx.MeshError, match=r"vtu cannot be written; .vtu holds every mesh \("):

@@ -92,7 +92,7 @@ def test_files_of_users_keep_names_and_become_bodies():
             read(FILES / name, bodies="physical")
 
 
-def test_a_rod_whose_third_cell_is_steel():
+def test_every_cell_of_a_rod_has_its_own_material():
     """Simulate tension: a set on a wrong cell gives .01, 1.01 and 2.01, the right displacement of the end only."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(
@@ -207,6 +207,13 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
     }
     assert mesh.cell_data["Iron"].tolist() == [1, 1]
     assert mesh.cell_data["high"].tolist() == [0, 1]
+
+
+def test_a_part_without_an_end_is_read(read_text):
+    """Drop the end of the part: a file that ends there, or an instance that begins there, once took for ever."""
+    part = PART.replace("*END PART\n", "")
+    assert read_text(".inp", part).n_cells == 1
+    assert read_text(".inp", part + ASSEMBLY, bodies="physical").n_cells == 2
 
 
 INDEPENDENT = f"""*PART, NAME=Block
@@ -491,19 +498,19 @@ def test_binary_files_of_gmsh_keep_cell_data(version, tmp_path):
 
     tags = {name: [np.ones(2, dtype=int)] for name in ("gmsh:physical", "gmsh:geometrical")} | {"a": [np.arange(2.0)]}
     cells = [("triangle", np.array([(0, 1, 2), (0, 2, 3)]))]
-    mesh = meshio.Mesh(flat(SQUARE), cells, cell_data=tags)
+    mesh = meshio.Mesh(add_height(SQUARE), cells, cell_data=tags)
     gmsh.write(str(tmp_path / "mesh.msh"), mesh, version, binary=True)
     assert read(tmp_path / "mesh.msh").cell_data["a"].tolist() == [0, 1]
 
 
-def entity(words):
+def describe_entity(words):
     """Return the format of a point, or of a curve or surface with its groups and its boundary."""
     count = int(words[7]) if len(words) > 5 else 0
     return "i3dQ" if len(words) == 5 else f"i6dQ{count}iQ{len(words) - 9 - count}i"
 
 
 LAYOUT = {
-    "Entities": lambda k, words: entity(words) if k else "4Q",
+    "Entities": lambda k, words: describe_entity(words) if k else "4Q",
     "Nodes": lambda k, words: {0: "4Q", 1: "3iQ"}.get(k, "Q" if len(words) == 1 else "3d"),
     "Elements": lambda k, words: "3iQ" if k % 2 else f"{len(words)}Q",
 }
@@ -539,14 +546,14 @@ def write(path, points, cells, **data):
     meshio.Mesh(points, cells, **data).write(path, **({"file_format": "gmsh22"} if path.suffix == ".msh" else {}))
 
 
-def flat(points, z=0.0):
+def add_height(points, z=0.0):
     return np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 1)), constant_values=z)
 
 
 def test_a_constant_z_is_dropped_and_cells_keep_their_order(tmp_path):
     points = [*SQUARE, (2.0, 0.0), (2.0, 1.0), (0.5, 1.5)]
     cells = [("triangle", [[1, 4, 5]]), ("polygon", [[0, 1, 2, 6, 3]]), ("triangle", [[1, 5, 2]])]
-    write(tmp_path / "mesh.vtu", flat(points, 7.5), cells)
+    write(tmp_path / "mesh.vtu", add_height(points, 7.5), cells)
     mesh = read(tmp_path / "mesh.vtu")
     np.testing.assert_array_equal(mesh.points, points)
     assert [cell.tolist() for cell in mesh.cells] == [[1, 4, 5], [0, 1, 2, 6, 3], [1, 5, 2]]
@@ -555,10 +562,10 @@ def test_a_constant_z_is_dropped_and_cells_keep_their_order(tmp_path):
 def test_files_without_a_valid_mesh_are_refused_with_the_cause(tmp_path):
     for points, (kind, corners), subject in (
         (np.column_stack([SQUARE, [0, 0, 0, 1]]), ("quad", [[0, 1, 2, 3]]), "z = constant: z runs from 0 to 1"),
-        (flat(SQUARE), ("VTK_LAGRANGE_CURVE", [[0, 1, 2]]), "cells of the kind 'number 68 of VTK'"),
-        (flat(SQUARE), ("line", [[0, 1]]), "it has no polygons, only line"),
-        (flat(SQUARE), ("quad", [[0, 1, 2, 9]]), "mesh.vtu: cell 0 names node 9"),
-        (flat([*SQUARE[:3], (np.nan, 1)]), ("quad", [[0, 1, 2, 3]]), r"mesh.vtu: node 3 is at \(nan, 1.0\)"),
+        (add_height(SQUARE), ("VTK_LAGRANGE_CURVE", [[0, 1, 2]]), "cells of the kind 'number 68 of VTK'"),
+        (add_height(SQUARE), ("line", [[0, 1]]), "it has no polygons, only line"),
+        (add_height(SQUARE), ("quad", [[0, 1, 2, 9]]), "mesh.vtu: cell 0 names node 9"),
+        (add_height([*SQUARE[:3], (np.nan, 1)]), ("quad", [[0, 1, 2, 3]]), r"mesh.vtu: node 3 is at \(nan, 1.0\)"),
     ):
         write(tmp_path / "mesh.vtu", points, [(kind, np.array(corners))])
         with pytest.raises(vx.MeshError, match=subject):
@@ -566,7 +573,7 @@ def test_files_without_a_valid_mesh_are_refused_with_the_cause(tmp_path):
 
 
 def test_warnings_about_corrections_begin_with_the_path(tmp_path):
-    write(tmp_path / "mesh.vtu", flat([*SQUARE, (5, 5)]), [("quad", np.array([[3, 2, 1, 0]]))])
+    write(tmp_path / "mesh.vtu", add_height([*SQUARE, (5, 5)]), [("quad", np.array([[3, 2, 1, 0]]))])
     with pytest.warns(vx.MeshWarning) as caught:
         mesh = read(tmp_path / "mesh.vtu")
     messages = [str(warning.message) for warning in caught]
@@ -580,7 +587,7 @@ def test_warnings_about_corrections_begin_with_the_path(tmp_path):
 def test_lines_to_missing_nodes_are_left_out_with_a_warning(tmp_path):
     lines = ("line", np.array([[0, 1], [3, 77]]))
     marks = {"boundary:floor": [np.array([0]), np.array([1, 1])]}
-    write(tmp_path / "mesh.vtu", flat(SQUARE), [("quad", np.array([[0, 1, 2, 3]])), lines], cell_data=marks)
+    write(tmp_path / "mesh.vtu", add_height(SQUARE), [("quad", np.array([[0, 1, 2, 3]])), lines], cell_data=marks)
     with pytest.warns(vx.MeshWarning, match="1 of 2 lines named 'floor' are not on the boundary"):
         mesh = read(tmp_path / "mesh.vtu")
     assert mesh.boundaries["floor"].tolist() == [[0, 1]]
@@ -648,27 +655,21 @@ def test_cells_of_higher_order_are_read_by_their_corners(family, nodes, suffix, 
 # Damaged files.
 
 
-def make_file(suffix, folder):
-    """Return the bytes of an undamaged file."""
-    if suffix in (".polyhedra.vtu", ".deck.inp", ".gmsh.msh"):
-        return {".polyhedra.vtu": POLYHEDRA, ".deck.inp": DECK, ".gmsh.msh": GMSH}[suffix].encode()
-    made = {".vtu": small("voronoi", 2), ".kelvin.vtu": vx.meshes.kelvin(1), ".inp": vx.meshes.triangles(2)}
-    made |= {".msh": vx.meshes.triangles(2), ".solid.msh": vx.meshes.tetrahedra(1), ".bdf": vx.meshes.triangles(2)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        made[suffix].write(folder / f"whole{suffix}")
-    return (folder / f"whole{suffix}").read_bytes()
-
-
-KINDS = [".vtu", ".kelvin.vtu", ".polyhedra.vtu", ".msh", ".solid.msh", ".gmsh.msh", ".inp", ".deck.inp", ".bdf"]
+MADE = {".vtu": small("voronoi", 2), ".kelvin.vtu": vx.meshes.kelvin(1)}
+MADE |= {".msh": vx.meshes.triangles(2), ".solid.msh": vx.meshes.tetrahedra(1)}
+TEXTS = {".polyhedra.vtu": POLYHEDRA, ".gmsh.msh": GMSH, ".parts.inp": PART + ASSEMBLY, ".deck.inp": DECK, ".bdf": BULK}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suffix", KINDS)
+@pytest.mark.parametrize("suffix", [*MADE, *TEXTS])
 def test_damaged_files_are_refused_or_hold_a_mesh(suffix, tmp_path):
     """Read 250 damaged files in a separate process: soon, in little memory, a mesh or an error with the path."""
-    rng, data = np.random.default_rng(1), make_file(suffix, tmp_path)
-    paths = [tmp_path / f"broken{k}{suffix}" for k in range(250)]
+    whole, rng = tmp_path / f"whole{suffix}", np.random.default_rng(1)
+    if suffix in MADE:
+        MADE[suffix].write(whole)
+    else:
+        whole.write_text(TEXTS[suffix])
+    paths, data = [tmp_path / f"broken{k}{suffix}" for k in range(250)], whole.read_bytes()
     for path in paths:
         path.write_bytes(mutated(data, rng))
     for start in range(0, len(paths), 50):

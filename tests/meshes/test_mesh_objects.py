@@ -87,7 +87,7 @@ def test_sets_of_meshio_become_boundaries_and_cell_data():
     assert (back.face_normals[back.boundaries["floor"]] == (0, 0, -1)).all()
 
 
-def make_of_skfem(kind):
+def make_skfem_mesh(kind):
     """Return an irregular mesh of scikit-fem with three boundaries and two subdomains."""
     flat = kind.init_tensor(np.linspace(0, 2, 5) ** 1.2, np.linspace(0, 1, 4))
     x, y = flat.p
@@ -104,7 +104,7 @@ def make_of_skfem(kind):
 
 @pytest.mark.parametrize("kind", [skfem.MeshTri, skfem.MeshQuad])
 def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
-    flat = make_of_skfem(kind)
+    flat = make_skfem_mesh(kind)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # clockwise cells are usual in scikit-fem
         mesh = convert(flat)
@@ -123,7 +123,7 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
 
 def test_stiffness_and_load_on_triangles_of_scikit_fem_are_those_of_its_linear_elements():
     """Compare free unknowns, and the nodes in contact with the nodes of the named boundaries."""
-    flat = make_of_skfem(skfem.MeshTri)
+    flat = make_skfem_mesh(skfem.MeshTri)
     mesh = convert(flat)
     pull = vx.Traction(lambda x, t: np.tile([3.0 * t, -t], (len(x), 1)), on="pushed")
     scene = vx.Scene(vx.Elasticity(YOUNG, POISSON), vx.Clamp(on="held"), pull)
@@ -232,8 +232,8 @@ def make_solid(name):
 def assert_equal_but_for_faces(one, other):
     """Check that two meshes are equal except for the numbers of their faces."""
     np.testing.assert_array_equal(one.points, other.points)
-    for mine, yours in zip(one.cell_nodes, other.cell_nodes, strict=True):
-        np.testing.assert_array_equal(mine, yours)
+    for nodes, others in zip(one.cell_nodes, other.cell_nodes, strict=True):
+        np.testing.assert_array_equal(nodes, others)
     np.testing.assert_allclose(one.volumes, other.volumes, rtol=1e-13)
     assert set(one.cell_data) == set(other.cell_data)
     assert set(one.boundaries) == set(other.boundaries)
@@ -276,7 +276,7 @@ def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
 
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 def test_conversion_to_pyvista_and_its_files_restore_polyhedra(family, tmp_path):
-    """Read files of PyVista, as text and compressed, and let PyVista compute the volumes in a file of ours."""
+    """Read files of PyVista, as text and compressed, and let PyVista compute the volumes in a file of the package."""
     pv = import_pyvista()
     mesh = vx.meshes.SPACE_FAMILIES[family](2, BOX, 1)
     mesh = mesh.with_cell_data("young", np.arange(mesh.n_cells)).with_boundary("half", lambda x: x[:, 1] < 3.0)
@@ -285,11 +285,11 @@ def test_conversion_to_pyvista_and_its_files_restore_polyhedra(family, tmp_path)
     for binary in (True, False):
         grid.save(tmp_path / "grid.vtu", binary=binary)
         assert_equal_but_for_faces(mesh, read(tmp_path / "grid.vtu"))
-    mesh.write(tmp_path / "ours.vtu")
-    ours = pv.read(tmp_path / "ours.vtu")
-    solid = ours.celltypes == 42
-    np.testing.assert_allclose(ours.compute_cell_sizes()["Volume"][solid], mesh.volumes, rtol=1e-12)
-    assert ours.cell_data["boundary:half"].sum() == len(mesh.boundaries["half"])
+    mesh.write(tmp_path / "package.vtu")
+    back = pv.read(tmp_path / "package.vtu")
+    solid = back.celltypes == 42
+    np.testing.assert_allclose(back.compute_cell_sizes()["Volume"][solid], mesh.volumes, rtol=1e-12)
+    assert back.cell_data["boundary:half"].sum() == len(mesh.boundaries["half"])
 
 
 # Sides named by position.

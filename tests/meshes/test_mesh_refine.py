@@ -26,16 +26,16 @@ distorted 4.3, nonconvex 22.
 """
 
 
-def slenderness(mesh):
+def measure_slenderness(mesh):
     return (mesh.diameters**2 / mesh.areas).max()
 
 
-def edge_lengths(mesh):
+def measure_edges(mesh):
     ends = np.concatenate([np.roll(cell, -1) for cell in mesh.cells])
     return np.hypot(*(mesh.points[ends] - mesh.points[mesh.vertices]).T)
 
 
-def length(mesh, name):
+def measure_length(mesh, name):
     ends = mesh.points[mesh.boundaries[name]]
     return np.hypot(*(ends[:, 1] - ends[:, 0]).T).sum()
 
@@ -63,7 +63,7 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, balance, passes):
     mesh = small(family, 3, seed=1)
     random = np.random.default_rng(2)
     for _ in range(passes):
-        before, short = mesh, (edge_lengths(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
+        before, short = mesh, (measure_edges(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
         found = refinement(mesh, random.random(mesh.n_cells) < 0.2, balance=balance)
         mesh = found.mesh
         PolygonMesh(mesh.points, mesh.cells)
@@ -74,21 +74,21 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, balance, passes):
         inside = np.bincount(rule.second[there], rule.weights[there], mesh.n_cells)
         np.testing.assert_allclose(inside, mesh.areas, rtol=1e-12)
         np.testing.assert_allclose(np.bincount(found.parents, weights=mesh.areas), before.areas, rtol=1e-12)
-        assert slenderness(mesh) < max(FATTEST[family], 1.0 + slenderness(before))
+        assert measure_slenderness(mesh) < max(FATTEST[family], 1.0 + measure_slenderness(before))
         if balance:  # one refinement of a cell halves an edge at most once
-            edge = (edge_lengths(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
+            edge = (measure_edges(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
             assert edge > min(0.49 * short, 0.08)
-    assert slenderness(mesh) < FATTEST[family]
+    assert measure_slenderness(mesh) < FATTEST[family]
 
 
 @mostly_long("family", vx.meshes.FAMILIES, "voronoi", "nonconvex", "hanging")
 def test_uniform_passes_keep_the_shapes_of_cells(family):
     mesh = small(family, 2, seed=3)
-    start = slenderness(mesh)
+    start = measure_slenderness(mesh)
     for _ in range(4):
         h, mesh = mesh.h, mesh.refine()
         assert mesh.h < 0.81 * h
-        assert slenderness(mesh) < max(FATTEST[family], start)
+        assert measure_slenderness(mesh) < max(FATTEST[family], start)
     PolygonMesh(mesh.points, mesh.cells)
     assert mesh.areas.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
 
@@ -96,11 +96,11 @@ def test_uniform_passes_keep_the_shapes_of_cells(family):
 @pytest.mark.long
 def test_short_voronoi_edges_do_not_make_slender_children():
     mesh = vx.meshes.voronoi(5, relaxations=0, shortest=0.0, seed=2)
-    assert edge_lengths(mesh).min() < 1e-2 * mesh.h
+    assert measure_edges(mesh).min() < 1e-2 * mesh.h
     for _ in range(4):
         mesh = mesh.refine()
         PolygonMesh(mesh.points, mesh.cells)
-        assert slenderness(mesh) < 10  # measured: at most 6.1 at the start, 9.2 after four passes
+        assert measure_slenderness(mesh) < 10  # measured: at most 6.1 at the start, 9.2 after four passes
 
 
 @pytest.mark.parametrize("make", [vx.meshes.squares, vx.meshes.triangles, vx.meshes.cubes, tetrahedra])
@@ -170,8 +170,8 @@ def test_prolongation_averages_the_values_of_edges_faces_and_cells():
         assert new[(0.5,) * mesh.points.shape[1]] == pytest.approx(values.mean(), rel=1e-14)
 
 
-def size(mesh, name):
-    return length(mesh, name) if isinstance(mesh, PolygonMesh) else mesh.face_areas[mesh.boundaries[name]].sum()
+def measure_part(mesh, name):
+    return measure_length(mesh, name) if isinstance(mesh, PolygonMesh) else mesh.face_areas[mesh.boundaries[name]].sum()
 
 
 @mostly_long("family", EVERY, "hanging", "nonconvex", "cubes", "tetrahedra")
@@ -182,7 +182,7 @@ def test_refinement_keeps_names_and_data(family):
     found = refinement(mesh, cells)
     assert set(found.mesh.boundaries) == set(mesh.boundaries)
     for name in mesh.boundaries:
-        assert size(found.mesh, name) == pytest.approx(size(mesh, name), rel=1e-13)
+        assert measure_part(found.mesh, name) == pytest.approx(measure_part(mesh, name), rel=1e-13)
     np.testing.assert_array_equal(found.mesh.cell_data["number"], found.parents)
     assert (np.diff(found.parents) >= 0).all()
     assert found.mesh.cell_data["pair"].shape == (found.mesh.n_cells, 2)

@@ -12,20 +12,20 @@ from vemcvx.meshes import PolygonMesh, refinement
 L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
 
 
-def regular(n):
+def make_regular_polygon(n):
     angle = 2 * np.pi * np.arange(n) / n
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def star(tips, waist):
-    return regular(2 * tips) * np.where(np.arange(2 * tips) % 2, waist, 1.0)[:, None]
+def make_star(tips, waist):
+    return make_regular_polygon(2 * tips) * np.where(np.arange(2 * tips) % 2, waist, 1.0)[:, None]
 
 
 SHAPES = {
     "L": (L, 6, 12.0),
-    "500-gon": (regular(500), 5, 5.0),
-    "heptagon": (regular(7), 7, 5.0),
-    "star": (star(5, 0.3), 10, 28.0),
+    "500-gon": (make_regular_polygon(500), 5, 5.0),
+    "heptagon": (make_regular_polygon(7), 7, 5.0),
+    "star": (make_star(5, 0.3), 10, 28.0),
     "tiny edge": (np.array([(0, 0), (0.5, 0), (0.5 + 1e-12, 1e-12), (1, 1e-12), (1, 1), (0, 1)]), 4, 5.5),
     "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
 }

@@ -33,7 +33,7 @@ def test_invalid_points_and_cells_are_refused():
         assert_refused(points, cells, subject)
 
 
-def spiral_stair():
+def make_spiral_stair():
     """Return cells that turn around a node twice: all neighbours fit together, but cells overlap."""
     angle = np.linspace(0.0, 4.0 * np.pi, 13)[:-1]
     ring = (1.0 + 0.05 * np.arange(12))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -52,7 +52,7 @@ GEOMETRY = [
     ([*SQUARE, (0.5, 0.5), (2, 0.4), (2, 0.6)], [[0, 1, 2, 3], [4, 5, 6]], "cells 0 and 1 overlap near"),
     ([*SQUARE, (0.4, 0.4), (0.6, 0.4), (0.5, 0.6)], [[0, 1, 2, 3], [4, 5, 6]], "cells 0 and 1 overlap near"),
     (TWO, [*BOTH, BOTH[0]], "cells 0 and 2 overlap near"),
-    (*spiral_stair(), "overlap"),
+    (*make_spiral_stair(), "overlap"),
     ([(0, 0), (1, 0), (0, 1), (0.14, 0.14), (-0.14, 0.14)], [[0, 1, 2], [0, 3, 4]], "overlap"),
     # Node 6 is near the middle of the common edge of two squares: on it, 1e-9 to the right, and 1e-9 to the left.
     ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 .* do not fit together there: .* hanging nodes included"),
@@ -69,7 +69,7 @@ def test_invalid_cells_and_tilings_are_refused(scale):
         assert_refused(scale * np.array(points, dtype=float), cells, subject)
 
 
-def test_clockwise_cells_are_turned():
+def test_clockwise_cells_are_reversed_with_a_warning():
     with pytest.warns(vx.MeshWarning, match=r"1 of 2 cells were listed clockwise \(the first is cell 1\)") as caught:
         mesh = PolygonMesh(TWO, [[0, 1, 2, 3], [1, 2, 5, 4]])
     assert caught[0].filename == __file__
@@ -77,7 +77,7 @@ def test_clockwise_cells_are_turned():
     assert (mesh.areas == 1.0).all()
 
 
-def test_unused_nodes_are_dropped():
+def test_unused_nodes_are_dropped_with_a_warning():
     points = [(9, 9), *SQUARE[:2], (5, 5), *SQUARE[2:], (7, 7)]
     with pytest.warns(vx.MeshWarning, match=r"3 of 7 nodes belong to no cell \(the first is node 0\)"):
         mesh = PolygonMesh(points, [[1, 2, 4, 5]], boundaries={"base": [(1, 2)]})

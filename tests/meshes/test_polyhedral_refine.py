@@ -20,11 +20,11 @@ def check_mesh(mesh):
     return vx.PolyhedralMesh(mesh.points, mesh.cells, boundaries=named, interfaces=dict(mesh.interfaces))
 
 
-def fatness(mesh):
+def measure_fatness(mesh):
     return (mesh.volumes / mesh.diameters**3).min()
 
 
-def area(mesh, name):
+def measure_area(mesh, name):
     return mesh.face_areas[mesh.boundaries[name]].sum()
 
 
@@ -51,7 +51,7 @@ def refine_at_random(mesh, random, passes):
         assert (mesh.volumes <= 0.5 * parents * (1 + 1e-12))[marked[found.parents]].all()
         assert list(mesh.boundaries) == list(before.boundaries)
         for side in mesh.boundaries:
-            assert area(mesh, side) == pytest.approx(area(before, side), rel=1e-14 * mesh.n_faces)
+            assert measure_area(mesh, side) == pytest.approx(measure_area(before, side), rel=1e-14 * mesh.n_faces)
         np.testing.assert_allclose(found.prolongation @ before.points, mesh.points, atol=1e-13)
         np.testing.assert_array_equal(mesh.points[: before.n_nodes], before.points)
     return mesh
@@ -78,12 +78,12 @@ def test_bisection_gives_the_cells_of_scikit_fem(seed):
     skfem = pytest.importorskip("skfem")
     mesh = triangulate_random_points(seed)
     marked = np.random.default_rng(seed).random(mesh.n_cells) < 0.2
-    ours, other = mesh.refine(marked), skfem.MeshTet(mesh.points.T, mesh.cell_nodes[1].reshape(-1, 4).T)
+    fine, other = mesh.refine(marked), skfem.MeshTet(mesh.points.T, mesh.cell_nodes[1].reshape(-1, 4).T)
     other = other.refined(np.flatnonzero(marked))
-    places = [ours.points[ours.cell_nodes[1]].reshape(-1, 12), other.p.T[np.sort(other.t, axis=0).T].reshape(-1, 12)]
+    places = [fine.points[fine.cell_nodes[1]].reshape(-1, 12), other.p.T[np.sort(other.t, axis=0).T].reshape(-1, 12)]
     cells = [{tuple(sorted(map(tuple, row.reshape(4, 3).round(9)))) for row in rows} for rows in places]
     assert cells[0] == cells[1]
-    assert ours.n_nodes == other.p.shape[1]
+    assert fine.n_nodes == other.p.shape[1]
 
 
 def test_uniform_refinement_of_prisms_gives_prisms_over_the_parts_of_their_polygons():
@@ -135,8 +135,8 @@ def test_thirty_six_bisections_keep_the_shapes_of_the_first_three(axes):
         mesh = mesh.refine(near)
         assert mesh.volumes.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
         for side in ("left", "bottom", "back"):
-            assert area(mesh, side) == pytest.approx(1.0, abs=1e-14 * mesh.n_faces)
-        shapes.append(fatness(mesh))
+            assert measure_area(mesh, side) == pytest.approx(1.0, abs=1e-14 * mesh.n_faces)
+        shapes.append(measure_fatness(mesh))
     assert mesh.diameters.min() < 2.0**-10
     assert min(shapes) == pytest.approx(min(shapes[:3]), rel=1e-9)
 
@@ -154,7 +154,7 @@ def test_refinement_keeps_interfaces_matched(make):
         assert not np.isin(joint.edges[there], joint.partners[there]).any()
         assert list(mesh.boundaries) == list(before.boundaries)
         for side in before.boundaries:
-            assert area(mesh, side) == pytest.approx(area(before, side), rel=1e-12)
+            assert measure_area(mesh, side) == pytest.approx(measure_area(before, side), rel=1e-12)
     assert len(joint.edges) > len(start.interfaces["a|b"].edges)
 
 
@@ -165,7 +165,7 @@ def test_a_crack_is_refined_on_both_sides_and_closed_at_its_tip():
     for _ in range(2):
         mesh = mesh.refine(np.linalg.norm(mesh.centroids[:, :2] - 0.5, axis=1) < 0.4 * mesh.diameters)
         check_mesh(mesh)
-    assert area(mesh, "crack") == pytest.approx(0.25, rel=1e-13)
+    assert measure_area(mesh, "crack") == pytest.approx(0.25, rel=1e-13)
     pairs = mesh.interfaces["crack"].pairs
     single = pairs[:, 0] == pairs[:, 1]
     assert single.any()

@@ -71,9 +71,9 @@ def test_invalid_cells_are_refused(scale):
 def join(*blocks):
     """Return points and cells of blocks that share no node."""
     points, cells = [], []
-    for own, faces in blocks:
+    for nodes, faces in blocks:
         cells.append([[len(points) + k for k in face] for face in faces])
-        points += own
+        points += nodes
     return points, cells
 
 
@@ -110,12 +110,15 @@ def test_random_cells_are_refused_only_if_they_overlap():
         bodies, planes = [], []
         for _ in range(2):
             mesh = shapes[rng.integers(len(shapes))]
-            turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-            turn *= np.linalg.det(turn)
-            points = (mesh.points - 0.5) @ turn.T * rng.uniform(0.2, 1.0) + rng.uniform(-0.7, 0.7, size=3)
+            rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            rotation *= np.linalg.det(rotation)
+            points = (mesh.points - 0.5) @ rotation.T * rng.uniform(0.2, 1.0) + rng.uniform(-0.7, 0.7, size=3)
             bodies.append((points.tolist(), [[face.tolist() for face in cell] for cell in mesh.cells]))
             outer = mesh.boundaries["boundary"]
-            normals, places = mesh.face_normals[outer] @ turn.T, points[mesh.face_vertices[mesh.face_offsets[outer]]]
+            normals, places = (
+                mesh.face_normals[outer] @ rotation.T,
+                points[mesh.face_vertices[mesh.face_offsets[outer]]],
+            )
             planes.append((normals, np.einsum("ij,ij->i", normals, places)))
         normals, heights = (np.concatenate(parts) for parts in zip(*planes, strict=True))
         ball = linprog(
@@ -217,9 +220,9 @@ def test_cells_that_meet_in_an_edge_or_a_point_are_valid():
 def test_points_in_single_precision_are_valid():
     for name in ("cubes", "tetrahedra", "kelvin"):
         mesh = vx.meshes.SPACE_FAMILIES[name](2, ((0.1, 1.3), (-0.7, 0.9), (0.3, 1.1)))
-        turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-        turn *= np.linalg.det(turn)
-        points = (mesh.points @ turn).astype(np.float32)
+        rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+        rotation *= np.linalg.det(rotation)
+        points = (mesh.points @ rotation).astype(np.float32)
         assert PolyhedralMesh(points, mesh.cells).volumes.sum() == pytest.approx(1.2 * 1.6 * 0.8, rel=1e-6)
 
 

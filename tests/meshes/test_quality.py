@@ -48,9 +48,9 @@ def solve_for_star(mesh, cell):
         along = np.roll(x, -1, axis=0) - x
         normals = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
     else:
-        own = slice(mesh.cell_offsets[cell], mesh.cell_offsets[cell + 1])
-        faces = mesh.cell_faces[own]
-        x, normals = mesh.face_centroids[faces], mesh.face_signs[own][:, None] * mesh.face_normals[faces]
+        places = slice(mesh.cell_offsets[cell], mesh.cell_offsets[cell + 1])
+        faces = mesh.cell_faces[places]
+        x, normals = mesh.face_centroids[faces], mesh.face_signs[places][:, None] * mesh.face_normals[faces]
     dim = x.shape[1]
     away = np.einsum("ni,ni->n", normals, x - mesh.centroids[cell])
     rows = np.column_stack([normals, np.ones(len(x))])

@@ -46,13 +46,13 @@ LINES = {"program": 2_321, "solvers": 1_433, "stepping": 1_800, "linear": 939, "
 LINES |= {"exchange": 709, "testing": 1_042, "cli/collection": 1_142}
 LINES |= {"bound": 3_274, "results": 2_857, "estimate": 2_288, "plots": 2_112}
 LINES |= {"cost": 682, "cli": 3_711}
-LINES |= {"meshes": 7_136, "meshes/io": 1_463, "vem": 2_762}
+LINES |= {"meshes": 7_194, "meshes/io": 1_463, "vem": 2_762}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_809
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_719
+TESTS = 22_695
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_537
+ALL_TESTS = 33_513
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -109,7 +109,7 @@ class _Deck:
         if word in ("PART", "ENDPART"):
             self.part = self.spell(options.get("NAME", word)) if word == "PART" else ""
             self.parts |= {self.part: []} if self.part else {}
-        elif self.part:
+        elif self.part and word != "INSTANCE":  # an instance ends a part without an end
             self.parts[self.part].append((word, options, lines))
         elif word in ("NSET", "ELSET"):
             self._take_set(word, options, rows)
@@ -125,7 +125,7 @@ class _Deck:
 
     def place(self, part: str, name: str, moves: Iterable[list[float]] = ()) -> None:
         """Read a part as the instance `name`, with the moves of the instance."""
-        self.scope, self.moves = name, list(moves)
+        self.scope, self.moves, self.part = name, list(moves), ""
         self.placed.add(part)
         for block in self.parts.get(part, []):
             self.take(*block)

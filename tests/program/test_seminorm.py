@@ -114,8 +114,7 @@ def test_wrong_kernels_are_refused(modes, norms, message):
 def make_floating_program(rows, limits, push, w):
     """Return the program of a body without stiffness, whose unknowns are its motions; norm terms have `rows`."""
     m, block, modes = rows.shape
-    kernel = {"kernel": np.eye(modes), "anchor": np.ones(modes)}
-    operators = Operators(np.zeros((modes, modes)), rows.reshape(-1, modes), block, D=limits, **kernel)
+    operators = Operators(np.zeros((modes, modes)), rows.reshape(-1, modes), block, D=limits, kernel=np.eye(modes))
     return StepProgram(operators, push, w, np.zeros(m * block), np.zeros(len(limits)))
 
 

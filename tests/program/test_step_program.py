@@ -232,7 +232,7 @@ def test_the_active_one_of_two_equal_bounds_has_the_force():
 def test_computed_multipliers_balance_the_load_on_a_kernel():
     """Friction holds two free points: lam sums to the load, and the certificate in the seminorm is finite."""
     K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.full((2, 1), 0.5**0.5)
-    operators = Operators(K, sp.eye_array(2, format="csr"), kernel=kernel, anchor=np.array([0.25, 0.0]))
+    operators = Operators(K, sp.eye_array(2, format="csr"), kernel=kernel)
     program = StepProgram(operators, np.array([1.5, 0.1]), np.ones(2), np.zeros(2))
     lam, _ = program.multipliers(np.array([0.4, 0.0]))
     assert lam.sum() == pytest.approx(1.6, abs=8 * EPS)

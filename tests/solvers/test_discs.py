@@ -10,7 +10,7 @@ from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.program import Operators, StepProgram
-from vemcvx.solvers.default import LastResort
+from vemcvx.solvers.default import RunSolver
 
 pytestmark = pytest.mark.arithmetic
 
@@ -95,7 +95,7 @@ def draw_program(seed, kind):
 def is_solved(program, accuracy=1e-8):
     """Return True if Newton, with Clarabel as its last resort, reaches the accuracy or the rounding floor."""
     target = 0.5 * accuracy**2 * abs(program.g @ program.operators.factor.solve(program.g))
-    newton = LastResort(vx.Newton(max_iterations=2000).prepare(program.operators))
+    newton = RunSolver.prepare(vx.Newton(max_iterations=2000), program.operators)
     for solve in (newton.solve, newton.retry):
         answer = solve(program, target, np.zeros((len(program.w), 2)))
         certificate = program.certify(program.feasible(answer.d), answer.lam, answer.p)

@@ -43,13 +43,13 @@ def test_store_selects_steps_and_changes_nothing_else(store, rows, every):
             some.stress(3)
 
 
-def test_steps_whose_load_does_not_change_cost_nothing():
+def test_steps_whose_load_does_not_change_keep_the_state():
     history = vx.simulate(paper_scene(lambda t: min(t, 0.5)), small("squares"), TIMES)
     held = TIMES > 0.5
-    assert (history.iterations[held] == 0).all()
-    assert (history.iterations[1:][~held[1:]] > 0).all()
-    assert np.array_equal(history.displacement[held], np.repeat(history.displacement[6:7], held.sum(), axis=0))
-    assert (np.diff(history.work[6:]) == 0).all()
+    assert (history.iterations[held] <= 1).all()
+    moved = np.abs(history.displacement[held] - history.displacement[6]).max()
+    assert moved <= 1e-12 * np.abs(history.displacement[6]).max()
+    assert np.abs(np.diff(history.work[6:])).max() <= 1e-12 * history.work[6]
 
 
 @pytest.mark.long
@@ -93,7 +93,7 @@ def test_a_run_may_begin_under_a_load_that_friction_carries(solver):
     system = vx.System(np.diag([2.0, 3.0]), lambda t: np.array([0.5, -0.2]) * (1 + 9 * t), vx.Norms(np.eye(2), [1, 1]))
     history = vx.march(system, [0.0, 1.0], solver=solver)
     assert np.array_equal(history.state[0], [0, 0])
-    assert history.certificate[0] == 0.0
+    assert history.certificate[0] <= 1e-15
     assert history.multipliers[0, :, 0] == pytest.approx([0.5, -0.2], abs=1e-5)
     assert history.state[1] == pytest.approx([2.0, -1.0 / 3], abs=1e-5)
 

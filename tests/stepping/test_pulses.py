@@ -42,11 +42,3 @@ def test_a_pulse_drives_a_run(name):
     assert not history.displacement[1].any()
     last = np.flatnonzero(history.times < 0.437)[-1]
     assert history.energy[last : last + 2].max() > 0.01 * history.energy.max() > 0.0
-
-
-def test_a_pulse_drives_a_system():
-    system = vx.System(np.array([[4.0, -1.0], [-1.0, 3.0]]), lambda t: [pulse(t), -pulse(t)], vx.Norms(np.eye(2), 0.1))
-    run = vx.march(system, np.linspace(0.0, 1.0, 17))
-    assert run.certificate.max() <= 1e-8
-    assert not run.state[:5].any()
-    assert run.state.any()

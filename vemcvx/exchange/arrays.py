@@ -34,7 +34,6 @@ from vemcvx.base.arrays import Floats, as_array_of_shape, as_real_array, check_c
 from vemcvx.base.errors import ProgramError
 from vemcvx.linear import Matrix
 from vemcvx.program import Answer, Operators, SolvedProgram, StepProgram
-from vemcvx.program.kernel import choose_anchors
 from vemcvx.program.operators import SYMMETRY_TOLERANCE
 
 NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"
@@ -74,7 +73,6 @@ def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
         parts.get("B"),
         block=len(b) // len(w) if len(w) else 1,
         kernel=N if N.shape[1] else None,
-        anchor=choose_anchors(N, K.diagonal()) if N.shape[1] else None,
         D=parts.get("D"),
         compliance=c,
     )

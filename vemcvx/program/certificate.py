@@ -35,8 +35,8 @@ Proof. $|d - d^*|_K \le |v|_K + |d - v - d^*|_K$. The residual at $d - v$ is $r 
 $\frac12 |d - v - d^*|_K^2 \le \frac12 |r + K v|^2 + T(v)$ by theorem 1, with $|r + K v| \le |r| + |v|_K$; finally
 $\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
 
-We use theorem 2 for each row whose part of the gap exceeds $|v|_K^2$ of the least move $v$ of this row alone, and take
-the smaller of both bounds.
+The move v removes all slips and gaps that count as zero (``StepProgram.zero_levels``). We take the smaller of both
+bounds.
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.

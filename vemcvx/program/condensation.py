@@ -34,7 +34,7 @@ from vemcvx.base.arrays import Floats, Ints, power_of_two, read_only, scatter
 from vemcvx.base.errors import NotAccepted
 from vemcvx.linear import Factor, LinearSolver, Matrix, order_by_minimum_degree
 from vemcvx.program.certificate import ROUNDED
-from vemcvx.program.kernel import choose_anchors
+from vemcvx.program.kernel import add_anchors, choose_anchors
 from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
@@ -126,37 +126,40 @@ class Condensation:
 
     `operators` act on the `retained` (m,) unknowns: the dense S, and the rows of norm terms and limits. `full` are the
     operators on all unknowns. Both are equal if the system is not condensed (`whole`): with ``condense=False``, or if
-    the linear solver cannot eliminate. `factor` is the factor of K with the anchors' stiffness.
+    the linear solver cannot eliminate. `factor` is the factor of K with the stiffness `anchor` (m,) of anchors.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
         self.system, self.linear = system, system.linear(linear)
         self.whole = not (condense and self.linear.eliminates)
-        n, c, anchor = system.n, system.retained, None
+        n, c = system.n, system.retained
+        self.anchor: Floats | None = None
         if system.kernel is not None:
             if not self.linear.eliminates:
                 raise NotAccepted(
                     f"linear solver {type(self.linear).__name__}: the stiffness has a kernel (only friction holds the "
                     "body), which this linear solver does not accept; SuperLU() does."
                 )
-            anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
-        self._K = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
+            self.anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
+        self._K = system.K if self.anchor is None else sp.csr_matrix(add_anchors(system.K, self.anchor))
         self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
         if self.whole:
             self.factor: Factor = self.linear.factorise(self._K, system.near_kernel)
             self.retained, self._S = np.arange(n), self._K
-            self.operators = self.full = self._on(self.retained, system.K, self.factor, anchor)
+            self.operators = self.full = self._on(self.retained, system.K, self.factor)
             return
         order = np.arange(n) if self.linear.orders else system.elimination_order()
         order = order_by_minimum_degree(self._K) if order is None else order
         self.factor, S = self.linear.eliminate(self._K, order, c)
         self.retained, self._S = c, read_only(S)
-        self.full = self._on(np.arange(n), system.K, self.factor, anchor)
-        self.operators = self._on(
-            c, S if anchor is None else read_only(S - np.diag(anchor[c])), DenseInverse(S), anchor
-        )
+        self.full = self._on(np.arange(n), system.K, self.factor)
+        K = S
+        if self.anchor is not None:
+            self.anchor = self.anchor[c]
+            K = read_only(S - np.diag(self.anchor))
+        self.operators = self._on(c, K, DenseInverse(S))
 
-    def _on(self, c: Ints, K: Matrix, factor: Factor, anchor: Floats | None) -> Operators:
+    def _on(self, c: Ints, K: Matrix, factor: Factor) -> Operators:
         """Return the operators on the unknowns `c` (m,)."""
         system, kernel, limits = self.system, self.system.kernel, self.system.limits
         return Operators(
@@ -165,7 +168,6 @@ class Condensation:
             system.block,
             given_factor=factor,
             kernel=None if kernel is None else np.linalg.qr(kernel.modes[c])[0],
-            anchor=None if anchor is None else anchor[c],
             D=system.D[:, c],
             compliance=None if limits is None else limits.compliance,
         )

@@ -23,8 +23,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
 
 from vemcvx.base.arrays import Floats
+from vemcvx.linear import CHUNK_SIZE
 from vemcvx.program.operators import Operators, product
 from vemcvx.program.step_program import StepProgram
 
@@ -63,8 +66,12 @@ class Delassus:
     """
 
     def __init__(self, operators: Operators):
-        self.operators, (self.u, self.W) = operators, operators.scaled_delassus
-        N = np.zeros((operators.K.shape[0], 0)) if operators.kernel is None else operators.kernel
+        self.operators, n, rows = operators, operators.K.shape[0], operators.B.shape[0]
+        c = np.append(np.zeros(rows), operators.compliance)
+        own = np.append(np.repeat(operators.norm_flexibility, operators.block), operators.limit_flexibility) + c
+        self.u = 1.0 / np.sqrt(np.where(own > 0, own, 1.0))
+        self.W = compute_delassus(operators, self.u, self.u**2 * c)
+        N = np.zeros((n, 0)) if operators.kernel is None else operators.kernel
         self.R, T = np.linalg.qr(self.u[:, None] * operators.kernel_modes)
         self.N: Floats = np.linalg.solve(T.T, N.T).T
 
@@ -110,6 +117,24 @@ class Delassus:
         push = program.g - self.operators.multiplier_force(*self.forces(point))
         d: Floats = self.operators.factor.solve(push) + self.N @ point.a
         return d
+
+
+def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Floats | LinearOperator:
+    """Return u A K^{-1} A' u (N, N) plus the diagonal `yielding` (N,).
+
+    The product has double precision: in single precision, terms at their bounds without slip would alternate between
+    stick and slip. If A has too many nonzero columns to form it, it is an operator, and each application takes a solve.
+    """
+    rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
+    dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None
+    if not dense and len(read) ** 2 > CHUNK_SIZE:
+        return LinearOperator(
+            2 * u.shape, lambda x: rows @ operators.factor.solve(rows.T @ x) + yielding * x, dtype=float
+        )
+    part = rows[:, read]
+    W = np.asarray(part @ (part @ operators.factor.flexibility(read, operators.K.shape[0])).T)
+    W[np.diag_indices(len(u))] += yielding
+    return W
 
 
 def build_reflections(direction: Floats) -> Floats:

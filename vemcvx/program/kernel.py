@@ -34,6 +34,7 @@ from vemcvx.base.arrays import (
     onto_discs,
 )
 from vemcvx.base.errors import SceneError
+from vemcvx.linear import Matrix
 from vemcvx.program.certificate import ROUNDED
 
 MAX_CORRECTIONS = 50
@@ -114,10 +115,14 @@ def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
     Where the diagonal is only rounding, its largest entry is used. With softer anchors W = A K^{-1}A' loses digits.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
-    stiffness = np.zeros(len(modes))
-    largest = diagonal.max(initial=0.0)
+    stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
     stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)
     return stiffness
+
+
+def add_anchors(K: Matrix, anchor: Floats) -> Matrix:
+    """Return K with the stiffness `anchor` (n,) of anchors."""
+    return K + np.diag(anchor) if isinstance(K, np.ndarray) else sp.csr_matrix(K + sp.diags_array(anchor))
 
 
 def balance_multipliers(

@@ -27,8 +27,9 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.linear import CHUNK_SIZE, SAMPLES, Factor, Matrix, SuperLU, singular_matrix_error
+from vemcvx.linear import SAMPLES, Factor, Matrix, SuperLU, singular_matrix_error
 from vemcvx.program.certificate import ROUNDED
+from vemcvx.program.kernel import add_anchors, choose_anchors
 
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"
@@ -107,8 +108,6 @@ class Operators(ArrayRecord):
         A factor of K; by default K is factorised when it is first needed.
     kernel : (n, k) array, optional
         The kernel of a semidefinite K, orthonormal (:mod:`vemcvx.program.kernel`).
-    anchor : (n,) array, optional
-        Stiffness that makes K + diag(anchor) positive definite; required with a kernel.
     D : (r, n) matrix, optional
         D_j d is the motion towards limit j.
     compliance : (r,) array, optional
@@ -126,7 +125,6 @@ class Operators(ArrayRecord):
     block: int = 1
     given_factor: Factor | None = None
     kernel: Floats | None = None
-    anchor: Floats | None = None
     D: Any = None
     compliance: Any = None
 
@@ -174,18 +172,16 @@ class Operators(ArrayRecord):
 
     @cached_property
     def regular(self) -> Matrix:
-        """The matrix K with the anchors' stiffness, positive definite."""
-        if self.anchor is None:
-            return self.K
-        return self.K + (np.diag(self.anchor) if isinstance(self.K, np.ndarray) else sp.diags_array(self.anchor))
+        """The matrix K, or if K has a kernel, K with the stiffness of anchors, positive definite."""
+        return self.K if self.kernel is None else add_anchors(self.K, choose_anchors(self.kernel, self.K.diagonal()))
 
     @cached_property
     def factor(self) -> Factor:
-        """The factor of K with the anchors' stiffness."""
+        """The factor of K, with anchors if K has a kernel."""
         if self.given_factor is not None:
             return self.given_factor
         K = self.regular
-        return DenseInverse(K) if isinstance(K, np.ndarray) else SuperLU().factorise(sp.csr_matrix(K))
+        return DenseInverse(K) if isinstance(K, np.ndarray) else SuperLU().factorise(K)
 
     @cached_property
     def kernel_modes(self) -> Floats:
@@ -253,28 +249,6 @@ class Operators(ArrayRecord):
     def limit_flexibility(self) -> Floats:
         """The flexibilities D_j K^{-1} D_j' (r,)."""
         return self.flexibilities[self.B.shape[0] :]
-
-    @cached_property
-    def scaled_delassus(self) -> tuple[Floats, Floats | LinearOperator]:
-        """Units u (N,) of forces, equal in a block, and u (W + C) u, W = A K^{-1} A', C the diagonal of compliances.
-
-        W has double precision: in single precision, terms at their bounds without slip would alternate between stick
-        and slip. If A has too many nonzero columns to form W, W is an operator, and each product takes a solve.
-        """
-        yielding = np.append(np.zeros(self.B.shape[0]), self.compliance)
-        own = np.append(np.repeat(self.norm_flexibility, self.block), self.limit_flexibility) + yielding
-        u = 1.0 / np.sqrt(np.where(own > 0, own, 1.0))
-        rows, yielding = sp.csr_matrix(sp.diags_array(u) @ self.A), u * u * yielding
-        read = np.unique(self.A.indices).astype(np.int64)
-        # Systems with anchors are always formed densely.
-        if not isinstance(self.K, np.ndarray) and self.anchor is None and len(read) ** 2 > CHUNK_SIZE:
-            return u, LinearOperator(
-                2 * u.shape, lambda x: rows @ self.factor.solve(rows.T @ x) + yielding * x, dtype=float
-            )
-        part = rows[:, read]
-        W = np.asarray(part @ (part @ self.factor.flexibility(read, self.K.shape[0])).T)
-        W[np.diag_indices(len(u))] += yielding
-        return u, W
 
     @cached_property
     def compliances(self) -> Floats:

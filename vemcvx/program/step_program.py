@@ -160,10 +160,6 @@ class StepProgram(ArrayRecord):
         of_limits = np.maximum(reach * np.sqrt(operators.limit_flexibility), way[rows:].max(initial=0.0))
         return STILL_TOLERANCE * of_terms, STILL_TOLERANCE * of_limits
 
-    def still(self, d: Floats) -> Bools:
-        """Return True (m,) for each term whose slip counts as zero."""
-        return np.asarray(lengths(self.slip(d)) <= self.zero_levels(d)[0])
-
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
         return self.operators.multiplier_force(lam, p)
@@ -316,22 +312,15 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, with a move v that removes small slips and gaps.
-
-        v corrects bounds that are violated by rounding. It also corrects each row i whose part of the gap is at least
-        x_i^2 / f_i, the least |v|_K^2 of a move v of this row by x_i, with f_i = (A K^{-1}A')_ii.
-        """
+        """Return the certificate by theorem 2, with a move v that removes slips and gaps that count as zero."""
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
-        rigid, met, size = operators.compliance == 0, operators.compliance * p, lengths(s)
-        lack, over = np.where((p > 0) | (z > 0), z - met, 0.0), rigid & (z > 0)
-        gains = lack**2 <= np.where(over, 0.0, plain.limits) * operators.limit_flexibility
-        near = ((p > 0) | (z > 0)) & (np.abs(lack) <= lacks) & (gains | over)
-        still = (size <= slips) & (size**2 <= plain.friction * operators.norm_flexibility) | self.stuck
+        met, acts = operators.compliance * p, (p > 0) | (z > 0)
+        near, still = acts & (np.abs(z - met) <= lacks), self.stuck | (lengths(s) <= slips)
         held = np.append(np.repeat(still, operators.block), near)
-        v = operators.move(held, np.append(s, lack)[held])
+        v = operators.move(held, np.append(s, z - met)[held])
         s = np.where(still[:, None], 0.0, s - operators.blocks(operators.B @ v))
         z = np.where(near, met, z - operators.D @ v)
-        z = np.where(rigid & (z <= lacks), np.minimum(z, 0.0), z)
+        z = np.where((operators.compliance == 0) & (z <= lacks), np.minimum(z, 0.0), z)
         friction, limits = norm_gaps(self.w, lam, s), limit_gaps(operators.compliance, p, z)
         return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
@@ -386,15 +375,6 @@ class StepProgram(ArrayRecord):
             raise SceneError("to_cvxpy: the program has no unknowns left to solve for; take condense=False.")
         cones = self.operators.block > 1 if cones is None else cones
         return to_cvxpy(self.operators, (self.g, self.finite_weights, self.b, self.e), cones, stuck=self.stuck)
-
-    def at_rest(self) -> Floats | None:
-        """Return multipliers (m, block) with which d = 0 is exact; None if none exist or rows share unknowns."""
-        operators, own = self.operators, self.operators.own_columns
-        if own is None or self.b.any() or (self.e < 0).any():
-            return None
-        lam = operators.blocks(self.g[own[0]] / operators.B.data)
-        exact = np.array_equal(self.g, self.multiplier_force(lam, np.zeros_like(self.e)))
-        return lam if exact and (lengths(lam) <= self.w).all() else None
 
     def feasible(self, d: Floats) -> Floats:
         """Return increments (n,) close to d that satisfy the bounds."""

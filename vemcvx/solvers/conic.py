@@ -24,7 +24,7 @@ from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.cvxpy_step import CvxpyStep, to_cvxpy
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.law import GivenWeights
+from vemcvx.solvers.law import Weights
 from vemcvx.solvers.newton import PreparedNewton
 from vemcvx.solvers.solver import INNER_FRACTION, TARGET_FRACTION, Solver
 
@@ -375,7 +375,7 @@ def polish_answer(program: StepProgram, answer: Answer) -> Answer:
     """Return the answer after one active-set step, or the given answer if that step does not reduce the gap."""
     d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
     before = replace(answer, d=d, lam=lam, p=p)
-    sharper = PreparedNewton(program.operators, 1).solve_from(program, GivenWeights(program.w), before)
+    sharper = PreparedNewton(program.operators, 1).solve_from(program, Weights(program.w), before)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
     after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
     return after if _gap(program, after) < _gap(program, before) else answer

@@ -22,7 +22,7 @@ from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
-from vemcvx.solvers.law import GivenWeights, Weights
+from vemcvx.solvers.law import Weights
 from vemcvx.solvers.newton import Newton, PreparedNewton, gap_of_law
 from vemcvx.solvers.solver import INNER_FRACTION, Prepared, ScaledSolver, Solver, name_failures
 
@@ -130,11 +130,13 @@ PATIENCE = 12
 
 
 @dataclass(frozen=True, eq=False)
-class FixedPointSolver:
-    """A prepared solver of programs with given weights, which solves steps under a law by fixed-point iteration.
+class RunSolver:
+    """A solver prepared for a run, under given weights and under laws of friction.
 
-    With T(w) the answer for the weights w, the law requires w = law(p(T(w)), |s(T(w))|). The next weights come from one
-    Newton step on the active sets of the answer. If these sets are those of the solution, this step gives its weights.
+    `newton` is the solver itself if it is Newton's method, which solves steps under laws, and which Clarabel replaces
+    in steps that it misses. Other solvers answer programs with given weights. With T(w) the answer for the weights w, a
+    law requires w = law(p(T(w)), |s(T(w))|): in a fixed-point iteration, the next weights come from one Newton step on
+    the active sets of the answer. If these sets are those of the solution, this step gives its weights.
     """
 
     name: str
@@ -142,15 +144,29 @@ class FixedPointSolver:
     newton: PreparedNewton
 
     @classmethod
-    def prepare(cls, solver: Solver, operators: Operators) -> FixedPointSolver:
-        """Prepare a solver for the operators of a run."""
-        prepared = solver.prepare(operators) if solver.any_units else ScaledSolver.prepare(solver, operators)
-        return cls(solver.name, prepared, PreparedNewton(operators, 1))
+    def prepare(cls, solver: Solver, operators: Operators) -> RunSolver:
+        """Prepare a solver; raise NotAccepted if K has a kernel and the solver accepts none."""
+        if operators.kernel is not None and not solver.semidefinite:
+            raise NotAccepted(
+                f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "
+                "needs a definite K. Take Newton or Clarabel, or set `semidefinite = True` in a solver of your own."
+            )
+        with name_failures(solver.name):
+            prepared = solver.prepare(operators) if solver.any_units else ScaledSolver(solver, operators)
+        newton = prepared if isinstance(prepared, PreparedNewton) else PreparedNewton(operators, 1)
+        return cls(solver.name, prepared, newton)
+
+    @cached_property
+    def conic(self) -> RunSolver:
+        """Clarabel, the last resort of Newton's method, compiled at its first use."""
+        return RunSolver.prepare(Clarabel(), self.newton.operators)
 
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
         """Solve one step. Under a law, return the answer with the least gap under the weights for this answer."""
+        if self.prepared is self.newton:
+            return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:
             return read_answer(self.prepared.solve(program, target, lam, p), program, self.name)
         # Friction at earlier pressures may not hold a body without supports: begin with weights that hold any load.
@@ -172,46 +188,17 @@ class FixedPointSolver:
             ahead = answer if waited else self.newton.solve_from(program, law, answer)
             w = law.at(ahead.p, lengths(program.slip(ahead.d)))
 
-    retry = solve
-
-
-@dataclass(frozen=True, eq=False)
-class LastResort:
-    """Newton's method, prepared for a run, with Clarabel as fallback for steps that miss the target."""
-
-    newton: PreparedNewton
-
-    @cached_property
-    def conic(self) -> FixedPointSolver:
-        """Clarabel, compiled at its first use."""
-        return FixedPointSolver.prepare(Clarabel(), self.newton.operators)
-
-    @property
-    def solve(self) -> Callable[..., Answer]:
-        """Newton's method for one step."""
-        return self.newton.solve
-
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Return the better answer to a missed step: of Clarabel, or of Newton's method from Clarabel's active sets."""
-        law = law or GivenWeights(program.w)
+        """Solve a missed step again. For Newton, return the best answer of Clarabel and of Newton from its sets."""
+        if self.prepared is not self.newton:
+            return self.solve(program, target, lam, p, law)
+        law = law or Weights(program.w)
         first = self.conic.solve(program, target, lam, p, law)
         last = self.newton.solve_from(program, law, first)
         best = min((first, last), key=lambda one: gap_of_law(program, law, one))
         return replace(best, iterations=first.iterations + last.iterations, status=f"{best.status}, after Clarabel")
-
-
-def prepare_run(solver: Solver, operators: Operators) -> LastResort | FixedPointSolver:
-    """Prepare a solver for a run; raise NotAccepted if K has a kernel and the solver accepts none."""
-    if operators.kernel is not None and not solver.semidefinite:
-        raise NotAccepted(
-            f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "
-            "needs a definite K. Take Newton or Clarabel, or set `semidefinite = True` in a solver of your own."
-        )
-    with name_failures(solver.name):
-        found = FixedPointSolver.prepare(solver, operators)
-    return LastResort(found.prepared) if isinstance(found.prepared, PreparedNewton) else found
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

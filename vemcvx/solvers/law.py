@@ -7,8 +7,7 @@ fixed at the values that the law has for the pressure and slip of this solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,87 +20,66 @@ RELATIVE_STEP = 1e-6
 """Step of the difference quotient dw/d|s|, relative to the largest slip."""
 
 
-class Weights(Protocol):
-    """The weights of norm terms as functions of limit forces p and of slips of the step."""
-
-    @property
-    def is_given(self) -> bool:
-        """True if the weights are constants."""
-
-    def at(self, p: Floats, slip: Floats) -> Floats:
-        """Return weights (m,) under limit forces p (r,) and slips (m,)."""
-
-    def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
-        """Return dw/dp (m, r) and dw/d|s| (m,), with None for zero derivatives."""
-
-
 @dataclass(frozen=True, eq=False)
-class GivenWeights:
-    """Constant weights (m,), as in Tresca's law."""
+class Weights:
+    """The weights of norm terms in one step, as functions of limit forces p (r,) and of slips (m,) in the step.
+
+    Parameters
+    ----------
+    w : (m,) array
+        Constant weights, as in Tresca's law.
+    norms : Norms, optional
+        Terms whose law replaces the constants, evaluated at the instant `t` after the slips `past` (m,).
+    term_units, limit_units : (m,) and (r,) arrays, optional
+        Units of forces; slips are in units of 1 / `term_units`.
+    """
 
     w: Floats
-    is_given = True
-
-    def at(self, p: Floats, slip: Floats) -> Floats:
-        return self.w
-
-    def slopes(self, p: Floats, slip: Floats) -> tuple[None, None]:
-        return None, None
-
-
-@dataclass(frozen=True, eq=False)
-class WeightsInUnits:
-    """Weights in other units: forces in `term_units` (m,) and `limit_units` (r,), slips in 1 / `term_units`."""
-
-    weights: Weights
-    term_units: Floats
-    limit_units: Floats
+    norms: Norms | None = None
+    t: float = 0.0
+    past: Floats = field(default_factory=lambda: np.zeros(0))
+    term_units: Floats = field(default_factory=lambda: np.ones(1))
+    limit_units: Floats = field(default_factory=lambda: np.ones(1))
 
     @property
     def is_given(self) -> bool:
         """True if the weights are constants."""
-        return self.weights.is_given
-
-    def at(self, p: Floats, slip: Floats) -> Floats:
-        return self.weights.at(self.limit_units * p, slip / self.term_units) / self.term_units
-
-    def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
-        J, slope = self.weights.slopes(self.limit_units * p, slip / self.term_units)
-        if J is not None:
-            entries = J.data * self.limit_units[J.indices] / np.repeat(self.term_units, np.diff(J.indptr))
-            J = sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
-        return J, None if slope is None else slope / self.term_units**2
-
-
-@dataclass(frozen=True, eq=False)
-class StepLaw:
-    """Weights by the law of `norms` at the instant t; `past` (m,) are the slips before the step."""
-
-    norms: Norms
-    t: float
-    past: Floats
-    is_given = False
+        return self.norms is None
 
     @property
     def reads_slip(self) -> bool:
         """True if weights may depend on the slip of the step; laws with a derivative by p do not."""
-        return self.norms.remembers and not self.norms.sloped
+        return self.norms is not None and self.norms.remembers and not self.norms.sloped
+
+    def in_units(self, term_units: Floats, limit_units: Floats) -> Weights:
+        """Return the same weights in other units."""
+        return replace(self, term_units=term_units, limit_units=limit_units)
 
     def at(self, p: Floats, slip: Floats) -> Floats:
-        return self.norms.weights_under(self.t, np.maximum(p, 0.0), self.past, slip if self.reads_slip else None)
+        """Return weights (m,) under limit forces p (r,) and slips (m,)."""
+        w = self.w
+        if self.norms is not None:
+            p, own = self.limit_units * np.maximum(p, 0.0), slip / self.term_units if self.reads_slip else None
+            w = self.norms.weights_under(self.t, p, self.past, own)
+        return w / self.term_units
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
-        if self.norms.sloped:
-            return self.norms.slope_by_forces(self.t, np.maximum(p, 0.0), self.past), None
+        """Return dw/dp (m, r) and dw/d|s| (m,), with None for zero derivatives."""
+        if self.norms is None:
+            return None, None
+        J = self.norms.slope_by_forces(self.t, self.limit_units * np.maximum(p, 0.0), self.past)
+        if J is not None:
+            return sp.csr_matrix(sp.diags_array(1.0 / self.term_units) @ J @ sp.diags_array(self.limit_units)), None
         if not self.reads_slip:
             return None, None
-        more = RELATIVE_STEP * max(slip.max(initial=0.0), self.past.max(initial=0.0)) or RELATIVE_STEP
+        more = RELATIVE_STEP * max(slip.max(initial=0.0), (self.past * self.term_units).max(initial=0.0))
+        more = more or RELATIVE_STEP
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slip(self, p: Floats, slip: Floats) -> None:
         """Raise SceneError if the slip of the step changes weights more than slope or softening of the law allow."""
-        norms, softening = self.norms, self.norms.softening
-        if not norms.remembers or (softening is None and not norms.sloped):
+        norms = self.norms
+        if norms is None or not norms.remembers or ((softening := norms.softening) is None and not norms.sloped):
             return
         w, own = (norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in (None, slip))
         w, own = (np.where(weights == np.inf, 0.0, weights) for weights in (w, own))

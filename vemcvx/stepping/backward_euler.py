@@ -58,15 +58,15 @@ from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.operators import Operators, energy_norm, product
-from vemcvx.program.scaling import SMALLEST_NORM, check_norm
+from vemcvx.program.operators import Operators, energy_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
-from vemcvx.solvers.law import StepLaw
+from vemcvx.solvers.law import Weights
 from vemcvx.solvers.solver import INNER_FRACTION, name_failures
 from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
 from vemcvx.stepping.state import (
+    SMALLEST_NORM,
     Frame,
     Ledger,
     PreparedRun,
@@ -74,6 +74,7 @@ from vemcvx.stepping.state import (
     StepData,
     advance,
     certify_in_full,
+    check_norm,
     energy,
     evaluate_dragged,
     make_given_state,
@@ -107,28 +108,14 @@ class PosedStep:
         return state
 
     def _at_rest(self) -> State | None:
-        """Return the unchanged state if the data of the step are negligible or unchanged; else None."""
-        program, before, accuracy, m = self.program, self.before, self.run.solver.accuracy, len(self.program.w)
-        if program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
-            return self._rest(np.zeros_like(before.lam[:m]), np.zeros_like(before.p), "nothing pushes")
-        if before.scale == 0.0 and (held := program.at_rest()) is not None:
-            still = self._rest(held, np.zeros_like(before.p), "nothing slips")
-            # Before anything has moved, no reference norm exists for relative errors.
-            if still.scale == 0.0:
-                return still
-        now, last = (self.g, self.data.remaining_gap), (before.unbalanced, before.data.remaining_gap)
-        same = all(map(np.array_equal, (*now, program.w), (*last, before.weights[:m]))) and not program.b.any()
-        # A given initial state may miss the accuracy of a step, and dashpots continue to move under the same load.
-        same &= self.data.t > before.t and before.is_accepted(accuracy) and self.run.system.damping is None
-        if same:
-            return replace(self._rest(before.lam[:m], before.p, "nothing changed"), certificate=before.certificate)
-        return None
-
-    def _rest(self, lam: Floats, p: Floats, status: str) -> State:
-        d = np.zeros_like(self.program.g)
-        floor = self.program.rounding_floor(d, lam, p, self.before.y)
-        certificate = Certificate(0.0, np.zeros(len(lam)), floor, np.zeros_like(p))
-        return self.state_after(Answer(d, lam, 0, status, p=p), certificate)
+        """Return the unchanged state if the data of the step are negligible; else None."""
+        program, before, accuracy = self.program, self.before, self.run.solver.accuracy
+        if program.size > min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
+            return None
+        d, lam, p = np.zeros_like(program.g), np.zeros_like(before.lam[: len(program.w)]), np.zeros_like(before.p)
+        floor = program.rounding_floor(d, lam, p, before.y)
+        certificate = Certificate(0.0, np.zeros(len(lam)), floor, p)
+        return self.state_after(Answer(d, lam, 0, "nothing pushes", p=p), certificate)
 
     def _solve(self) -> State:
         """Return the solved state; solve again with a smaller target if it misses the accuracy relative to |u_n|."""
@@ -158,12 +145,12 @@ class PosedStep:
         return replace(self, program=program).state_after(replace(answer, d=d, lam=lam, p=p), certificate)
 
     @property
-    def law(self) -> StepLaw | None:
+    def law(self) -> Weights | None:
         """The law of the step's weights; None if weights are given."""
         norms = self.run.system.norms
         if norms is None or norms.law is None:
             return None
-        return StepLaw(norms, self.data.t, self.before.ledger.slipped[: norms.count])
+        return Weights(self.program.w, norms, self.data.t, self.before.ledger.slipped[: norms.count])
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """Return the state after an answer of the program."""
@@ -224,28 +211,12 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         m = run.operators.count
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
-    g = own = remove_kernel_rounding(
-        run, before, now, before.unbalanced + (now.force.retained - before.data.force.retained)
-    )
+    g = own = before.unbalanced + (now.force.retained - before.data.force.retained)
     if damping is not None and damping.motion is not None and k > 0:
         own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y
     b = before.data.prescribed_slip - now.prescribed_slip
     return PosedStep(run, before, now, frame, g, program=StepProgram(frame.condensation.operators, own, w, b, e))
-
-
-def remove_kernel_rounding(run: PreparedRun, before: State, now: StepData, g: Floats) -> Floats:
-    """Return the force g of a step without its part on K's kernel, if this part is rounding.
-
-    g is computed from both loads, the unbalanced force before the step, and interior forces, which nearly cancel.
-    """
-    N, operators = run.operators.kernel, run.operators
-    if N is None:
-        return g
-    forces = before.unbalanced, now.force.retained, before.data.force.retained
-    size = sum(np.abs(force) for force in forces) + product(operators.absolute[0], np.abs(before.y))
-    push = N.T @ g
-    return g - N @ np.where(np.abs(push) <= 64 * EPS * (np.abs(N).T @ size), push, 0.0)
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:

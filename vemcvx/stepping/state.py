@@ -47,19 +47,34 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Bools, Floats, directions, lengths
+from vemcvx.base.errors import SceneError
 from vemcvx.program.certificate import ROUNDED, Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators, product
-from vemcvx.program.scaling import LARGEST_NORM, check_norm
 from vemcvx.program.system import DRAG_ROUNDING, System, force_on_part
 from vemcvx.solvers import Solver
-from vemcvx.solvers.default import FixedPointSolver, LastResort, prepare_run
+from vemcvx.solvers.default import RunSolver
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
 """Rounding error of |u|_a = sqrt(2 E), relative to the root of the sizes of the terms of E."""
 MAX_STEP_LENGTHS = 4
 """Largest number of step lengths for which factors are stored in runs with dashpots."""
+
+
+SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
+"""Range of energy norms: outside it their squares, or the much smaller gaps, overflow or underflow."""
+
+
+def check_norm(norm: float, t: float) -> float:
+    """Return the energy norm of a step's data; raise SceneError if its square is close to overflow or underflow."""
+    if SMALLEST_NORM <= norm <= LARGEST_NORM:
+        return norm
+    raise SceneError(
+        f"data: loads and motions in the step to t = {t:.6g} have an energy norm of {norm:.1e}; it must be between "
+        f"{SMALLEST_NORM:.0e} and {LARGEST_NORM:.0e}, or energies and errors overflow or underflow. Take other "
+        "units of force or length, and zero for negligible loads and motions."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,9 +114,9 @@ class Frame:
     solver: Solver
 
     @cached_property
-    def prepared(self) -> LastResort | FixedPointSolver:
+    def prepared(self) -> RunSolver:
         """The prepared solver."""
-        return prepare_run(self.solver, self.condensation.operators)
+        return RunSolver.prepare(self.solver, self.condensation.operators)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -272,7 +287,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 
 def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
     """Return a(u_m, Pz), the work of the anchors; zero without anchors."""
-    anchor = condensation.operators.anchor
+    anchor = condensation.anchor
     return 0.0 if anchor is None else float(z @ (anchor * push.x[condensation.retained]))
 
 

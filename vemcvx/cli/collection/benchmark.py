@@ -59,7 +59,6 @@ from vemcvx.cli.terminal import parse_list, progress_bar, say
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.plots.style import SERIES
 from vemcvx.program import Answer, SolvedProgram, StepProgram
-from vemcvx.program.scaling import Scaling
 from vemcvx.solvers import Prepared, Solver, ThroughCvxpy
 from vemcvx.solvers.solver import ScaledSolver, name_failures
 
@@ -373,16 +372,15 @@ class Entrant:
                 f"solver {solver.name}: accepts no semidefinite K; only friction and contact hold the body."
             )
         if isinstance(solver, ThroughCvxpy):
-            solver.prepare(operators)
-            scaling = Scaling.from_operators(operators)
+            scaling = ScaledSolver(solver, operators)
             alpha = max(scaling.length(program) for program in programs)
             return [_call_cvxpy(solver, scaling, alpha, program) for program in programs]
         with name_failures(solver.name):
-            prepared = solver.prepare(operators) if solver.any_units else ScaledSolver.prepare(solver, operators)
+            prepared = solver.prepare(operators) if solver.any_units else ScaledSolver(solver, operators)
         return [_call_own(prepared, program, _unit(programs)) for program in programs]
 
 
-def _call_cvxpy(solver: ThroughCvxpy, scaling: Scaling, alpha: float, program: StepProgram) -> Call:
+def _call_cvxpy(solver: ThroughCvxpy, scaling: ScaledSolver, alpha: float, program: StepProgram) -> Call:
     posed = scaling.scale(program, alpha).to_cvxpy()
     data, chain, inverse = posed.problem.get_problem_data(solver.solver, solver_opts={})
     tolerances, unlimited, _ = LIBRARIES.get(solver.solver, ((), {}, 0.0))

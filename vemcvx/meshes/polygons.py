@@ -324,21 +324,6 @@ def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
     return np.where(backwards[:, None, None], corners[:, ::-1], corners), owner
 
 
-def fans(polygons: NDArray[Any]) -> Triangles:
-    """Return triangles between the first corner and each side of polygons; clockwise triangles have negative areas.
-
-    They may leave the polygon, but integrals of a polynomial over them add up to its integral over the polygon.
-    """
-    import shapely
-
-    x, owner = shapely.get_coordinates(shapely.get_exterior_ring(shapely.orient_polygons(polygons)), return_index=True)
-    first = np.flatnonzero(np.diff(owner, prepend=-1))
-    side = np.setdiff1d(np.arange(len(x) - 1), np.append(first, first - 1))
-    corners = np.stack([x[first][owner[side]], x[side], x[side + 1]], axis=1)
-    areas = triangle_areas(corners)
-    return Triangles(corners, areas, owner[side])
-
-
 def close_pairs(points: Floats, distance: float) -> Ints:
     """Return pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
     from scipy.spatial import cKDTree

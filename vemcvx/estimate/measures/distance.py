@@ -48,7 +48,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.polygons import DEGREE_2_POINTS, cell_of_corner, fans, nearest, outlines, overlaps, places
+from vemcvx.meshes.polygons import DEGREE_2_POINTS, cell_of_corner, nearest, outlines, overlaps, places, triangulate
 from vemcvx.results import Results
 from vemcvx.vem import (
     CellGroup,
@@ -285,7 +285,7 @@ def common_rule(first: Mesh, second: Mesh) -> CommonRule:
         return _in_pyramids(first, second)
     assert isinstance(first, PolygonMesh)
     i, j, shared = overlaps(*(outlines(mesh.points, *mesh.cell_nodes) for mesh in (first, second)))
-    corners, areas, owner = fans(shared)
+    corners, areas, owner = triangulate(shared)
     points = places(corners, DEGREE_2_POINTS).reshape(-1, 2)
     return CommonRule(np.repeat(i[owner], 3), np.repeat(j[owner], 3), np.repeat(areas / 3.0, 3), points)
 

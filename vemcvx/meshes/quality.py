@@ -71,34 +71,23 @@ class Quality(Outlined):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about cells on which the constants grow; none if all cells are well shaped."""
-        said = []
-        for ratio, least, words in (
-            (
-                self.star,
-                LEAST_STAR,
-                "are stretched, dented or not star-shaped (star < .05): the stabilisation is too large or too small "
-                "by factors up to their aspect ratio; cut the cells across, or remesh",
-            ),
-            (
-                self.edge if self.in_plane else np.ones_like(self.edge),
-                LEAST_EDGE,
-                "have edges below 1e-4 of their diameter: the stabilisation decreases with the logarithm of this "
-                "ratio; collapse the edges",
-            ),
-        ):
-            if (count := int((ratio < least).sum())) > 0:
-                worst = int(np.argmin(ratio))
-                said.append(f"{count} of {len(ratio)} cells {words}. The worst is cell {worst}, {ratio[worst]:.2g}.")
-        return tuple(said)
+        """A sentence about cells on which the constants grow; none if all cells are well shaped."""
+        if not self.poor.any():
+            return ()
+        star, edge = int(np.argmin(self.star)), int(np.argmin(self.edge))
+        return (
+            f"the constants of the method grow in {self.poor.sum()} of {len(self.star)} cells, which are stretched, "
+            f"dented or not star-shaped (star below {LEAST_STAR:g}; least {self.star[star]:.2g}, cell {star}), or in the "
+            f"plane have edges below {LEAST_EDGE:g} of their diameter (least {self.edge[edge]:.2g}, cell {edge}). Cut "
+            "stretched cells across, collapse short edges, or remesh.",
+        )
 
     def in_a_line(self) -> str:
         """Describe the ranges of the ratios and the number of poor cells in one line."""
-        ranges = [f"{name} {values.min():.2g} to {values.max():.2g}" for name, values in self._named]
-        good = f"above {LEAST_STAR:g} and {LEAST_EDGE:g}" if self.in_plane else f"if star is above {LEAST_STAR:g}"
         count = int(self.poor.sum())
         poor = f"; constants grow in {count} of {len(self.star)} cells" if count else ""
-        return f"{', '.join(ranges)} (good {good}){poor}"
+        good = f"above {LEAST_STAR:g} and {LEAST_EDGE:g}" if self.in_plane else f"if star is above {LEAST_STAR:g}"
+        return ", ".join(f"{name} {x.min():.2g} to {x.max():.2g}" for name, x in self._named) + f" (good {good}){poor}"
 
     @property
     def _named(self) -> tuple[tuple[str, Floats], ...]:
@@ -106,12 +95,9 @@ class Quality(Outlined):
 
     def outline(self) -> Outline:
         """Return the outline for prompts and notebooks."""
-        ranges = [
-            (name, f"{values.min():.3g} to {values.max():.3g}, median {np.median(values):.3g}")
-            for name, values in self._named
-        ]
+        ranges = [(name, f"{x.min():.3g} to {x.max():.3g}, median {np.median(x):.3g}") for name, x in self._named]
         return Outline(
-            f"Quality: shapes of {len(self.star)} cells", [*ranges, *(("grows", words) for words in self.remarks)]
+            f"Quality: shapes of {len(self.star)} cells", [*ranges, *(("", words) for words in self.remarks)]
         )
 
 

@@ -77,9 +77,9 @@ class Quality(Outlined):
         star, edge = int(np.argmin(self.star)), int(np.argmin(self.edge))
         return (
             f"the constants of the method grow in {self.poor.sum()} of {len(self.star)} cells, which are stretched, "
-            f"dented or not star-shaped (star below {LEAST_STAR:g}; least {self.star[star]:.2g}, cell {star}), or in the "
-            f"plane have edges below {LEAST_EDGE:g} of their diameter (least {self.edge[edge]:.2g}, cell {edge}). Cut "
-            "stretched cells across, collapse short edges, or remesh.",
+            f"dented or not star-shaped (star below {LEAST_STAR:g}; least {self.star[star]:.2g}, cell {star}), or have "
+            f"edges below {LEAST_EDGE:g} of their diameter (least {self.edge[edge]:.2g}, cell {edge}). Cut stretched "
+            "cells across, collapse short edges, or remesh.",
         )
 
     def in_a_line(self) -> str:

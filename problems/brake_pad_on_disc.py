@@ -12,8 +12,8 @@ that has worn to fit (Shigley and Mischke, *Mechanical Engineering Design*, brak
 
 $$ N = 2 b \sin(\alpha) P (4 \sin \alpha) / (2 \alpha + \sin 2 \alpha), $$
 
-which is within 0.2 % of N for a uniform p; an elastic pad is close to both values. Friction dissipates in every step,
-and from the second cycle on equally in each cycle.
+which is within 0.2 % of N for a uniform p; an elastic pad is close to both values. Friction dissipates energy in every
+step. From the second cycle on, it dissipates the same energy in each cycle.
 
     vemcvx run problems/brake_pad_on_disc.py --n 8 --steps 96 --plot
 """

@@ -32,8 +32,8 @@ step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
-Under shear alone, S_xy = tau, it is the play of `spring_slider_chain.py`: p_3 = play_R(sqrt 2 tau) / H, and
-gamma = tau / mu + sqrt 2 p_3 has no error in time. If the direction of s changes, backward Euler makes an error.
+Under shear alone, S_xy = tau, the return mapping is the play of `spring_slider_chain.py`: p_3 = play_R(sqrt 2 tau) / H,
+and gamma = tau / mu + sqrt 2 p_3 has no error in time. If the direction of s changes, backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """

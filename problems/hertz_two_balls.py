@@ -13,10 +13,10 @@ $$
 (Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that extends to 10 a, of which a quarter is computed.
 Cells have equal widths up to 1.25 a and grow outwards from there. The top is pressed down, and P is measured; there is
 no friction. The radius is computed from the second moment of the forces, <r^2> = 2/5 a^2. The peak pressure is the peak
-of the half-ellipsoid that fits all pressures best in the mean square. With n = 8 both agree with Hertz within 2 %, and
-so does the largest nodal pressure. Where meshes do not match (`upper=6`: cells that are 4/3 times as wide) nodal
-pressures of the two bodies alternate by O(h), and the largest is 8 % too high. Radius and peak agree with Hertz within
-3.1 %, with n = 12 and `upper=9` within 2 %.
+of the half-ellipsoid that fits all pressures best in the mean square. With n = 8 radius and peak agree with Hertz
+within 2 %, and so does the largest nodal pressure. Where meshes do not match (`upper=6`: cells that are 4/3 times as
+wide) nodal pressures of the two bodies alternate by O(h), and the largest is 8 % too high. Radius and peak then agree
+with Hertz within 3.1 %, and with n = 12 and `upper=9` within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """

@@ -11,10 +11,10 @@ that backward Euler makes no error: only the mesh does. With any increasing phi(
 number of steps. (At t = 1 strains are of the order of one, and a run warns about them. In a linear theory their size
 does not matter. The picture shows a tenth of the displacements.)
 
-With u prescribed on all the other sides, its nodal values change the volume by O(h^2) more than div u, unless nodes on
-two sides match. The energy of this change is proportional to lambda: at lambda = 1e6 and h = 1/8 it triples the error
-on hexagons. With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and errors are the same
-for all lambda.
+With u prescribed on all the other sides, its nodal values prescribe a change of volume. This change differs from the
+integral of div u by O(h^2), unless nodes on two sides match. The energy of this difference is proportional to lambda:
+at lambda = 1e6 and h = 1/8 it triples the error on hexagons. With the traction sigma(u) n on top instead
+(``pulled=True``) the volume is free, and errors are the same for all lambda.
 
     vemcvx run problems/manufactured_full_slip.py --mesh voronoi --n 32 --steps 4
 """

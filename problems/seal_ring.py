@@ -5,7 +5,7 @@ and all forces are those of the full turn. The rod r = a and the bottom of the g
 then the sealed pressure q acts on the lower side, and pushes the ring over a small clearance to the upper wall of the
 groove. Friction acts on all walls. Rubber is almost incompressible, nu = .4999, and the cells do not lock.
 
-Without friction the stresses are uniform along the ring, and with Lame's constants lambda and G
+Without friction the stresses do not depend on x_2. With Lame's constants lambda and G,
 
 $$
 u_r = A (r - a^2 / r), \quad A = -\frac{\delta b}{b^2 - a^2}, \quad e_z = -\frac{q + 2 \lambda A}{\lambda + 2 G}, \qquad
@@ -17,7 +17,8 @@ squeeze, however large q is. So the seal is tight. Friction holds a part of q ba
 the ring cannot move, and the contact pressure grows as fast as q: it exceeds q by four fifths of the pressure of the
 squeeze or more. The forces of the full turn balance to rounding: the force of q, and the forces of wall and friction.
 
-At the upper corners the walls meet, and the contact forces of both count at one node; `wall_pressure` leaves these out.
+At each upper corner two walls meet, and the contact forces of both walls act at one node. `wall_pressure` leaves these
+nodes out.
 
     vemcvx run problems/seal_ring.py --n 8 --steps 8 --plot
 """
@@ -72,7 +73,7 @@ def wall_pressure(history, wall, step=-1):
 
 
 def picture(history):
-    """Draw the pressed ring, and what the contact pressure exceeds q by along both walls, beside the closed form."""
+    """Draw the pressed ring, and the contact pressure minus q along both walls, beside the closed form."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

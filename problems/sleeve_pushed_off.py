@@ -1,9 +1,9 @@
 r"""A sleeve is shrunk on a tube and pushed off: friction holds it, and Poisson's effect relieves the pressure.
 
 Tube (a < r < b) and sleeve (b < r < c) are bodies of revolution of the length L: x_1 is the radius r, x_2 the axial
-coordinate z, and all forces are those of the full turn. The sleeve is hot and slides on the tube; until t = 1 it cools,
-and the interference delta develops, the gap -delta t. Both tubes are then in plane stress with the pressure of Lame
-(1852; Timoshenko and Goodier, *Theory of Elasticity*, 28),
+coordinate z, and all forces are those of the full turn. The hot sleeve slides on the tube without friction. Until t = 1
+it cools, and the interference delta develops: the gap is -delta t. Both tubes are then in plane stress with the
+pressure of Lame (1852; Timoshenko and Goodier, *Theory of Elasticity*, 28),
 
 $$
 p_0 = \frac{\delta}{b C}, \qquad C = \frac{1}{E_1} \Big( \frac{b^2 + a^2}{b^2 - a^2} - \nu_1 \Big)
@@ -11,8 +11,9 @@ p_0 = \frac{\delta}{b C}, \qquad C = \frac{1}{E_1} \Big( \frac{b^2 + a^2}{b^2 - 
 $$
 
 From t = 1 on the joint is rough, the bottom of the tube is held, and the bottom of the sleeve is pushed upwards, until
-all of the joint slips. Friction bears the axial force F(z) from the sleeve to the tube. F compresses the sleeve, which
-widens, and stretches the tube, which shrinks. With the sections A_1 and A_2 of tube and sleeve,
+all of the joint slips. Above the height z, friction transfers the force F(z) from the sleeve to the tube. At z this
+force compresses the sleeve, which widens, and stretches the tube, which becomes narrower. With the cross-section areas
+A_1 and A_2 of tube and sleeve,
 
 $$
 p = p_0 - \kappa F, \qquad \kappa = \Big( \frac{\nu_1}{E_1 A_1} + \frac{\nu_2}{E_2 A_2} \Big) / C, \qquad

@@ -1,4 +1,4 @@
-r"""The cost of algebraic accuracy: requested, certified and true errors of every solver, in one step of the paper.
+r"""The cost of algebraic accuracy: requested, certified and true errors of every solver, in two steps of the paper.
 
 Two steps of `feng_han_huang.py` are solved again and again. In the step *growing* the load grows from 3/4 to 1 of its
 full size, and further nodes slip. In the step *return* the load, once full and then reduced to 1/2, is full again: all
@@ -9,7 +9,9 @@ and a closed form.
 
 Every solution u is compared with Newton's u*, which is certified to rounding:
 
-$$ |u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}, \text{ of } u, \text{ plus the same of } u^*, $$
+$$
+|u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}} \text{ of } u, \text{ plus the same roots of } u^*,
+$$
 
 relative to the largest |u_m*|_K so far, K the full stiffness. A row that violates this is printed as WRONG, and the
 exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run.
@@ -23,10 +25,10 @@ Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 - The gap is of first order in the multipliers, and the error of the solution of second order. Without degenerate terms
   conic solutions are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With degenerate
   terms Clarabel's errors are within a factor of two of the certified ones: the bound is sharp.
-- Clarabel stops at 2e-8 for every requested accuracy, condensed and full. Degenerate terms cost it 18 and 36 iterations
-  in place of 10 and 11, for 1e-7. On the chain it meets 1e-6; at 1e-8 it misses in 55 of 117 steps and ends at 5.7e-7.
-  From all these answers, and from an answer with the error 5e-3, one active-set step (polish=True) leads to the
-  solution, certified to rounding.
+- Clarabel stops at 2e-8 for every requested accuracy, condensed and full. For the accuracy 1e-7 it takes 18 and 36
+  iterations with degenerate terms, in place of 10 and 11. On the chain it meets 1e-6; at 1e-8 it misses in 55 of 117
+  steps and ends at 5.7e-7. From all these answers, and from an answer with the error 5e-3, one active-set step
+  (polish=True) leads to the solution, certified to rounding.
 - OSQP finds the active set by its own polishing, in all four programs and at every accuracy: 2e-14. On the chain this
   fails in some steps, which reach the limit of 100,000 iterations at every attempt. It ends at 9e-7 for the requested
   accuracy 1e-6, and at 1.4e-5 for 1e-8. polish=True corrects that too, to rounding.

@@ -2,7 +2,8 @@ r"""A rigid sphere pressed on an elastic half space: Hertz' contact as a body of
 
 The half space is a body of revolution: x_1 is the distance r from the axis, x_2 the axial coordinate, and all forces
 are those of the full turn. Near the contact the sphere of radius R is the paraboloid with the gap r^2 / 2R, and the gap
-falls by the approach delta. This is Hertz' own model. There is no friction. Under the force P,
+falls by the approach delta. This is Hertz' own model. There is no friction. Under the force P the contact has the
+radius a and the pressure p(r), with the peak p_0,
 
 $$
 E^* = E / (1 - \nu^2), \qquad a^3 = 3 P R / (4 E^*), \qquad p(r) = p_0 \sqrt{1 - r^2/a^2},
@@ -11,16 +12,17 @@ E^* = E / (1 - \nu^2), \qquad a^3 = 3 P R / (4 E^*), \qquad p(r) = p_0 \sqrt{1 -
 \sigma_r / p_0 = \sigma_\theta / p_0 = -(1 + \nu) (1 - \zeta \arctan(1/\zeta)) + (1 + \zeta^2)^{-1} / 2,
 $$
 
-the last two on the axis at the depth zeta a (Johnson, *Contact Mechanics*, 3.4 and 4.2).
+where the stresses are those on the axis, at the depth zeta a (Johnson, *Contact Mechanics*, 3.4 and 4.2).
 
-The far field is cut off: the half space is a cylinder of radius and height 24 a, clamped at its bottom and free at its
-side. The cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same
-force. So the approach is given and P is measured. The far field moves the contact almost uniformly. So it hardly
-changes a and p_0 under the force P: with 12 a or 48 a in place of 24 a they differ by at most .1 %.
+The far field is cut off: a cylinder of radius and height 24 a stands for the half space. It is clamped at its bottom
+and free at its side. The cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R
+under the same force. So the approach is given and P is measured. The far field moves the contact almost uniformly. So
+it hardly changes a and p_0 under the force P: with 12 a or 48 a in place of 24 a, these two differ by at most .1 %.
 
-Cells are squares that are halved five times towards the contact, with hanging nodes: 24 a / 32 n there. The radius is
-computed from the second moment of the forces, <r^2> = 2/5 a^2, and the peak is the largest nodal pressure. With n = 16
-(1321 cells) both agree with Hertz within .6 %, and stresses on the axis within 1 % of p_0.
+Cells are squares that are halved five times towards the contact, with hanging nodes. Beside the contact the side of a
+cell is 3 a / (4 n). The radius is computed from the second moment of the forces, <r^2> = 2/5 a^2, and the peak is the
+largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on the axis
+differ from the closed form by at most 1 % of p_0.
 
     vemcvx run problems/sphere_on_half_space.py --n 16 --steps 4 --plot
 """

@@ -7,13 +7,13 @@ and the joint is smooth, so that both tubes are in plane stress. Radial and hoop
 
 $$
 e_z = -\nu(\sigma_r + \sigma_\theta) / E, \qquad \sigma_r + \sigma_\theta = -2 p b^2 / (b^2 - a^2),
-\qquad 2 p b^2 / (c^2 - b^2).
+\qquad 2 p b^2 / (c^2 - b^2)
 $$
 
-The inner tube grows and the outer tube shrinks: they slide on each other by the difference of e_z times z. Both tubes
-have 3n sectors in the quarter, so that they approximate the circle r = b by the same polygon. Layers do not match: n/2
-and 3n/4. With n = 8 the mean pressure agrees with Lame's within .6 %. Nodal pressures have errors O(h)
-and scatter by 4 %, the recovered pressures `contact.pressure_recovered` by 1 %.
+in the inner and in the outer tube. The inner tube becomes longer and the outer tube shorter: they slide on each other
+by the difference of e_z times z. Both tubes have 3n sectors in the quarter, so that they approximate the circle r = b
+by the same polygon. Layers do not match: n/2 and 3n/4. With n = 8 the mean pressure agrees with Lame's within .6 %.
+Nodal pressures have errors O(h) and scatter by 4 %, the recovered pressures `contact.pressure_recovered` by 1 %.
 
     vemcvx run problems/tubes_shrunk_on.py --n 8 --steps 2 --accuracy 1e-7 --plot
 """

@@ -2,8 +2,8 @@
 
 from vemcvx.meshes.carrying import Refinement
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles
-from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra
-from vemcvx.meshes.families.voronoi import voronoi, voronoi3
+from vemcvx.meshes.families.space import cubes, prisms, tetrahedra
+from vemcvx.meshes.families.voronoi import kelvin, voronoi, voronoi3
 from vemcvx.meshes.halves import cut
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.mesh import Mesh

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import (
+    ROUNDING,
     SINGLE_EPS,
     Bools,
     Floats,
@@ -69,10 +70,12 @@ def check_box(box: Any, dimension: int = 2) -> Box:
     for axis, (low, high) in zip(AXES, given.tolist(), strict=False):
         if not low < high:
             raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
-        if high - low < SHORTEST or max(-low, high) > LARGEST:
+        farthest = max(-low, high)
+        if high - low < max(SHORTEST, ROUNDING * farthest) or farthest > LARGEST:
             raise MeshError(
-                f"box must have sides above {SHORTEST:g} and coordinates below {LARGEST:g}, or areas underflow and "
-                f"overflow; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units."
+                f"box must have sides above {SHORTEST:g} and above {ROUNDING:g} of its coordinates, and coordinates "
+                f"below {LARGEST:g}; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units or a box nearer "
+                "to the origin."
             )
     low, high = given.astype(float).T.tolist()
     return Box(tuple(low), tuple(high))

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.base.arrays import Floats, Ints, brief, plain, read_only
 from vemcvx.base.errors import MeshError
@@ -73,21 +75,22 @@ def check_interfaces(
             raise MeshError(
                 f"interface {name!r} must be an Interface with the names of two bodies; got {brief(given)}."
             )
-        sides = [plain(side) for side in (given.edges, given.partners)]
-        rows = [side.astype(np.int64) for side in sides if side is not None and side.dtype.kind in "iu"]
-        if len(rows) < 2 or not _are_rows(*rows, n_nodes, dimension):
+        edges, partners = plain(given.edges), plain(given.partners)
+        if edges is None or partners is None or not _are_rows(edges, partners, n_nodes, dimension):
             wanted = "(k, 2)" if dimension == 2 else "(k, n), n > 2, each row padded with -1"
             raise MeshError(
                 f"interface {name!r}: edges and partners must be nodes 0 to {n_nodes - 1} in arrays of one shape "
                 f"{wanted}; got {brief(given.edges)} and {brief(given.partners)}."
             )
-        found[name] = Interface(bodies, *rows)
+        found[name] = Interface(bodies, edges.astype(np.int64), partners.astype(np.int64))
     return found
 
 
-def _are_rows(edges: Ints, partners: Ints, n_nodes: int, dimension: int) -> bool:
+def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimension: int) -> bool:
     """Return True if both arrays have the same rows of nodes, with -1 only at the ends of rows in space."""
     if edges.shape != partners.shape or edges.ndim != 2 or not len(edges) or edges.shape[1] < dimension:
+        return False
+    if edges.dtype.kind not in "iu" or partners.dtype.kind not in "iu":
         return False
     filled, rows = edges >= 0, np.stack([edges, partners])
     whole = filled[:, :dimension].all() and (filled[:, 1:] <= filled[:, :-1]).all()

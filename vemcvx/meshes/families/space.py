@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box, check_grades
 from vemcvx.meshes.families.voronoi import voronoi
-from vemcvx.meshes.polygons import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import FACES, join_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
@@ -149,99 +146,3 @@ def prisms(
     nx, ny, nz = cell_counts(n, whole, size)
     x, y, _ = box
     return voronoi((nx, ny), (x, y), seed).extruded(whole.ticks(nx, ny, nz)[2])
-
-
-# Truncated octahedra, which fill space: the cells of Kelvin's foam, with plane faces.
-#
-# There is a cell about the centre of each cube of a grid, and a cell about each node. Cells about nodes on the boundary
-# of the box are cut to a half, a quarter or an eighth. The unit of length is a quarter of a cube: the vertices of a
-# cell about the origin are all permutations of (0, +-1, +-2) (W. Thomson, Phil. Mag. 24 (1887), 503-514).
-
-
-VERTICES = np.array([v for v in product(range(-2, 3), repeat=3) if sorted(map(abs, v)) == [0, 1, 2]])
-
-
-def kelvin(
-    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
-) -> PolyhedralMesh:
-    """Return a mesh of a box with truncated octahedra; at the sides of the box, cells are cut to parts of them.
-
-    Parameters
-    ----------
-    n, box, seed, size : as in `cubes`
-        There is a cell about the centre of each cube, and one about each node of `cubes`.
-
-    Returns
-    -------
-    PolyhedralMesh
-        Cells about centres of cubes, then cells about nodes, both layer by layer; nodes layer by layer.
-
-    Examples
-    --------
-    >>> vx.meshes.kelvin(2).n_cells
-    35
-    """
-    whole = check_box(box, 3)
-    counts = np.array(cell_counts(n, whole, size, each=2))
-    middles = 4 * _grid(counts) + 2
-    corners = 4 * _grid(counts + 1)
-    # -1, 0, 1 for each axis: on the lower side of the box, inside, on the upper side
-    cut = (corners == 4 * counts).astype(np.int64) - (corners == 0)
-    sites = np.concatenate([middles, corners])
-    cut = np.concatenate([np.zeros_like(middles), cut])
-    blocks, owner = [], []
-    for sides in np.unique(cut, axis=0):
-        members = np.flatnonzero((cut == sides).all(axis=1))
-        for face in _faces(tuple(sides.tolist())):
-            blocks.append(sites[members, None] + face)
-            owner.append(members)
-    width, depth = 4 * counts[:2] + 1
-    x, y, z = np.concatenate([block.reshape(-1, 3) for block in blocks]).T
-    used, vertices = np.unique((z * depth + y) * width + x, return_inverse=True)
-    sizes = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
-    cells = np.concatenate(owner)
-    offsets, vertices = rows_in_order(offsets_of(sizes), vertices, np.argsort(cells, kind="stable"))
-    joined = join_faces(offsets, vertices, offsets_of(np.bincount(cells)))
-    at = (used % width, used // width % depth, used // (width * depth))
-    lines = whole.ticks(*(4 * counts).tolist())
-    points = np.column_stack([line[place] for line, place in zip(lines, at, strict=True)])
-    return PolyhedralMesh.unchecked(points, *joined, box=whole)
-
-
-def _grid(counts: Ints) -> Ints:
-    """Return the grid (m, 3) of whole numbers below the counts along x, y and z, layer by layer."""
-    z, y, x = np.indices(tuple(counts[::-1].tolist())).reshape(3, -1)
-    return np.column_stack([x, y, z])
-
-
-def _faces(cut: tuple[int, ...]) -> list[Ints]:
-    """Return the faces (k, 3) of a cell about the origin, with outward normals; clip where cut[axis] * x[axis] > 0."""
-    outwards = [np.array(signs) for signs in product((-1, 1), repeat=3)]
-    outwards += [sign * axis for axis in np.eye(3, dtype=np.int64) for sign in (-1, 1)]
-    planes = [(out, 3 if out.all() else 2) for out in outwards]
-    planes += [(sign * axis, 0) for sign, axis in zip(cut, np.eye(3, dtype=np.int64), strict=True) if sign]
-    faces = [_around(VERTICES[VERTICES @ out == height], out) for out, height in planes]
-    for axis, sign in enumerate(cut):
-        if sign:
-            parts = [_clip_below(face, sign * face[:, axis]) for face in faces]
-            faces = [part for part in parts if len(part) > 2]
-    return faces
-
-
-def _around(points: Ints, normal: Ints) -> Ints:
-    """Sort the vertices of a convex polygon counter-clockwise around the normal."""
-    arm = points - points.mean(axis=0)
-    ahead = arm[0]
-    return points[np.argsort(np.arctan2(arm @ np.cross(normal, ahead) / np.linalg.norm(normal), arm @ ahead))]
-
-
-def _clip_below(face: Ints, height: Ints) -> Ints:
-    """Return the part of a convex polygon with height <= 0, if its boundary crosses edges at their midpoints."""
-    kept = []
-    for k in range(len(face)):
-        after = (k + 1) % len(face)
-        if height[k] <= 0:
-            kept.append(face[k])
-        if height[k] * height[after] < 0:
-            kept.append((face[k] + face[after]) // 2)
-    return np.array(kept)

@@ -23,6 +23,7 @@ from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
     UNIT_BOX,
     UNIT_CUBE,
+    Box,
     Corners,
     Count,
     SpaceCorners,
@@ -149,11 +150,45 @@ def voronoi3(
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     lengths = np.array(whole.lengths)
     sides = lengths * (count / np.prod(lengths / lengths.max())) ** (1.0 / 3.0) / lengths.max()
-    points, faces = _relax(seed, count, sides, relaxations, _polyhedra)
+    return _solid(*_relax(seed, count, sides, relaxations, _polyhedra), sides, whole)
+
+
+def kelvin(
+    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
+) -> PolyhedralMesh:
+    """Return a mesh of a box with truncated octahedra, the cells of Kelvin's foam; at the sides, with parts of them.
+
+    They are the Voronoi cells of a body-centred lattice (W. Thomson, Phil. Mag. 24 (1887), 503-514).
+
+    Parameters
+    ----------
+    n, box, seed, size : as in `cubes`
+        There are two cells for each cube.
+
+    Returns
+    -------
+    PolyhedralMesh
+        Cells and nodes are sorted into layers and rows.
+
+    Examples
+    --------
+    >>> vx.meshes.kelvin(2).n_cells
+    16
+    """
+    whole = check_box(box, 3)
+    counts = cell_counts(n, whole, size, each=2)
+    first = np.indices(counts).reshape(3, -1).T + 0.25
+    seeds, _ = _sort_by_rows(np.concatenate([first, first + 0.5]))
+    sides = np.array(counts, dtype=float)
+    return _solid(*_polyhedra(seeds, sides, MIRROR_DISTANCE[3]), sides, whole)
+
+
+def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralMesh:
+    """Return the mesh of cells in [0, sides], moved into a box, with sorted nodes."""
     points, number = _sort_by_rows(points)
     faces = faces._replace(face_vertices=number[faces.face_vertices])
-    points = move_into_box(points, sides, np.array(whole.low), np.array(whole.high))
-    return PolyhedralMesh.unchecked(points, *faces, box=whole)
+    points = move_into_box(points, sides, np.array(box.low), np.array(box.high))
+    return PolyhedralMesh.unchecked(points, *faces, box=box)
 
 
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)

@@ -6,7 +6,6 @@ import pickle
 from functools import cache
 from xml.etree import ElementTree
 
-import meshio
 import numpy as np
 import pytest
 from refined_cubes import refined_cubes
@@ -15,7 +14,6 @@ from scenes import small
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, PolygonMesh, read
-from vemcvx.meshes.io.vtu import pack_cells, write_cells
 
 BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
@@ -155,14 +153,3 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         vx.meshes.squares(3).write(tmp_path / "mesh.vtu")
     assert (tmp_path / "mesh.vtu").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["mesh.vtu"]
-
-
-@pytest.mark.long
-def test_meshio_does_not_confuse_fields(tmp_path):
-    """Write many compressed fields: meshio replaces offsets in turn, and may take a new offset for an old one."""
-    mesh, random = vx.meshes.squares(3), np.random.default_rng(0)
-    for trial in range(20):
-        fields = {f"field {k}": random.random(mesh.n_nodes) * (random.random(mesh.n_nodes) < 0.2) for k in range(60)}
-        write_cells(tmp_path / "step.vtu", pack_cells(mesh), fields, {})
-        found = meshio.read(tmp_path / "step.vtu").point_data
-        assert [name for name in fields if not np.array_equal(found[name], fields[name])] == [], trial

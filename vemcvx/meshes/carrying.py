@@ -133,19 +133,18 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
         return np.ones(n_cells, dtype=bool)
     what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
     given = plain(cells)
-    if given is None:
-        raise MeshError(f"{what}; got {brief(cells)}, which is masked or has rows of different lengths.")
-    if given.ndim == 1 and not given.size:
-        return np.zeros(n_cells, dtype=bool)
-    if given.ndim != 1 or given.dtype.kind not in "biu" or (given.dtype == bool and len(given) != n_cells):
-        example = f", for example {given.ravel()[0]!r}" if given.size and given.dtype.kind not in "biu" else ""
-        raise MeshError(f"{what}; got {given.dtype} of shape {given.shape}{example}.")
-    if given.dtype == bool:
-        return given.copy()
-    if given.min() < 0 or given.max() >= n_cells:
-        raise MeshError(f"{what}; got numbers from {given.min()} to {given.max()}.")
+    if (
+        given is None
+        or given.ndim != 1
+        or not (
+            (given.dtype == bool and len(given) == n_cells)
+            or not given.size
+            or (given.dtype.kind in "iu" and 0 <= given.min() <= given.max() < n_cells)
+        )
+    ):
+        raise MeshError(f"{what}; got {brief(cells)}.")
     marked = np.zeros(n_cells, dtype=bool)
-    marked[given.astype(np.int64)] = True
+    marked[given if given.size else []] = True
     return marked
 
 

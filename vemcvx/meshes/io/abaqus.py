@@ -12,25 +12,22 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
+from string import ascii_letters
 
 import numpy as np
 
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.grid import Grid, keep_corners
+from vemcvx.meshes.io.grid import NODES, Grid, keep_corners
 from vemcvx.meshes.polygons import offsets_of
 
-PLANE, SOLID = "(?:CP[ES]|CPEG|DC2D|S|M3D|SFM3D|R3D|DS|STRI)", "(?:C3D|DC3D)"
-TYPES = {f"{PLANE}3": ("triangle", 3), f"{PLANE}4": ("quad", 4), f"{PLANE}65?": ("triangle6", 6)}
-TYPES |= {
-    f"{PLANE}8": ("quad8", 8),
-    f"{SOLID}4": ("tetra", 4),
-    f"{SOLID}6": ("wedge", 6),
-    f"{SOLID}8": ("hexahedron", 8),
+TYPES = {
+    r"(?:CP[ES]|CPEG|DC2D|S|M3D|SFM3D|R3D|DS|STRI)(\d)": {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8"},
+    r"D?C3D(\d+)": {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"},
+    r"(?:T[23]D|R2D)(\d)": {2: "line", 3: "line3"},
+    r"B[23](\d)": {1: "line", 2: "line3"},
 }
-TYPES |= {f"{SOLID}10": ("tetra10", 10), f"{SOLID}15": ("wedge15", 15), f"{SOLID}20": ("hexahedron20", 20)}
-TYPES |= {"(?:T[23]D|R2D)2|B[23]1": ("line", 2), "T[23]D3|B[23]2": ("line3", 3)}
-"""Patterns of element types (letters may follow) -> kind of cells, number of nodes."""
+"""Patterns of element types (letters may follow) -> number in the type -> kind of cells."""
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -147,11 +144,12 @@ class _Deck:
     def _take_elements(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
         words = [one for row in rows for one in row if one]
         given = options.get("TYPE", "").upper()
-        shape = next((found for pattern, found in TYPES.items() if re.fullmatch(f"(?:{pattern})[A-Z]*5?", given)), None)
-        if shape is None:
+        found = ((re.fullmatch(f"{pattern}[A-Z]*5?", given), kinds) for pattern, kinds in TYPES.items())
+        kind = next((kinds.get(int(match[1]), "") for match, kinds in found if match), "")
+        if not kind:
             self.unread.append(f"elements of the type {given}{f' in {self.scope}' if self.scope else ''}")
             return
-        kind, count = shape
+        count = int(kind.strip(ascii_letters) or NODES[kind])
         if len(words) % (count + 1):
             raise MeshError(f"its elements of the type {given} do not all have {count} nodes.")
         known, nodes, places = self._numbers_of("ELSET"), self._numbers_of("NSET"), list[int]()

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -84,7 +83,7 @@ class Grid:
 
 @contextlib.contextmanager
 def translate_errors(subject: str, failure: str) -> Iterator[None]:
-    """Turn all errors inside the block, even sys.exit, into MeshError, and log what other libraries print."""
+    """Turn all errors inside the block, even sys.exit, into MeshError, and hide what other libraries print."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
@@ -94,8 +93,6 @@ def translate_errors(subject: str, failure: str) -> Iterator[None]:
     except (SystemExit, Exception) as error:
         cause = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
         raise MeshError(f"{subject} {failure} ({' '.join(cause.split())[:200]}).") from error
-    if words := " ".join(said.getvalue().split()):
-        logging.getLogger("vemcvx").info("%s: %s", subject, words)
 
 
 def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:

@@ -97,7 +97,9 @@ class Cost:
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
-        recipe(points[-1])  # A problem that cannot be posed is one error here, instead of one at every point.
+        posed = recipe(points[-1])  # A problem that cannot be posed is one error here, instead of one at every point.
+        if self.of == "energy" and posed.scene.is_axisymmetric:
+            raise ProblemError("cost: found a body of revolution; choose --of dissipated, --of work or --of wear.")
         with Owned(folder) as own:
             # Fail before the sweep starts if the files cannot be written.
             for name in (TABLE, PICTURE):

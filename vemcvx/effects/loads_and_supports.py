@@ -528,7 +528,8 @@ class ElasticFoundation(Effect):
         (m, count, q), dim = rule.shares.shape, n.shape[1]
         across = n[:, :, None] * n[:, None, :]
         along = np.eye(dim) - across
-        ends = rule.shares / rule.shares.sum(axis=1, keepdims=True)
+        total = rule.shares.sum(axis=1, keepdims=True)
+        ends = np.divide(rule.shares, total, out=np.zeros_like(rule.shares), where=total > 0.0)
         blocks = np.zeros((m, count, dim, count, dim))
         for name, direction in (("normal", across), ("tangential", along)):
             k = self._read(name, data.At(rule.points.reshape(-1, dim))).reshape(m, q)

@@ -26,7 +26,7 @@ from vemcvx.scene.contact import Obstacles, Surface, Terms, describe_immovable, 
 from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, floating_motions
 from vemcvx.scene.rows import straighten_normals
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import Supports, by_precedence, check_bonds, resolve
+from vemcvx.scene.supports import Supports, by_precedence, check_bonds, check_off_axis, resolve
 from vemcvx.vem import Space, energy_rows, rigid_modes
 
 
@@ -174,6 +174,8 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     holds = by_precedence(_chain(p.supports for p in parts))
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
+    if space.axisymmetric:
+        check_off_axis(_chain(contact))
     straight = iter(straighten_normals(holds, _chain(contact)))
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
     check_bonds(holds, (*frictions, *stops))

@@ -31,7 +31,7 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
 from vemcvx.base.errors import SceneError
-from vemcvx.effects import Friction, Obstacle, Support
+from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.scene.rows import jump_rows, pairs_of
 from vemcvx.vem import tangents_of
@@ -148,6 +148,14 @@ class Supports:
 def by_precedence(supports: Sequence[Support]) -> list[Support]:
     """Sort supports so that contact comes last: prescribed displacements take precedence."""
     return sorted(supports, key=lambda s: s.contact)
+
+
+def check_off_axis(surfaces: Sequence[ContactSurface]) -> None:
+    """Raise SceneError where contact acts on the axis of a body of revolution, which has no area."""
+    for surface in surfaces:
+        if (surface.lengths == 0.0).any():
+            found = f"{surface.subject}: found sides on the axis of the body of revolution, which have no area"
+            raise SceneError(f"{found}; name other boundaries. Nodes on the axis are held radially.")
 
 
 def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle]) -> None:

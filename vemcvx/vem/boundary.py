@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons import TOLERANCE, find_in, offsets_of
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
@@ -145,8 +145,9 @@ def edge_part(
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
-    # The extent across the plane at the ends of each edge; linear between them.
-    depth = 2.0 * np.pi * points[edges, 0] if axisymmetric else np.ones(edges.shape)
+    # The extent across the plane at the ends of each edge; linear between them. It is zero on the axis.
+    r = points[edges, 0]
+    depth = 2.0 * np.pi * r * (r > SAME * points[:, 0].max()) if axisymmetric else np.ones(edges.shape)
     node_lengths = 0.5 * lengths[:, None] * ((2.0 * depth + depth[:, ::-1]) / 3.0)
 
     def rules(count: int) -> tuple[SideRule, ...]:

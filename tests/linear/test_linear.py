@@ -19,7 +19,6 @@ from vemcvx.scene import pose_scene
 from vemcvx.testing import linear_suite
 
 DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
-TIMES = np.linspace(0.0, 1.0, 7)
 
 
 test_superlu = long_cases(linear_suite(SuperLU()), lambda case: "runs agree" in case)
@@ -108,10 +107,8 @@ class WithoutNearKernel(vx.LinearSolver):
 
 
 def test_a_class_that_lacks_near_kernel_is_named():
-    with pytest.raises(
-        vx.SceneError,
-        match=r"^linear solver WithoutNearKernel: wanted factorise\(self, K, near_kernel=None\); too many",
-    ):
+    sentence = r"^linear solver WithoutNearKernel: wanted factorise\(self, K, near_kernel=None\); too many"
+    with pytest.raises(vx.SceneError, match=sentence):
         vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0], linear=WithoutNearKernel())
 
 

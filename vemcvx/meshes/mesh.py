@@ -54,18 +54,7 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Mesh(ABC):
-    """The common base of `PolygonMesh` and `PolyhedralMesh`: a mesh in the plane or in space.
-
-    Attributes
-    ----------
-    points : (n_nodes, dim) float
-        Node coordinates.
-    cell_data : mapping of str to (n_cells, ...) array
-        Data on cells.
-    interfaces : mapping of str to Interface
-        Coinciding boundaries of two bodies: see :func:`vemcvx.meshes.bodies`.
-    node_map : (n,) int or None
-        If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
+    """The common base of `PolygonMesh` and `PolyhedralMesh`, whose pages list the attributes.
 
     Examples
     --------

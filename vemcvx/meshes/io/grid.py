@@ -239,17 +239,13 @@ def bodies_of(grid: Grid) -> dict[str, Grid]:
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
     if len(bodies) < 2 or (times != 1).any():
-        several = np.flatnonzero(inner)[times > 1]
-        double = " and ".join(repr(name) for name, mine in bodies.items() if mine[several[:1]].any())
-        empty = ", ".join(repr(name) for name in grid.bodies if name not in bodies)
-        cure = f"{empty} has no cells" if empty else "read the file without bodies="
-        found = f"there is one, {next(iter(bodies))!r}; {cure}" if bodies else "there is none"
-        found = f"{len(several)} of its cells are in several bodies, {double}" if double else found
-        found = f"{(times == 0).sum()} of its cells are in no body" if bodies and (times == 0).any() else found
+        sizes = {name: np.count_nonzero(grid.sets[name] & inner) for name in grid.bodies}
+        found = ", ".join(f"{name!r} with {size} cells" for name, size in sizes.items()) or "there is none"
+        counts = f"{(times == 0).sum()} cells are in no body, {(times > 1).sum()} in several"
         raise MeshError(
             "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
             "(or else element set) of an Abaqus file, of every property of a Nastran file. There must be at least two, "
-            f"and each cell must be in one; here {'; '.join([found, *(note.rstrip('.') for note in grid.notes)])}."
+            f"and each cell must be in one; here {'; '.join([found, counts, *(n.rstrip('.') for n in grid.notes)])}."
         )
     found_grids: dict[str, Grid] = {}
     cell = np.repeat(np.arange(len(inner)), np.diff(grid.offsets))

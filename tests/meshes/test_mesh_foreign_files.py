@@ -84,7 +84,7 @@ def test_files_of_users_keep_names_and_become_bodies():
     two = read(FILES / "a1_two_parts.inp", bodies="physical")
     assert list(two.interfaces) == ["Lower-1|Upper-1"]
     assert two.measures.tolist() == [1.0, 9.0]
-    for name, words in (("g3_saveall_41.msh", "'all' with 2 cells, 'steel' with 1 cells; 0 cells are in no body, 1 in several"),
+    for name, words in (("g3_saveall_41.msh", "'all' with 2 cells, 'steel' with 1 cells; 0 .*, 1 in several"),
                         ("a3_elset_second.inp", ".*2 cells are in no body"),
                         ("a8b_include.inp", "'PLATE' with 1 cells"),
                         ("a7_cpe4.inp", "there is none")):  # fmt: skip
@@ -488,9 +488,7 @@ def test_a_cell_in_two_groups_is_one_cell(read_text):
     assert mesh.cell_data["steel"].tolist() == [1, 0]
     assert mesh.cell_data["8"].tolist() == [1, 1]
     assert mesh.volumes.tolist() == pytest.approx([1 / 6, 1 / 3])
-    with pytest.raises(
-        vx.MeshError, match="'steel' with 1 cells, '8' with 2 cells; 0 cells are in no body, 1 in several"
-    ):
+    with pytest.raises(vx.MeshError, match="'steel' with 1 cells, '8' with 2 cells; 0 .*, 1 in several"):
         read_text(".msh", text, bodies="physical")
 
 

@@ -37,9 +37,8 @@ from vemcvx.meshes.polygons import (
     rows_in_order,
     same_rows,
     smallest_linked,
-    spans,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, axes_in_planes, face_shapes
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 
 CORNER_FACTOR = 4.0
 """1 / sin(15 degrees), rounded up."""
@@ -80,20 +79,40 @@ def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, toler
     MeshError
         The edges of both bodies do not form polygons that cover a face; the message says where.
     """
-    of_face, points = body[faces.face_vertices[faces.face_offsets[:-1]]], points[place]
-    faces = faces._replace(face_vertices=place[faces.face_vertices])
-    outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
-    outline = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
+    offsets, nodes, cell_offsets = list_faces(faces)
+    of_face, points, rows = body[nodes[offsets[:-1]]], points[place], (offsets, place[nodes])
+    outer = np.flatnonzero(faces.face_cells[faces.cell_faces, 1] < 0)
+    outline = rows_in_order(*rows, outer)
     shapes = face_shapes(points, *outline)
     upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
-    links = upon.T[number[upon[0]] != number[upon[1]]]
-    points, face, pieces = _split_faces(points, outline, shapes, links, tolerance)
-    faces, origin = _replace_faces(faces, outer[face], pieces)
-    sides = np.append(outline[0], outline[0][-1] + pieces[0][1:]), np.append(outline[1], pieces[1])
-    offsets, vertices = _hang((faces.face_offsets, faces.face_vertices), sides, points, tolerance)
-    faces = faces._replace(face_offsets=offsets, face_vertices=vertices)
-    return CutBodies(*_number(faces, of_face[origin], points, body, place), origin)
+    points, face, pieces = _split_faces(points, outline, shapes, upon.T[number[upon[0]] != number[upon[1]]], tolerance)
+    # the pieces of a face take its position in the list
+    kept = np.setdiff1d(np.arange(len(of_face)), outer[face])
+    listed = np.append(kept, outer[face])
+    order = np.argsort(listed, kind="stable")
+    listed = listed[order]
+    rows = rows_in_order(*_join(rows_in_order(*rows, kept), pieces), order)
+    offsets, vertices = _hang(rows, _join(outline, pieces), points, tolerance)
+    # each body gets its own node in every place of its faces; new nodes come last
+    face, count = cell_of_corner(offsets), int(body[-1]) + 1
+    keys = np.sort(face * len(points) + vertices)
+    twice = keys[1:][np.diff(keys) == 0]
+    if len(twice):
+        raise mismatch_error(points[twice[0] % len(points)])
+    known, wanted = place * count + body, vertices * count + of_face[listed[face]]
+    known = np.concatenate([known, np.setdiff1d(wanted, known)])
+    place, body = np.divmod(known, count)
+    _, leader, number = np.unique(place, return_index=True, return_inverse=True)
+    cells = offsets_of(np.bincount(cell_of_corner(cell_offsets)[listed]))
+    faces, old = join_faces(offsets, find_in(known, wanted), cells), faces.cell_faces[listed]
+    origin = np.empty(len(faces.face_cells), dtype=np.int64)
+    origin[faces.cell_faces] = old
+    return CutBodies(points[place], faces, body, leader[number], origin)
+
+
+def _join(one: Rows, other: Rows) -> Rows:
+    return np.append(one[0], one[0][-1] + other[0][1:]), np.append(one[1], other[1])
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
@@ -177,36 +196,6 @@ def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints
     offsets, places = rows_in_order(*rows, kept)
     single = places != places[next_corner(offsets)]
     return kept, (offsets_of(np.add.reduceat(single, offsets[:-1], dtype=np.int64)), places[single])
-
-
-def _replace_faces(faces: Faces, some: Ints, pieces: Rows) -> tuple[Faces, Ints]:
-    """Replace the faces `some` (k,), ascending, by their pieces (k rows); also return the original face of each."""
-    many, (face, count) = np.ones(len(faces.face_offsets) - 1, dtype=np.int64), np.unique(some, return_counts=True)
-    many[face] = count
-    origin = np.repeat(np.arange(len(many)), many)
-    row = origin.copy()
-    row[np.isin(origin, face)] = len(many) + np.arange(len(some))
-    every = np.concatenate([faces.face_offsets, faces.face_offsets[-1] + pieces[0][1:]])
-    rows = rows_in_order(every, np.concatenate([faces.face_vertices, pieces[1]]), row)
-    each = many[faces.cell_faces]
-    cell_offsets = offsets_of(np.add.reduceat(each, faces.cell_offsets[:-1]))
-    cell_faces = spans(offsets_of(many)[faces.cell_faces], each)
-    return Faces(*rows, cell_offsets, cell_faces, faces.face_cells[origin]), origin
-
-
-def _number(faces: Faces, of_face: Ints, points: Floats, body: Ints, place: Ints) -> tuple[Floats, Faces, Ints, Ints]:
-    """Number the nodes: each body gets its own node in every place of its faces; new nodes come last."""
-    corner = cell_of_corner(faces.face_offsets)
-    keys = np.sort(corner * len(points) + faces.face_vertices)
-    twice = keys[1:][np.diff(keys) == 0]
-    if len(twice):
-        raise mismatch_error(points[twice[0] % len(points)])
-    count = int(body[-1]) + 1
-    known, wanted = place * count + body, faces.face_vertices * count + of_face[corner]
-    known = np.concatenate([known, np.setdiff1d(wanted, known)])
-    place, body = np.divmod(known, count)
-    _, leader, number = np.unique(place, return_index=True, return_inverse=True)
-    return points[place], faces._replace(face_vertices=find_in(known, wanted)), body, leader[number]
 
 
 def mismatch_error(at: Floats) -> MeshError:

@@ -54,7 +54,11 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Mesh(ABC):
-    """The common base of `PolygonMesh` and `PolyhedralMesh`, whose pages list the attributes.
+    """The common base of `PolygonMesh` and `PolyhedralMesh`: a mesh in the plane or in space.
+
+    Attributes
+    ----------
+    points, cell_data, interfaces, node_map : as in `PolyhedralMesh`
 
     Examples
     --------

@@ -43,6 +43,7 @@ SHAPES = {
         *[(3, 4), (3, 3), (2, 3), (2, 5), (5, 5), (5, 1), (0, 1)],
     ],
     "straight vertices": [(0, 0), (1, 0), (2, 0), (5, 0), (5, 1), (5, 2), (2.5, 2), (0, 2), (0, 1.5)],
+    "thin": [(1, 1e-5), (0.3, 7e-5), (-0.8, 6e-5), (-0.9, -4e-5), (0.2, -1e-4)],
     # The rule of four points would touch the base of this triangle.
     "hanging node": [(-1, 0), (0, 0), (1, 0), (0, 1.5)],
 }
@@ -55,25 +56,11 @@ def test_quadrature_is_exact_for_degree_two_with_points_inside_cells_of_any_shap
         (group,) = Space(vx.PolygonMesh(corners, [np.roll(range(len(corners)), shift)])).groups
         x, weights, owner = cell_quadrature(group)
         assert weights @ evaluate_monomials(x) == pytest.approx(integrate(corners), rel=1e-13, abs=1e-14)
-        assert shapely.contains_xy(shapely.Polygon(corners).buffer(-1e-3), x).all()
+        assert shapely.contains_xy(shapely.Polygon(corners), x).all()
+        assert len(x) == 4 or name not in ("square", "thin")
+        assert x[:, 1].min() > 1e-3 or name != "hanging node"
         assert weights.min() >= 0.0
         assert not owner.any()
-
-
-@pytest.mark.long
-def test_convex_cells_need_four_points():
-    """The ellipse of inertia, scaled to degree 2, is inside every convex cell, also inside thin ones."""
-    rng = np.random.default_rng(3)
-    for n in np.repeat((4, 5, 6, 9), 50):
-        angle = np.sort(rng.uniform(0, 2 * np.pi, n))
-        if np.diff(angle, append=angle[0] + 2 * np.pi).max() > 3.0:
-            continue  # nearly flat: the cell may not even contain the centre of its circle
-        corners = np.column_stack([np.cos(angle), 10.0 ** rng.uniform(-4, 0) * np.sin(angle)])
-        (group,) = Space(vx.PolygonMesh(corners, [range(n)])).groups
-        x, weights, _ = cell_quadrature(group)
-        assert len(x) == 4
-        assert shapely.contains_xy(shapely.Polygon(corners), x).all()
-        assert weights @ x[:, 0] ** 2 == pytest.approx(integrate(corners)[3], rel=1e-11)
 
 
 @pytest.mark.parametrize("name", [*FAMILIES, *SOLIDS])

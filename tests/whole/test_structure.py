@@ -50,9 +50,9 @@ LINES |= {"meshes": 7_037, "meshes/io": 1_412, "vem": 2_763}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_809
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_693
+TESTS = 22_680
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_628
+ALL_TESTS = 33_615
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

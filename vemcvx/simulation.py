@@ -100,7 +100,7 @@ def simulate(
     Raises
     ------
     SceneError
-        The scene is not well-posed on this mesh, or no bound is available; `initial` violates (3.10) on this mesh.
+        The scene is not well-posed on this mesh, no bound is available, or `initial` violates (3.10) of the paper.
     NotAccepted
         The solver does not accept the scene's program.
     NotCertified
@@ -298,11 +298,11 @@ class Projected:
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
 
-    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26), up to O(h), and exactly if u_0 is linear.
+    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26) of the paper. It is exact for linear u_0, else O(h).
 
     If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). One step
-    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. If this step is longer than the
-    projection error, a warning is issued: u_0 violates (2.1), or the mesh is too coarse.
+    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. If the norm of this step is more than
+    three times the projection error, a warning is issued: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------

@@ -307,8 +307,8 @@ def along_contact(
     show : {"pressure", "slip", "wear"}
         Pressure or slip at the instants of the steps, or the friction work per length up to these instants.
     steps : int or sequence of int, optional
-        Stored steps, at most four; by default ``history.telling(4)``: the peak, the first and the last turns of the
-        motion and the last step, or evenly spaced steps if the motion never reverses.
+        Stored steps, at most four; by default ``history.telling(4)``: the peak, the first and the latest turns of the
+        motion, and the last step; evenly spaced steps if the motion never reverses.
     limits : (low, high), optional
         Ends of the axis of values; by default the axis shows 0 and the values of all steps.
 

@@ -1,6 +1,6 @@
 """Energies and forces over a run, and all pictures of a history as files or as frames of a film.
 
-Backward Euler loses energy in addition to friction. This loss tends to zero with the step; with increments du it is
+Backward Euler loses more energy than friction dissipates. The excess vanishes with the step; for increments du it is
 
     work - (stored - stored at the start) - dissipated = sum over steps of 1/2 a(du, du) >= 0.
 """
@@ -110,8 +110,8 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
 
-    The colour is the root of the cell's part of the squared bound per area, on a logarithmic scale. Refining the
-    darkest cells gains most.
+    The colour shows sqrt(b / area) on a logarithmic scale, where b is the part of a cell in the squared bound. Refining
+    the darkest cells gains most.
 
     Parameters
     ----------
@@ -170,10 +170,10 @@ def hysteresis_loop(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the force on a driven boundary against its mean motion, along the axis of its longest path.
+    """Draw the force on a driven boundary against its mean motion, along the axis on which its path is longest.
 
     The force is the reaction of a boundary that a support moves, or else the total of a load. If all nodes of the
-    boundary move alike, the area enclosed by a cycle is its work.
+    boundary move alike, the area enclosed by a cycle is the work of the force.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def hysteresis_loop(
 def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the forces on named boundaries over time, one curve per component.
 
-    These are the eight largest components of `History.resultants`, without those below a hundredth of the largest.
+    These are the eight largest components of `History.resultants`, without components below 1 % of the largest.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
 
 
 def _draw_stress(history: Results, units: Units | None = None) -> Figure:
-    """Draw the deformed body in von Mises' stress, or if this is unknown in the largest shear stress."""
+    """Draw the deformed body in the colours of von Mises' stress; of the largest shear stress if this is unknown."""
     return stressed_body(history, stress="shear" if history.out_of_plane is None else "von_mises", units=units)
 
 

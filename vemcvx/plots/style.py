@@ -66,7 +66,7 @@ WORDS = {
     "energy/length": "energy per length",
     "energy/length²": "energy per area",
 }
-"""Product of units in tables -> its quantity."""
+"""Unit in tables -> the quantity that has this unit."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 
 

@@ -18,8 +18,8 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""Cosine between normals above which an edge or face at a contact node belongs to contact, at half the angle of a
-curve: a flatter corner counts as straight, which costs half an edge in a picture."""
+"""Cosine between normals above which an edge or face at a contact node belongs to contact: the cosine of half the angle
+of a curve. A flatter corner counts as straight; pictures are then wrong by half an edge."""
 
 
 @dataclass(frozen=True)

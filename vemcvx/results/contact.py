@@ -1,8 +1,8 @@
 """The contact boundary over time, from the results of a march.
 
 Slips are tangential parts of nodal displacements, (I - n n') u, minus the motion of the ground. Forces are given per
-length: a nodal force is divided by int phi_i, phi_i the hat function of the node, over the edges of contact or over the
-edges with friction. At corners, forces and edges of both sides count.
+length: a nodal force is divided by int phi_i over the edges of contact, or over the edges with friction, where phi_i is
+the hat function of the node. At corners, forces and edges of both sides count.
 
 - Tractions are minus the multipliers of friction.
 - Pressures are the forces p_j of one-sided contact. In bilateral contact they are the contact part of the forces
@@ -39,9 +39,9 @@ class Contact(ArrayRecord):
 
     Nodes of the boundary are contact nodes unless another support fixes their normal component. A node whose tangent a
     support fixes (on the axis of a half model) is a contact node. So is every node that a prescribed displacement moves
-    along the boundary against friction. The forces of such supports are neither traction nor pressure. Friction
-    against them is traction; it is set to 0 in a step in which the support stands still, although any value up to the
-    bound would be admissible.
+    along the boundary against friction. The forces of such supports are neither traction nor pressure. The friction
+    that they work against is traction; it is set to 0 in a step in which the support stands still, although any value
+    up to the bound would be admissible.
 
     In space, lengths are areas. At a node with one normal, slip and traction are vectors in the tangent plane, and the
     wear of a step is minus traction times slip. At edges and corners of contact, friction acts in the tangent plane of
@@ -77,18 +77,18 @@ class Contact(ArrayRecord):
         Quote and draw the recovered fields; but laws and bounds of friction hold for `traction` and `pressure` at every
         node. The means smooth the ends of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
     sticking : (S, m) bool
-        True where the increment of the step is zero, up to rounding, and in row 0.
+        True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)
         Friction work since the initial instant, in all steps, stored or not, per length with friction: the energy
         dissipated by friction is ``wear @ friction_lengths``. 0 without friction.
     wear_second_order : (S, m)
-        `wear` of second order in the step: with the friction bounds at both ends of every step.
+        `wear` to second order in the step, from the mean of the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
         Length of the slip path since the initial instant, to and fro, in all steps, stored or not; where several
         frictions meet, the largest length. Laws of friction may depend on it. If the bound depends on direction, slip
         across `direction` is multiplied by across / bound, the ratio of the two bounds of the friction.
     closed : (S, m) bool
-        True where the node touches its obstacle, along at least one of its normals, and in bilateral contact.
+        True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
     lengths : (m,)
         int phi_i over the edges of contact; at a corner, both sides count.
     friction_lengths : (m,)
@@ -240,7 +240,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # Forces along given directions refer to lengths of their own.
+    # Forces along given directions are divided by other lengths.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))

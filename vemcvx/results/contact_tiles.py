@@ -1,9 +1,9 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
 `Contact.pressure` is the nodal force R_i over |phi_i| = int phi_i, with phi_i the hat function of node i. On interfaces
-of meshes that do not match it has a ripple of order h or more. Where nodes of two bodies alternate, forces alternate,
-because a hanging node bends a cell of constant strain. Where two tilings are intersected, some nodes have a very small
-area, which does not affect the stiffness. Means over a few cells are more accurate, since R(v) = int p v for smooth v.
+of meshes that do not match it has a ripple of order h or more. Where nodes of both bodies alternate, large and small
+forces do: sides bend at hanging nodes although cells have constant strain. Where two tilings are intersected, some
+nodes have a very small area, not a small stiffness. Means over a few cells are better: R(v) = int p v for smooth v.
 On every interface on which a cell of either body has several sides, the recovered values are means over nearby nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
@@ -11,8 +11,8 @@ On every interface on which a cell of either body has several sides, the recover
 where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
 (2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
 exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
-rounded over 1.5 h. The length h is the length of a cell's sides on the surface (in space, the root of their area), the
-larger one of both bodies. k is 0 if normals differ by more than on a curve, so that sides at a corner do not mix.
+rounded over 1.5 h. The length h is the total length of one cell's sides on the surface (in space, the root of their
+area), and the larger value of both bodies. k is 0 if normals differ by more than on a curve: corners are not averaged.
 Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means
 would only blur them: then the recovered values are the nodal values.
 """
@@ -86,7 +86,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The iteration averages log d: the largest change grows by rounding only.
+            # The iteration averages log d: the largest change can grow only by rounding.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break

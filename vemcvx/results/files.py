@@ -14,9 +14,9 @@ contact, except `sticking` and `closed`: 1 or 0 at contact nodes and NaN elsewhe
 interface both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
 the fields of `History.on_cells`.
 
-All files are written to a folder inside the target and then moved, the archive first and the summary last. The archive
-marks the folder as a history. If the process dies before the move, an older history remains unchanged. Files with these
-names that do not belong to a history are not replaced.
+All files are written to a folder inside the target folder and then moved, first the archive, last the summary. The
+archive marks the folder as a history. If the process dies before the move, an older history remains unchanged. Files
+with these names that do not belong to a history are not replaced.
 
 The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
 and all other data as JSON in the array `about`.

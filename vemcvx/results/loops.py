@@ -86,7 +86,7 @@ def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
 def _find_driven(history: Results) -> dict[str, Floats]:
     """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name.
 
-    Histories from files and joined stages have no scene: their boundaries count as driven along the axes of reactions.
+    Histories from files and joined stages have no scene: a boundary counts as driven along the axes of its reaction.
     """
     names, along = [name for effect in _movers(history) for name in _names(effect)], {}
     if history.scene is None:

@@ -44,7 +44,7 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 log = logging.getLogger("vemcvx")
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
-"""Dimension -> the measure to which contact forces refer, and the unit of these forces."""
+"""Dimension -> the measure (length or area) by which contact forces are divided, and the unit of the quotient."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -96,7 +96,7 @@ class Results:
 
     @property
     def energy(self) -> Floats:
-        """The stored energy (S,) of body and springs, 1/2 a^h(u, u) if there is no stress at zero strain."""
+        """The energy (S,) in the body and in springs, 1/2 a^h(u, u) if there is no stress at zero strain."""
         return self.trajectory.energy[self.stored]
 
     @property
@@ -106,21 +106,21 @@ class Results:
 
     @property
     def work(self) -> Floats:
-        """The work (S,) since the initial instant: the sum of end-of-step forces and reactions times increments.
+        """The work (S,) since the initial instant: in each step, forces and reactions at its end times increments.
 
         It includes the work of obstacles with changing gaps and of moving ground. `work` minus the change of `energy`
-        minus `dissipated` is never negative: it is the sum over steps of 1/2 a^h(du, du) and of pressures times closed
-        gaps, where du is the increment of the step.
+        minus `dissipated` is never negative: it is the sum over steps of 1/2 a^h(du, du), where du is the increment,
+        and of pressures at the end of the step times gaps at its beginning.
         """
         return self.trajectory.work[self.stored]
 
     @property
     def dissipated_second_order(self) -> Floats:
-        """The energy (S,) lost since the initial instant, of second order: with friction bounds at both ends of a step.
+        """The energy (S,) lost since the initial instant, of second order, from friction bounds at both ends of steps.
 
         Quote `dissipated_second_order` and `work_second_order`. `dissipated` and `work` form the energy balance of
-        backward Euler, and are of first order in the step even if the states at the instants are exact. Losses in
-        dashpots, and friction whose slip turns in space, are of first order here, too.
+        backward Euler, and are of first order in the step even if the states at the instants are exact. With dashpots,
+        and where slip changes its direction in space, the states are of first order, and so is this energy.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -131,15 +131,15 @@ class Results:
 
     @property
     def certificate(self) -> Floats:
-        """The certified relative energy error (S,) of each stored step, given the step before."""
+        """The certified relative energy error (S,) of each stored step; the state before the step counts as exact."""
         return self.trajectory.certificate[self.stored]
 
     @property
     def certificate_kind(self) -> str:
         """The kind of `certificate`: "bound", or "for the given friction" if friction depends on the answer.
 
-        Under Coulomb's law and laws of slip, it bounds the distance to the solution of a program with given friction
-        bounds: the bounds that follow from the pressure and slip of the answer.
+        Under Coulomb's law and laws of slip, `certificate` bounds the distance to the solution of a program with given
+        friction bounds, which are computed from the pressure and slip of the answer.
         """
         return self.trajectory.certificate_kind
 
@@ -155,12 +155,12 @@ class Results:
 
     @property
     def certified_total(self) -> Floats:
-        """The bound (S,) `certified`, with the errors of all steps so far added up."""
+        """The sum (S,) of the errors of all steps so far, relative to the energy norm, rounding included."""
         return self.trajectory.certified_total[self.stored]
 
     @property
     def certificate_total(self) -> Floats:
-        """The certified relative energy error (S,), with the errors of all steps so far added up."""
+        """The sum (S,) of the certified errors of all steps so far, relative to the energy norm."""
         return self.trajectory.certificate_total[self.stored]
 
     @property
@@ -185,7 +185,7 @@ class Results:
 
     @property
     def spread(self) -> tuple[str, str]:
-        """The measure to which contact forces refer, and the unit of these forces."""
+        """The measure (length or area) by which contact forces are divided, and the unit of the quotient."""
         return SPREAD[3 if self.is_axisymmetric else self.mesh.points.shape[1]]
 
     @cached_property
@@ -207,7 +207,7 @@ class Results:
         return reaction(self, name)
 
     def force(self, of: str | Effect | type[Effect]) -> Floats:
-        """Return the total force (S, dim) of an effect on the body, or of all effects but supports on a boundary.
+        """Return the total force (S, dim) on the body: of an effect, or of contact, friction and springs on a boundary.
 
         Parameters
         ----------
@@ -224,7 +224,7 @@ class Results:
         return force(self, of)
 
     def moment(self, of: str | Effect | type[Effect], about: ArrayLike | None = None) -> Floats:
-        """Return the moment (S,), in space (S, 3), of an effect on the body, or of all effects but loads on a boundary.
+        """Return the moment (S,), in space (S, 3), on the body: of an effect, or of all except loads on a boundary.
 
         Parameters
         ----------
@@ -255,14 +255,14 @@ class Results:
     def out_of_plane_stress(self, step: int) -> Floats:
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        It is 0 in plane stress. In plane strain it is lam (e_xx + e_yy) = nu (xx + yy), or follows from E3, nu13 and
-        nu23 of an orthotropic material, minus the stress of blocked eigenstrains (E alpha theta if the body is free in
-        the plane). A Prestress has no component zz. In a body of revolution it is the hoop stress.
+        It is 0 in plane stress. In plane strain it is lam (e_xx + e_yy) = nu (xx + yy); in an orthotropic material it
+        follows from E3, nu13 and nu23. The stress of blocked eigenstrains is subtracted (E alpha theta if the body is
+        free in the plane). A Prestress has no component zz. In a body of revolution zz is the hoop stress.
 
         Raises
         ------
         SceneError
-            That step was not stored, the material does not give this stress, or the body is in space: use `stress`.
+            That step was not stored, the material does not give this stress, or the body is in space (use `stress`).
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         self.row(step)
@@ -276,7 +276,7 @@ class Results:
     def von_mises(self, step: int) -> Floats:
         """Return von Mises' equivalent stress (n_cells,) at a stored step, with the stress normal to the plane.
 
-        See :mod:`vemcvx.vem.tensors` for the formula, and `out_of_plane_stress` for this component and its errors.
+        See :mod:`vemcvx.vem.tensors` for the formula; `out_of_plane_stress` describes this component and errors raised.
         """
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
@@ -294,9 +294,9 @@ class Results:
         return self.on_cells(step)["principal_stresses"]
 
     def on_cells(self, step: int) -> dict[str, Floats]:
-        """Return all fields of a stored step on cells by name, computed from one strain.
+        """Return all cell fields of a stored step by name; the strain is computed once.
 
-        They are stress, principal stresses, the strain energy per area 1/2 eps : C eps and, if they are known, the
+        They are stress, principal stresses, the strain energy density 1/2 eps : C eps and, if they are known, the
         stress normal to the plane and von Mises' stress.
 
         Raises
@@ -330,8 +330,8 @@ class Results:
         Displacements are taken at nodes; stresses (of Pi u) at centroids of cells; slip, friction and pressure (raw and
         recovered) at contact nodes. The smallest principal stress is the largest compression. `Extreme.unbounded` warns
         of values at corners and point loads that may grow without limit as the mesh is refined
-        (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value, because then
-        no corner is loaded. The extremes are computed at the first access.
+        (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value, because such
+        a field has no peak at a corner. The extremes are computed at the first access.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -350,7 +350,7 @@ class Results:
 
     @cached_property
     def peak(self) -> int:
-        """The stored step that pictures and tables show by default: the last with 99 % of the largest energy."""
+        """The stored step that pictures and tables show by default: the last with >= 99 % of the largest energy."""
         return int(self.stored[last_of_largest(self.energy)])
 
     @cached_property
@@ -372,7 +372,7 @@ class Results:
     def telling(self, most: int) -> Ints:
         """Return at most `most` (2 or more) stored steps that outline the course of a run, the peak among them.
 
-        They are the first and the last turns and the last step, or evenly spaced steps if the motion never reverses.
+        They are the first turn, the latest turns and the last step; evenly spaced steps if the motion never reverses.
         """
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
@@ -607,7 +607,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
 
 
 def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """Return the forces (n_u,) of dashpots on the nodes, with the velocities of the step that ends at a row."""
+    """Return the forces (n_u,) of dashpots on the nodes, from the velocities of the step that ends at a stored row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -621,7 +621,7 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
 ) -> Iterator[SolvedProgram]:
-    """Yield the programs with their origin (scene, mesh, solver); full programs also with the rows of K's energy."""
+    """Yield the programs with their origin (scene, mesh, solver); if not condensed, also with F such that F'F = K."""
     for program in programs:
         rows = None if condense else posed.energy_rows
         origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}

@@ -48,7 +48,7 @@ def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Seq
         used[group.nodes[some[group.cells]]] = True
     ahead = ((x - p) @ n > 0) & used
     if not ahead.any() or np.array_equal(ahead, used):
-        raise SceneError(f"section: the plane through {p} across {n} does not cut {'the body' if on is None else on}.")
+        raise SceneError(f"section: the plane through {p} with normal {n} does not cut {on or 'the body'}.")
     forces = _inner_forces(history, space, some)[:, ahead]
     return Section(forces.sum(axis=1), moments(x[ahead] - p, forces))
 
@@ -68,7 +68,7 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
 
 
 def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
-    """Return the forces q (S, n_nodes, dim) of the cells (n_cells,) on the nodes."""
+    """Return the forces q (S, n_nodes, dim) on the nodes by the cells in the mask `some` (n_cells,)."""
     if history.trajectory.velocity is not None:
         raise SceneError("section: a history does not keep the stresses of viscosity; use history.force instead.")
     if history.stabilisation is None:

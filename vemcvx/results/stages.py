@@ -1,8 +1,8 @@
 """Stages as one history: the stored instants of all stages, one after the other.
 
-A stage begins where the stage before it ended, so that its initial instant is left out. Fields, forces and energies are
+A stage begins where the stage before it ended, so its initial instant is left out. Fields, forces and energies are
 those of the stages; an effect acts in its own stage only. Each stage counts slip, wear and accumulated slip from its
-initial instant. In the joined history they continue:
+initial instant. In the joined history these values continue:
 
     value in the joined history = value in the stage + last value before it - value at the beginning of the stage.
 """
@@ -23,7 +23,7 @@ from vemcvx.results.results import Results
 COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"
 """Arrays of contact that a run counts from its own initial instant."""
 PER_EFFECT = "acting", "loads"
-"""Sizes of arrays that have a row for each effect and place."""
+"""Names of array dimensions with an entry for each effect, or for each effect and side."""
 
 
 def join(stages: Sequence[Results]) -> Results:
@@ -97,8 +97,8 @@ def _difference(before: Results, after: Results) -> str:
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
     """Return the arrays of records (or those in `names`), joined in time without the initial rows of later stages.
 
-    Columns of effects are placed side by side, and are zero in other stages. If a stage has no such array, its rows are
-    zero. If its array has fewer columns, such as an array over unknowns, rows are filled up with NaN (or False).
+    Columns of effects are placed side by side; in other stages than that of the effect they are zero. If a stage lacks
+    an array, its rows are zero. If its array has fewer columns (an array over unknowns), NaN or False fills the rows.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

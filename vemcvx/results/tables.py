@@ -57,7 +57,7 @@ def _steps(history: Results) -> Columns:
 
 
 def _contact(history: Results) -> Columns:
-    """Return every array of contact; arrays constant in time repeat at every step, with names in the singular."""
+    """Return every array of contact; arrays constant in time are repeated at every step, with names in the singular."""
     contact, steps = history.contact, len(history.stored)
     columns = _when(history, len(contact.nodes)) | _along(history)
     for name, of in array_fields(type(contact)).items():

@@ -89,7 +89,7 @@ def _find_dragged(
 
 
 def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
-    """Return g (k, n_u): the contact force of a row under reactions R is -g . R; zero if it has no such force."""
+    """Return g (k, n_u): the contact force of a row under reactions R is -g . R; g is 0 in rows without this force."""
     entries, places = _match_normals(rows, supports)[1:]
     return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
 
@@ -97,7 +97,7 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
     """Return a mask (k,) of the rows whose normal is held by contact alone, and matches of rows with rows of A.
 
-    A row matches a row of A whose force is a contact force along its normal: return cosines and pairs (row, row of A).
+    A match is a cosine and a pair (row, row of A): the force of the row of A is a contact force along the row's normal.
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
@@ -130,7 +130,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
 
-    rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the products with `tangents`
+    rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the components along `tangents`
     tangents: Floats  # (m, dim - 1, dim) orthonormal, unless `Friction.read` scales them
     directed: Bools  # (m,) True if the friction gives the directions
     elliptic: Bools  # (m,) True if the bound depends on the direction of slip
@@ -190,7 +190,7 @@ class Terms(ContactRows):
     def _law(self, some: slice) -> Law | None:
         """Return the weights of `some` terms as a law of the forces p (r,) of all limits and the slip of these terms.
 
-        Return None if no weight depends on the solution. The law of a row uses the force on it and its term's slip.
+        Return None if no weight depends on the solution. A row's law uses the row's force and the slip of its term.
         """
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
@@ -242,7 +242,7 @@ def _friction_terms(
         _repeat_by_row(frictions, flags).astype(bool)[first][kept]
         for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
     )
-    # Reported slip has components along unit tangents, although terms of an ellipse scale the second by r (maybe 0).
+    # Reported slip has components along unit tangents, but an ellipse scales its second tangent by r, which may be 0.
     unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     ground = slid = None
     if under is not None and len(kept):
@@ -268,7 +268,7 @@ def _friction_terms(
 def _kinds(frictions: Sequence[Friction]) -> Ints:
     """Return the kind of each row of all frictions: a term merges rows of one kind only.
 
-    Frictions of one kind (numbered by the first) have one ground, one ellipse and, in space, all or no `directions`.
+    Frictions of one kind have the same ground and ellipse, and in space all have `directions` or none has.
     """
     grounds = [f.ground and id(f.ground.value) for f in frictions]
     ways = [(f.ellipse and id(f.ellipse), f.directions is not None and not f.in_plane) for f in frictions]
@@ -312,7 +312,7 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
 def warn_of_free_normals(
     frictions: Sequence[Friction], supports: Supports, obstacles: Obstacles, springs: sp.csr_matrix | None
 ) -> None:
-    """Warn of friction where nothing holds the normal; usually an effect of contact was forgotten."""
+    """Warn of friction where nothing holds the body along the normal; usually an effect of contact was forgotten."""
     sprung = [] if springs is None else [np.flatnonzero(springs.diagonal() > 0) // supports.points.shape[1]]
     stopped = np.concatenate([obstacles.nodes, *sprung, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
@@ -334,7 +334,7 @@ def warn_of_free_normals(
 class Surface(ContactRows):
     """The contact nodes that supports do not hold, ascending; at a corner, one row stands for both sides.
 
-    The normal of such a row is the mean weighted by length, and lengths add up. The opposite pressure acts on partners.
+    The normal of this row is the mean weighted by length; its length is the sum. Partners feel the opposite pressure.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact

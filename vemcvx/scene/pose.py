@@ -123,7 +123,7 @@ class PosedScene:
     laws: tuple[Contribution, ...] = ()  # contributions of materials, without their stiffness
     stops: Sequence[Obstacle] = ()  # the obstacles as contributed; their limits are `obstacles`
     causes: Mapping[str, Ints] = field(default_factory=dict)
-    """"supports", "frictions" or "obstacles" -> the number of the effect of each, in canonical order; -1 for pins"""
+    """"supports", "frictions" or "obstacles" -> for each, the number of its effect in canonical order; -1 for pins"""
     caused_loads: tuple[tuple[int, Load], ...] = ()  # loads, each with the number of its effect
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # springs to the ground, each with its effect's number
     pins: tuple[Support, ...] = ()  # a support without force, if nothing else holds the body (scene.rigid)
@@ -164,8 +164,8 @@ def suppress_scene_warnings() -> Iterator[None]:
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; drop effects that are zero at all of `times`.
 
-    If effects may act between the instants, give these as `between`, not as `times`: then no effect is dropped. Raise
-    SceneError if the mesh lacks a name that the scene uses, or if the body floats.
+    If effects may act between the instants, pass the instants as `between`, not as `times`: then no effect is dropped.
+    Raise SceneError if the mesh lacks a name that the scene uses, or if the body floats.
     """
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
@@ -180,7 +180,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
     check_bonds(holds, (*frictions, *stops))
     springs = _sum(p.stiffness for p in parts if p.material is None)
-    # The motions of a body of revolution are not those that pins prevent; `floating_motions` refuses it if it floats.
+    # Pins do not fit the rigid motion of a body of revolution; `floating_motions` refuses such a body if it floats.
     floats = springs is None and not space.axisymmetric
     pins = find_pins((*holds, *frictions, *stops), mesh.points) if floats else ()
     # Nodal frames have the normals of frictions and obstacles as axes.
@@ -236,7 +236,7 @@ def _build_system(
     norms, limited = terms.norms(supports), obstacles.limits(supports)
     kernel = _find_kernel(space, supports, norms, limited, springs)
     warn_of_free_normals(terms.frictions, supports, obstacles, springs)
-    # The frame subtracts rigid motions of the plane, which springs and bodies of revolution resist.
+    # The frame subtracts rigid motions; with springs, or in a body of revolution, these motions have energy.
     body_frame = build_body_frame(space) if springs is None and not space.axisymmetric else lambda u: u
     return System(
         K=_restrict(A, supports),

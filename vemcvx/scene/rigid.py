@@ -49,7 +49,7 @@ class ConnectedPart:
     axes: Floats  #: (pieces, k, k) maps coefficients of orthonormal motions to coefficients along and about the axes
 
     def motion(self, mode: Floats, directed: bool = False) -> str:
-        """Describe a motion and its body in words, with its sense if it is `directed`."""
+        """Describe a motion and its body in words; if `directed` is True, with the sense of the motion."""
         mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
         each = mode.reshape(len(self.bodies), -1)
         large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
@@ -101,7 +101,7 @@ def _format_vector(components: Floats) -> str:
 # the part of c that supports resist. With springs of matrix F, a field v of zero distance floats if v'Fv = 0.
 
 
-# A motion is free if supports resist less than this part of it (squared); one clamped node of a million resists 1e-6.
+# A motion is free if supports resist less than this fraction of its square; one clamped node of a million resists 1e-6.
 FREE_FRACTION = 1e-12
 
 
@@ -175,7 +175,7 @@ def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body with these supports, frictions and obstacles; none if one of them acts on the ground.
+    """Return the pins of a body with these supports, frictions and obstacles; none if a part joins it to the ground.
 
     Pins are placed at nodes on which none of `parts` acts. `points` (n_nodes, dim) are the coordinates of all nodes.
     """

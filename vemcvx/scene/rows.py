@@ -24,7 +24,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
-    """Return the nodes (m,) of the rows of all parts, one part after the other, and their partners (m,), or -1."""
+    """Return the nodes (m,) of the rows of all parts in turn, and the partner (m,) of each node; -1 if it has none."""
     none = np.zeros(0, dtype=np.int64)
     alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
     return np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone])
@@ -112,7 +112,7 @@ class ContactRows:
         return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
 
     def find(self, rows: ContactRows) -> Ints:
-        """Find rows of this table (k,) with the node and partner of each of the k `rows`; -1 if there is none."""
+        """Find for each of the k `rows` the row of this table with the same node and partner; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
         return find_in(known, wanted)

@@ -73,7 +73,7 @@ class Instance:
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return the paper's block, loaded on the left, with effects below: clamped on the right, or under small loads."""
+    """Return a function for the paper's block on these effects, loaded on the left: clamped, or under small loads."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -85,7 +85,7 @@ def block(
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
-    """Return a cube, clamped on the right, with effects on its bottom; the load on its top presses and rotates."""
+    """Return a function for a cube on these effects, clamped on the right; the load on its top presses and rotates."""
 
     def pull(x: Floats, t: float) -> Floats:
         size = min(1.0, 4 * t)
@@ -96,7 +96,7 @@ def _cube(*below: Effect) -> Callable[[], System]:
 
 
 def sliders(block: int, n: int = 6) -> System:
-    """Return uncoupled sliders of different stiffness and threshold."""
+    """Return n uncoupled sliders, each of `block` components, of different stiffness and threshold."""
     rng = np.random.default_rng(0)
     k, w = rng.uniform(1, 3, n), rng.uniform(0.2, 1.5, n)
     push = rng.uniform(-1, 1, (n, block))
@@ -264,7 +264,7 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check that admissible multipliers differ in force, in the norm of K^{-1}, by at most the requested error."""
+    """Check that making multipliers admissible changes their force, in the norm of K^{-1}, by at most the target."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)

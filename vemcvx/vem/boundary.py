@@ -48,8 +48,8 @@ class Part:
     """A closed set of sides of the boundary: edges in the plane, faces in space.
 
     The length (in space the area) of a node is int phi_i ds over the part, with functions on faces as in
-    :mod:`vemcvx.vem.projection`. If sides meet at an angle, conditions on the normal hold for both sides. So a node may
-    have several *rows*, one per normal: see :class:`BoundaryRows`.
+    :mod:`vemcvx.vem.projection`. If sides meet at an angle, conditions along the normal hold on both sides. So a node
+    may have several *rows*, one per normal: see :class:`BoundaryRows`.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ def _outward(chords: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and the last edge (m,) of the straight side that each edge was part of before nodes hung in."""
+    """Return the first and last edge (m,) of the straight side that each edge belonged to without hanging nodes."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
@@ -253,7 +253,7 @@ def _curvature(group: FaceGroup) -> Floats:
 
 # Rows of a part of the boundary: one per node and distinct normal.
 #
-# At a corner (in space also at an edge) conditions on the normal hold for all sides that meet there. Each distinct
+# At a corner (in space also at an edge) conditions along the normal hold for all sides that meet there. Each distinct
 # normal has the part of int phi_i ds over the sides with this normal. Sides that turn by less than 42.5 degrees form a
 # curve, or a straight side with rounded points; a node on it has one mean normal. With two normals the node could not
 # slide, or would have to climb every corner, however fine the mesh is.
@@ -268,12 +268,12 @@ def _curvature(group: FaceGroup) -> Floats:
 # component across the plane. If the curve and its image form a corner, like the tip of a wedge, the node keeps the
 # normal of its side; the normal of the image gives the same condition.
 #
-# In the plane one body defines the curve of an interface, and the other body hangs nodes into its sides. Means are over
+# In the plane one body defines the curve of an interface; nodes of the other body hang in its sides. Means are over
 # the sides without hanging nodes; along a side, normals vary linearly from end to end. So on a circle all normals are
-# radial, and a ring can turn inside another. The normals of the chords are off by up to half the angle of a chord. They
-# would press two rings apart by a part overlap / radius that refinement does not reduce. With sides of ratio 1 : .8
-# friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of the
-# circle both are O(h). (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
+# radial, and a ring can turn inside another. The normals of the chords are off by up to half the angle of a chord: in a
+# press fit, sticking contact would be stretched by a strain of order overlap / radius at every h. With sides of ratio
+# 1 : .8 friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of
+# the circle both are O(h). (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
 # Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 
 
@@ -482,7 +482,7 @@ class SideEnds:
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Return the means (k, dim) of normals and their mirror images, if these differ little; `across` (k, dim)."""
+    """Return the means of normals (k, dim) and mirror images where these are close; `across` is half the difference."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
     smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]

@@ -26,7 +26,7 @@ In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has
 C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock. A growing volumetric modulus
 does not change the deviatoric plane. Fibres with a growing modulus add a matrix of rank one, which leaves the smallest
 eigenvalue bounded. (The trace or the mean would grow with the fibres. With E1 / G = 2e8 and 8 Voronoi cells per side, a
-sheared body has 1.04 of its exact energy; with the trace or the mean it has none.)
+sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)
 
 :mod:`vemcvx.vem.tensors` defines moduli and components.
 """
@@ -208,7 +208,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
 
     Notes
     -----
-    Scaling all coordinates by a power of two changes no bit in the plane. Scaling the moduli by a power of two scales
+    In the plane, scaling all coordinates by a power of two changes no bit. Scaling the moduli by a power of two scales
     the matrix exactly (with "unit", its consistent part).
 
     Examples
@@ -222,12 +222,12 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
 
 
 def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> SumOverCells:
-    """Return the matrix of a^h for moduli in either form.
+    """Return the matrix of a^h for Lame's constants, or for upper triangles of elastic matrices.
 
     Parameters
     ----------
     space : Space
-    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+    moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
         Force per area; zero on cells of another material.
     stabilisation : Stabilisation
 

@@ -188,7 +188,7 @@ class Space:
         return {}
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return which ends (m, 2) of edges lie in one cell only; at interfaces, in the lower-numbered body."""
+        """Return True for ends (m, 2) of edges in only one cell; at interfaces, in one of the lower-numbered body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:

@@ -5,9 +5,9 @@
 The first part is exact if u or v is linear. The second part is zero then, because (I - Pi) p = 0 for linear p. So (2.8)
 and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do
 not depend on K: the energy of (I - Pi) v must be comparable to its true energy. (It is comparable to the shear energy
-only: with lam in S_K the method would lock. So alpha_* decreases as nu grows, on a square like 6 mu / (lam + 3 mu):
-problems/stabilisation_spectrum.py.) In vertex values S_K is a matrix S, symmetric and positive definite on the range of
-I - Pi, which adds to the local matrix
+only: with lam in S_K the method would lock. So alpha_* decreases as nu grows; on a square it is proportional to
+6 mu / (lam + 3 mu): problems/stabilisation_spectrum.py.) In vertex values S_K is a matrix S, symmetric and positive
+definite on the range of I - Pi, which adds to the local matrix
 
     (I - Pi)' S (I - Pi).
 
@@ -66,8 +66,8 @@ class Stabilisation(ABC):
         Returns
         -------
         (c, n, n) array, or (c, n, n, dim, dim)
-            The symmetric S, in force per area times h^(dim - 2), which is applied to v - Pi v. It is the same for each
-            component, or entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+            The symmetric S, in force per area times h^(dim - 2), which is applied to v - Pi v. S (c, n, n) acts on each
+            component alike; else entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
         """
 
     def describe(self) -> str:
@@ -127,7 +127,7 @@ class InRegions(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """Return the stabilisation with this name, or this stabilisation.
+    """Return the stabilisation with the given name; return a given stabilisation unchanged.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def in_components(form: Floats, dim: int) -> Floats:
 def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisation, C: Floats) -> None:
     """Add (I - Pi)' S (I - Pi) of a user's stabilisation to local matrices (c, n, n, dim, dim).
 
-    Raise SceneError unless S is symmetric, of this size, and positive definite on the range of I - Pi.
+    Raise SceneError unless S is symmetric, of the right size, and positive definite on the range of I - Pi.
     """
     if cells.simplices:
         return
@@ -179,7 +179,7 @@ def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisa
 
 
 def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int) -> Floats:
-    """Return S (c, n, n, dim, dim); raise SceneError unless it is a finite symmetric array of this size."""
+    """Return S (c, n, n, dim, dim); raise SceneError unless it is a finite symmetric array of the right size."""
     name, (count, n) = stabilisation.describe(), cells.nodes.shape
     failed = f"{name}: its form failed when called with cells of {n} vertices"
     raw = call_function(stabilisation.form, (cells, C), failed, "return a matrix S for every cell")

@@ -203,7 +203,7 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # mirror all of a few seeds: these and only the nearest images might lie on one line, without a triangulation
+        # if seeds are few, mirror all: with only the nearest images they might lie on one line, without triangulation
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -234,7 +234,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return the seeds and their images in sides nearer than `reach`; for each, its seed, and its side (else -1)."""
+    """Return the seeds, and images in sides nearer than `reach`; for each its seed, and the side of an image or -1."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -283,10 +283,10 @@ def _circumcentres(corners: Floats) -> Floats:
 def collapse_short_edges(
     points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float
 ) -> tuple[Floats, Ints, Ints]:
-    """Collapse edges shorter than ``shortest``, chains of them to one point each: to the mean of their nodes.
+    """Collapse each chain of edges shorter than ``shortest`` to one point, the mean of its nodes.
 
-    Nodes on a side of [0, size] stay on it. Edges between two sides stay, and edges at a cell that would not be
-    star-shaped about its old centroid.
+    Nodes on a side of [0, size] stay on it. Edges between two sides are kept, and so are edges at a cell that would not
+    be star-shaped about its old centroid.
     """
     edges = corner_edges(offsets, vertices)
     ends, on = points[edges], (points == 0.0) | (points == size)

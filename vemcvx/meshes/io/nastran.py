@@ -1,7 +1,7 @@
 """Nastran files: we convert the text to one card per line, with commas between fields, and meshio reads the result.
 
-Points in coordinate systems other than the basic one and unknown elements are errors. Materials, loads and supports are
-skipped. The elements of each property form a set, named by the number of the property.
+Unknown elements, and points in coordinate systems other than the basic one, are errors. Materials, loads and supports
+are skipped. The elements of each property form a set, named by the number of the property.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, sum_columns
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
-from vemcvx.effects import ContactSurface, Effect
+from vemcvx.effects import ContactSurface, Effect, MaterialLaw
 from vemcvx.meshes.polygons import find_all_in
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene
@@ -157,7 +157,8 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        if cause < 0:  # Pins take no force.
+        # Pins take no force. The force on the axis of a body of revolution tends to zero with the mesh size.
+        if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions
         held = not support.contact

@@ -56,5 +56,5 @@ def test_impossible_cuts_are_refused():
         "more than twice; refine it, or move the line": (vx.meshes.nonconvex(4), (0.5, 0.43), (1.0, 2.0)),
     }
     for match, given in bad.items():
-        with pytest.raises(vx.MeshError, match=match):
+        with pytest.raises(vx.VemcvxError, match=match):
             vx.meshes.cut(*given)

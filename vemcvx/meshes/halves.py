@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import SAME, Floats, Ints, one_point, read_only
-from vemcvx.base.errors import MeshError, SceneError
+from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.mesh import Mesh
@@ -93,12 +93,7 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
     """Return the points, moved onto the line if near to it, and their signed distances (n_nodes,), positive ahead."""
     if not isinstance(mesh, Mesh) or mesh.interfaces:
         raise MeshError("cut: give the mesh of one body, without interfaces; cut the body before joining it to others.")
-    try:
-        p, n = (
-            one_point(x, mesh.points.shape[1], f"cut: {name}") for name, x in (("point", point), ("normal", normal))
-        )
-    except SceneError as error:
-        raise MeshError(str(error)) from None
+    p, n = (one_point(x, mesh.points.shape[1], f"cut: {name}") for name, x in (("point", point), ("normal", normal)))
     if not n.any():
         raise MeshError("cut: the normal has length 0; give one that points ahead, such as (0, 1).")
     n = n / np.linalg.norm(n)

@@ -13,7 +13,7 @@ tolerance get one place, so a node near both edges of a corner of 30 degrees or 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.checks.space import find_touching_faces
+from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     close_pairs,
@@ -38,8 +39,10 @@ from vemcvx.meshes.polygons import (
     same_rows,
     smallest_linked,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
+from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
+Kind = TypeVar("Kind", bound=Mesh)
 CORNER_FACTOR = 4.0
 """1 / sin(15 degrees), rounded up."""
 COVERAGE_TOLERANCE = 1e-3
@@ -48,27 +51,25 @@ Rows = tuple[Ints, Ints]
 """Offsets and entries of rows."""
 
 
-class CutBodies(NamedTuple):
-    """Bodies whose faces have been split."""
+class JoinedBodies(NamedTuple, Generic[Kind]):
+    """Bodies in one mesh, with nodes in the same places where their boundaries coincide."""
 
-    points: Floats
-    faces: Faces
+    mesh: Kind
     body: Ints
     """Body of each node (n_nodes,)."""
     place: Ints
-    """Place of each node (n_nodes,): the number of the first node there."""
+    """Place of each node (n_nodes,): the first node in the same place."""
     origin: Ints
-    """Original face (n_faces,) of each face."""
+    """Original edge or face (m,) of each piece of the boundary, numbered body after body."""
 
 
-def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, tolerance: float) -> CutBodies:
+def overlay_tilings(apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float) -> JoinedBodies[PolyhedralMesh]:
     """Split the faces of bodies where their boundaries coincide.
 
     Parameters
     ----------
-    points : (n_nodes, 3) array
-    faces : Faces
-        The faces of all bodies, which have no common node.
+    apart : PolyhedralMesh
+        The cells of all bodies, which have no common node.
     body, place : (n_nodes,) arrays
         The body of each node, and the first node in its place.
     tolerance : float
@@ -79,8 +80,9 @@ def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, toler
     MeshError
         The edges of both bodies do not form polygons that cover a face; the message says where.
     """
+    faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
-    of_face, points, rows = body[nodes[offsets[:-1]]], points[place], (offsets, place[nodes])
+    of_face, rows = body[nodes[offsets[:-1]]], (offsets, place[nodes])
     outer = np.flatnonzero(faces.face_cells[faces.cell_faces, 1] < 0)
     outline = rows_in_order(*rows, outer)
     shapes = face_shapes(points, *outline)
@@ -108,7 +110,8 @@ def overlay_tilings(points: Floats, faces: Faces, body: Ints, place: Ints, toler
     faces, old = join_faces(offsets, find_in(known, wanted), cells), faces.cell_faces[listed]
     origin = np.empty(len(faces.face_cells), dtype=np.int64)
     origin[faces.cell_faces] = old
-    return CutBodies(points[place], faces, body, leader[number], origin)
+    mesh = PolyhedralMesh.unchecked(points[place], *faces)
+    return JoinedBodies(mesh, body, leader[number], apart._places(origin[mesh._boundary]))
 
 
 def _join(one: Rows, other: Rows) -> Rows:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
 from vemcvx.meshes.checks.space import check_polyhedral_mesh, find_touching_faces, is_enclosed
 from vemcvx.meshes.interfaces import Interface, coinciding_sides, on_boundary, pairs_of, places_of
-from vemcvx.meshes.overlay import CORNER_FACTOR, mismatch_error, overlay_tilings
+from vemcvx.meshes.overlay import CORNER_FACTOR, JoinedBodies, mismatch_error, overlay_tilings
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     TOLERANCE,
@@ -111,15 +111,19 @@ def join(
     apart = _side_by_side(each)
     length = _check_tolerance(tolerance, apart.points)
     body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
-    match = _match_in_plane if isinstance(apart, PolygonMesh) else _match_in_space
-    joined: JoinedBodies[Any] = match(names, apart, body, length)
+    in_plane = isinstance(apart, PolygonMesh)
+    place = _same_places(names, body, apart, length if in_plane else CORNER_FACTOR * length)
+    joined: JoinedBodies[Any] = (_match_in_plane if in_plane else overlay_tilings)(apart, body, place, length)
+    if in_plane:
+        _check_apart(names, joined.mesh, joined.body)
     sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
     found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
     joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
-    if isinstance(joined.mesh, PolyhedralMesh):
+    if not in_plane:
         _check_apart_in_space(names, joined)
     _check_contact_in_points(names, joined)
-    _check_whole(joined.mesh)
+    if not in_plane:
+        _check_whole(joined.mesh)
     # the parts of named boundaries outside interfaces
     starts = offsets_of(np.array([len(mesh._boundary) for mesh in each]))
     mesh, named = joined.mesh, {}
@@ -146,18 +150,6 @@ def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
             "give tolerance=."
         )
     return list(said.values())
-
-
-class JoinedBodies(NamedTuple, Generic[AnyKind]):
-    """Bodies in one mesh, with nodes in the same places where their boundaries coincide."""
-
-    mesh: AnyKind
-    body: Ints
-    """Body of each node (n_nodes,)."""
-    place: Ints
-    """Place of each node (n_nodes,): the first node in the same place."""
-    origin: Ints
-    """Original edge or face (m,) of each piece of the boundary, numbered body after body."""
 
 
 def _side_by_side(meshes: list[Any]) -> Any:
@@ -195,18 +187,14 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 # In the plane.
 
 
-def _match_in_plane(
-    names: tuple[str, ...], apart: PolygonMesh, body: Ints, tolerance: float
-) -> JoinedBodies[PolygonMesh]:
+def _match_in_plane(apart: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> JoinedBodies[PolygonMesh]:
     """Insert the nodes of each body into coinciding edges of the others."""
-    place = _same_places(names, body, apart, tolerance)
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
     vertices = np.insert(apart.vertices, corner + 1, apart.n_nodes + np.arange(len(node)))
     mesh = type(apart).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
     body = np.concatenate([body, body[apart._boundary[edge, 0]]])
-    _check_apart(names, mesh, body)
     origin = np.repeat(np.arange(len(apart._boundary)), 1 + np.bincount(edge, minlength=len(apart._boundary)))
     return JoinedBodies(mesh, body, np.concatenate([place, place[node]]), origin)
 
@@ -326,16 +314,6 @@ def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) 
 # In space.
 
 
-def _match_in_space(
-    names: tuple[str, ...], apart: PolyhedralMesh, body: Ints, tolerance: float
-) -> JoinedBodies[PolyhedralMesh]:
-    """Split the faces of all bodies where they coincide."""
-    place = _same_places(names, body, apart, CORNER_FACTOR * tolerance)
-    tiled = overlay_tilings(apart.points, apart.faces, body, place, tolerance)
-    mesh = type(apart).unchecked(tiled.points, *tiled.faces)
-    return JoinedBodies(mesh, tiled.body, tiled.place, apart._places(tiled.origin[mesh._boundary]))
-
-
 def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[PolyhedralMesh]) -> None:
     """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
 
@@ -368,13 +346,12 @@ def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[Polyhedra
     _check_pockets(mesh, body, joined.place)
 
 
-def _check_whole(mesh: PolygonMesh | PolyhedralMesh) -> None:
-    """Raise MeshError if the joined cells in space are not valid polyhedra, or do not fit together."""
-    if isinstance(mesh, PolyhedralMesh):
-        try:
-            check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
-        except MeshError as error:
-            raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
+def _check_whole(mesh: PolyhedralMesh) -> None:
+    """Raise MeshError if the joined cells are not valid polyhedra, or do not fit together."""
+    try:
+        check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
+    except MeshError as error:
+        raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
 
 
 def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:

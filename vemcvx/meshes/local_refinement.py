@@ -5,7 +5,7 @@ exceptions. The midpoints of a triangle are joined to each other (four similar t
 two midpoints is cut across. A cell that is not star-shaped is refused. Unrefined
 neighbours get the new vertices as hanging nodes, which virtual elements treat like any vertex: no closure is needed.
 
-Grading (`balance`): cells are marked, too, until no unmarked cell has a side with two hanging nodes.
+Grading: cells are marked, too, until no unmarked cell has a side with two hanging nodes.
 """
 
 from __future__ import annotations
@@ -271,14 +271,13 @@ def _children(
     return *rows_in_order(offsets_of(counts), np.append(vertices, nodes[middles]), order), parents[order]
 
 
-def refine_polygons(mesh: PolygonMesh, marked: Bools, balance: bool) -> Refinement[PolygonMesh]:
-    """Split the marked cells (n_cells,), and the cells that `balance` adds."""
+def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]:
+    """Split the marked cells (n_cells,), and the cells that would get two nodes on a side."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     if mesh.interfaces:  # edges of two bodies in one place have one number
         edge = sort_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
-    if balance:
-        marked = mark_crowded(marked, mesh, splitting, edge)
+    marked = mark_crowded(marked, mesh, splitting, edge)
     centres, cell = centres_of(mesh, splitting, marked), cell_of_corner(mesh.offsets)
     single = np.flatnonzero(marked & (splitting.places < 2))
     if len(single):

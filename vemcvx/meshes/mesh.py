@@ -346,11 +346,11 @@ class Mesh(ABC):
         added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
-    def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
+    def refine(self, cells: ArrayLike | None = None) -> Self:
         """Return this mesh with cells split (numbers or a mask; by default all): :func:`vemcvx.meshes.refinement`."""
         from vemcvx.meshes.refining import refinement
 
-        return refinement(self, cells, balance=balance).mesh
+        return refinement(self, cells).mesh
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges (in space: faces) between two sets of cells become an interface.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array
 
-from vemcvx.base.arrays import brief, flag, read_only
+from vemcvx.base.arrays import brief, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.bisection import ALL_DIRECTIONS, bisect_cells, check_tetrahedra, other_cells, split_about_vertices
 from vemcvx.meshes.carrying import Refinement, check_marks
@@ -20,7 +20,7 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 Kind = TypeVar("Kind", bound=Mesh)
 
 
-def refinement(mesh: Kind, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[Kind]:
+def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     """Split some cells of a mesh, in the plane or in space.
 
     Parameters
@@ -28,10 +28,9 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None, *, balance: bool = Tr
     mesh : PolygonMesh or PolyhedralMesh
         Any plane mesh, or a mesh of tetrahedra. Other meshes in space can only be refined globally.
     cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-        Cells to split; tetrahedra at least in two. By default all cells are split, tetrahedra at least in eight.
-    balance : bool
-        In the plane, also split cells until no side gets a second hanging node. In space there are no hanging nodes:
-        neighbours of split tetrahedra are split as well.
+        Cells to split; tetrahedra at least in two. By default all cells are split, tetrahedra at least in eight. In the
+        plane, further cells are split until no side gets a second hanging node. In space, neighbours of split
+        tetrahedra are split as well, and there are no hanging nodes.
 
     Returns
     -------
@@ -53,13 +52,13 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None, *, balance: bool = Tr
     """
     if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
         raise MeshError(f"refinement: mesh must be a PolygonMesh or PolyhedralMesh; got {brief(mesh)}.")
-    balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)
+    marked = check_marks(cells, mesh.n_cells)
     if not marked.any():
         identity = csr_array(eye_array(mesh.n_nodes, format="csr"))
         return Refinement(mesh, read_only(np.arange(mesh.n_cells)), identity)
     found: Refinement[Any]
     if isinstance(mesh, PolygonMesh):
-        found = refine_polygons(mesh, marked, balance)
+        found = refine_polygons(mesh, marked)
     elif marked.all() and len(other_cells(mesh)):
         found = split_about_vertices(mesh)
     else:

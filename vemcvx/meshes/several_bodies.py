@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vemcvx.base.arrays import SAME, Floats, Ints, brief, is_real
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
-from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
+from vemcvx.meshes.box import WHOLE, check_cell_data, check_mapping, check_name
 from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
 from vemcvx.meshes.checks.space import check_polyhedral_mesh, find_touching_faces, is_enclosed
 from vemcvx.meshes.interfaces import Interface, coinciding_sides, on_boundary, pairs_of, places_of
@@ -258,11 +258,8 @@ def _check_names(
     interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
 ) -> dict[tuple[str, str], str]:
     """Return the given names of interfaces, (first body, second body) -> name, or raise MeshError."""
-    interfaces = {} if interfaces is None else interfaces
-    if not isinstance(interfaces, Mapping):
-        raise MeshError(f"bodies: interfaces must map names to pairs of bodies; got {brief(interfaces)}.")
     named: dict[tuple[str, str], str] = {}
-    for name, pair in interfaces.items():
+    for name, pair in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
         check_name(name)
         given = tuple(pair) if isinstance(pair, (tuple, list)) else ()
         if len(given) != 2 or not all(isinstance(one, str) and one in known for one in given) or given[0] == given[1]:

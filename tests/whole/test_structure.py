@@ -44,15 +44,15 @@ HEAVY = {
 
 LINES = {"program": 2_209, "solvers": 1_430, "stepping": 1_786, "linear": 939, "scene": 2_036, "effects": 2_433}
 LINES |= {"exchange": 707, "testing": 1_042, "cli/collection": 1_140}
-LINES |= {"bound": 3_274, "results": 2_858, "estimate": 2_288, "plots": 2_112}
+LINES |= {"bound": 3_274, "results": 2_859, "estimate": 2_288, "plots": 2_112}
 LINES |= {"cost": 682, "cli": 3_711}
 LINES |= {"meshes": 7_007, "meshes/io": 1_412, "vem": 2_763}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_809
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_676
+TESTS = 22_678
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_612
+ALL_TESTS = 33_614
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

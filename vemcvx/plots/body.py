@@ -35,7 +35,7 @@ EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
     "von_mises": ("von Mises stress", lambda on: on["von_mises"]),
     "max_principal": ("largest principal stress", lambda on: on["principal_stresses"][:, 0]),
     "min_principal": ("smallest principal stress", lambda on: on["principal_stresses"][:, -1]),
-    "mean": ("mean of normal stresses", lambda on: on["stress"][:, : on["principal_stresses"].shape[1]].mean(axis=1)),
+    "mean": ("mean of normal stresses", lambda on: on["principal_stresses"].mean(axis=1)),
 }
 """Invariant of stress -> its name in words, and a function that computes it from the cell fields of a step."""
 UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
@@ -125,7 +125,7 @@ def stressed_body(
         A stored step; by default the last step whose largest visible stress is within a percent of the largest of all
         steps.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
-        Principal stresses are taken in the plane. Tension is red and compression blue.
+        Principal stresses of plane bodies are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
         Arrows of pressure and friction together, with heads on the body; of friction alone, beside the body; or none.
         Arrows are blue and thick where contact sticks, orange and thin where it slips, grey without friction.

@@ -284,7 +284,7 @@ class Results:
     def principal_stresses(self, step: int) -> Floats:
         """Return the principal stresses (n_cells, 2) in the plane at a stored step, the larger first; tension positive.
 
-        In space they are (n_cells, 3), the largest first.
+        In space they are (n_cells, 3), the largest first; also in a body of revolution, where one is the hoop stress.
 
         Raises
         ------
@@ -313,6 +313,7 @@ class Results:
             stress, hoop = stress[:, :3], stress[:, 3]
         fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
         if self.is_axisymmetric:
+            fields["principal_stresses"] = -np.sort(-np.column_stack([principal(stress), hoop]))
             return fields | {"out_of_plane_stress": hoop, "von_mises": equivalent(stress, hoop)}
         if not self._space.in_plane:
             return fields | {"von_mises": equivalent(stress)}

@@ -2,7 +2,7 @@
 
 Backward Euler loses more energy than friction dissipates. The excess vanishes with the step; for increments du it is
 
-    work - (stored - stored at the start) - dissipated = sum over steps of 1/2 a(du, du) >= 0.
+    work - change of stored - dissipated = sum over steps of (1/2 a(du, du) + final pressures . initial gaps) >= 0.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def energy_ledger(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the energies of all steps, stored or not, and their certificates on a logarithmic axis.
+    """Draw the energies of every step, and the certificates of the steps on a logarithmic axis.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
 
-    The colour shows sqrt(b / area) on a logarithmic scale, where b is the part of a cell in the squared bound. Refining
-    the darkest cells gains most.
+    The colour shows sqrt(b / area) on a logarithmic scale, where b is what the cell contributes to the squared bound.
+    Refining the darkest cells gains most.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ BY_STRESS = {
     "energy per length": "{stress} {length}²",
     "energy per area": "{stress} {length}",
 }
-"""Units derived from force and length, or without a unit of force from stress and length."""
+"""Units derived from force and length, or, if there is no unit of force, from stress and length."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
 """In the plane, a force or energy per length of a contact boundary is also per thickness, and therefore per area."""
 WORDS = {

@@ -5,14 +5,14 @@ length: a nodal force is divided by int phi_i over the edges of contact, or over
 the hat function of the node. At corners, forces and edges of both sides count.
 
 - Tractions are minus the multipliers of friction.
-- Pressures are the forces p_j of one-sided contact. In bilateral contact they are the contact part of the forces
-  R = A u - f + B'lam + D'p of supports and bilateral contact (:mod:`vemcvx.scene.rows`).
+- Pressures are the forces p_j of one-sided contact. In bilateral contact they are -g . R with the forces
+  R = A u - f + B'lam + D'p of supports and bilateral contact; :mod:`vemcvx.scene.contact` defines g.
 - Wear is friction work, the sum over all steps of w_i |s_i|: the worn depth is proportional to it (Archard 1953).
 
 A one-sided contact is closed if p_j + c_j z_j >= 0, with z_j the excess over the gap and c_j = n'An at the node. The
-solver chooses active sets by the same rule; it separates small pressures from small distances in any units.
+solver chooses active sets by the same rule, which separates small pressures from small distances in any units.
 
-Recovered pressures and tractions are means of nodal ones: :mod:`vemcvx.results.contact_tiles`.
+Recovered pressures and tractions are means of nodal values: :mod:`vemcvx.results.contact_tiles`.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ class Contact(ArrayRecord):
     normals : (m, dim)
         Outward unit normals, averaged by length at corners.
     slip : (S, m, dim)
-        Tangential displacement, relative to the partner, or to moving ground since the initial instant (where several
-        frictions meet at a node, to the mean of their grounds).
+        Tangential displacement relative to the partner; on moving ground, relative to the motion of the ground since
+        the initial instant (to the mean motion where several frictions meet).
     traction : (S, m, dim)
-        Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
+        Friction force on the body of `nodes`, per length of the edges with friction: the negative multiplier.
     bound : (S, m)
         Friction bound per length, w_i over int phi_i, or the mean bound where several frictions meet; 0 without
         friction. A bound that depends on direction is given for the direction of the friction force, or along
         `direction` if this force is zero.
     pressure : (S, m)
-        Normal contact force per length, compression positive; bilateral and cohesive contact may have either sign. A
+        Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact. A
         support that moves a node along the contact normal is a moving obstacle: its force is pressure.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
         Friction and pressure without the ripple of order h on interfaces of meshes that do not match: means over a
@@ -122,7 +122,7 @@ class Contact(ArrayRecord):
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return the contact node (k,) of each of `rows`, whichever body comes first; -1 if there is none."""
+        """Return for each of the k `rows` its position in `nodes`, in either order of the bodies; -1 if it has none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         pairs, joined = pair_numbers(self.nodes, self.partners, largest), rows.partners >= 0
         swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
@@ -274,11 +274,11 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
-    """Return True (S, m) for nodes that kept their place in the step that ends at a row.
+    """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    With friction, the certificate decides. Without friction, the two ends of the step are compared if both are stored;
-    else the node counts as sliding, unless the step had nothing to solve. If friction acts along a line only, the
-    certificate decides along this line, and the comparison decides across it.
+    With friction, the certificate decides. Without friction, slips at both ends of the step are compared if both are
+    stored; else the node counts as sliding, unless the step had nothing to solve. If friction acts along a line only,
+    the certificate decides along this line, and the comparison decides across it.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)

@@ -12,7 +12,7 @@ where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milan
 (2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
 exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
 rounded over 1.5 h. The length h is the total length of one cell's sides on the surface (in space, the root of their
-area), and the larger value of both bodies. k is 0 if normals differ by more than on a curve: corners are not averaged.
+area); the larger value of the two bodies counts. k is 0 if normals differ by more than on a curve, as at a corner.
 Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means
 would only blur them: then the recovered values are the nodal values.
 """

@@ -336,7 +336,7 @@ def _list_steps(path: Path) -> set[str]:
 
 
 def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
-    """Return displacement and contact as nodal fields; vectors have the opposite sign on the second of two bodies."""
+    """Return displacement and contact as nodal fields; contact vectors change sign on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
     if history.is_axisymmetric:

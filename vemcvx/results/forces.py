@@ -3,7 +3,7 @@
 Let A be the stiffness over all nodal values, f the loads, and B^ and D^ the rows of friction and of obstacles with the
 forces lam and p. The forces of a step on the nodes are
 
-    R = A u - f  (with viscosity A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
+    R = A u - f  (with a viscosity matrix A_1, A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
 
 where A_s are the rows of supports and bilateral contact, and mu their forces. Free unknowns are in balance, P'R +
 P'(B^' lam + D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as in :mod:`vemcvx.scene.supports`. Springs
@@ -12,8 +12,8 @@ the force.
 
 A force on a node acts through the sides (in space, faces) of its effect that meet there. A contact row has its own
 sides. The force of a support is distributed, in proportion to int phi_i (phi_i: the hat function of the node), over the
-sides to which its direction is normal, or over all sides if there are none. So every boundary carries a part of the
-force of each effect, and these parts add up to the whole force.
+sides to which its direction is normal, or over all sides if there are none. So the force of each effect is divided
+among the boundaries, and the parts add up to the whole force.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ class Results:
 
     @property
     def work(self) -> Floats:
-        """The work (S,) since the initial instant: in each step, forces and reactions at its end times increments.
+        """The work (S,) since the initial instant: in each step, the increment times the final forces and reactions.
 
         It includes the work of obstacles with changing gaps and of moving ground. `work` minus the change of `energy`
         minus `dissipated` is never negative: it is the sum over steps of 1/2 a^h(du, du), where du is the increment,
@@ -276,7 +276,7 @@ class Results:
     def von_mises(self, step: int) -> Floats:
         """Return von Mises' equivalent stress (n_cells,) at a stored step, with the stress normal to the plane.
 
-        See :mod:`vemcvx.vem.tensors` for the formula; `out_of_plane_stress` describes this component and errors raised.
+        See :mod:`vemcvx.vem.tensors` for the formula, and `out_of_plane_stress` for this component and errors raised.
         """
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)

@@ -4,7 +4,7 @@ A stage begins where the stage before it ended, so its initial instant is left o
 those of the stages; an effect acts in its own stage only. Each stage counts slip, wear and accumulated slip from its
 initial instant. In the joined history these values continue:
 
-    value in the joined history = value in the stage + last value before it - value at the beginning of the stage.
+    value in the joined history = value in the stage + last value before the stage - value at the stage's beginning.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def _difference(before: Results, after: Results) -> str:
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
     """Return the arrays of records (or those in `names`), joined in time without the initial rows of later stages.
 
-    Columns of effects are placed side by side; in other stages than that of the effect they are zero. If a stage lacks
-    an array, its rows are zero. If its array has fewer columns (an array over unknowns), NaN or False fills the rows.
+    Columns of effects are placed side by side, with zeros outside the stage of the effect. If a stage lacks an array,
+    its rows are zero. If its array has fewer columns (an array over unknowns), NaN or False fills the rows.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

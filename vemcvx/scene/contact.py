@@ -132,7 +132,7 @@ class Terms(ContactRows):
 
     rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the components along `tangents`
     tangents: Floats  # (m, dim - 1, dim) orthonormal, unless `Friction.read` scales them
-    directed: Bools  # (m,) True if the friction gives the directions
+    directed: Bools  # (m,) True if the friction has given `directions`
     elliptic: Bools  # (m,) True if the bound depends on the direction of slip
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) sums the rows of all frictions, one after the other, to terms
@@ -334,7 +334,7 @@ def warn_of_free_normals(
 class Surface(ContactRows):
     """The contact nodes that supports do not hold, ascending; at a corner, one row stands for both sides.
 
-    The normal of this row is the mean weighted by length; its length is the sum. Partners feel the opposite pressure.
+    Its normal is the mean weighted by length, and its length the sum. The opposite pressure acts on partners.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact

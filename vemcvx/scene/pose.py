@@ -98,7 +98,7 @@ def build_motion(
 T = TypeVar("T")
 
 
-UNHELD = "the motion of the whole body: nothing holds it and its loads balance, so its mean is taken to be zero"
+UNHELD = "the motion of the whole body: nothing holds it and its loads balance, so the mean motion is taken to be zero"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +118,7 @@ class PosedScene:
     prestress: InitialStresses | None = None  # stresses at zero strain, also among the loads; None if there are none
     springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
     inactive: tuple[str, ...] = ()  # a sentence for each effect that does nothing in this scene, and was dropped
-    curves: tuple[str, ...] = ()  # subjects of conditions on normals along curves
+    curves: tuple[str, ...] = ()  # subjects of effects with conditions along the normals of curves
     viscosity: sp.csr_matrix | None = None  # (n_u, n_u) viscous forces per velocity, over all nodal values
     laws: tuple[Contribution, ...] = ()  # contributions of materials, without their stiffness
     stops: Sequence[Obstacle] = ()  # the obstacles as contributed; their limits are `obstacles`

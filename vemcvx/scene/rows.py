@@ -43,7 +43,7 @@ def distinct_pairs(nodes: Ints, partners: Ints) -> tuple[Ints, Ints]:
 
 
 def jump_rows(nodes: Ints, partners: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:
-    """Return the matrix (m * q, n_u) of d . jump, for q directions (m, q, dim) per row."""
+    """Return the matrix (m * q, n_u) of d . jump, for q directions d (m, q, dim) per row."""
     m, q, dim = directions.shape
     columns = np.repeat(nodes[:, None] * dim + np.arange(dim), q, axis=0).ravel()
     indptr = np.arange(0, m * q * dim + 1, dim)
@@ -103,7 +103,7 @@ class ContactRows:
 
     @property
     def columns(self) -> dict[str, Any]:
-        """The columns of the table by name, as arguments for its subclasses."""
+        """The columns of the table by name, as arguments for constructors of subclasses."""
         return {name: getattr(self, name) for name in ("nodes", "partners", "normals", "ends", "names")}
 
     @cached_property
@@ -118,7 +118,7 @@ class ContactRows:
         return find_in(known, wanted)
 
     def matrix(self, directions: Floats, points: Floats) -> sp.csr_matrix:
-        """Return the matrix (m * q, n_u) of d . jump, for q directions (m, q, dim) per row."""
+        """Return the matrix (m * q, n_u) of d . jump, for q directions d (m, q, dim) per row."""
         return jump_rows(self.nodes, self.partners, directions, points)
 
     def normal_rows(self, points: Floats) -> sp.csr_matrix:

@@ -202,7 +202,7 @@ def active_parts(
 
 
 def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], notes: list[str]) -> Contribution:
-    """Return a contribution without parts that vanish at all `times`; append a sentence for each part to `notes`."""
+    """Return a contribution without parts that vanish at all `times`; append a sentence to `notes` for each of them."""
 
     def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
         zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
@@ -254,7 +254,7 @@ def _bound(friction: Friction) -> Datum:
     if law is None:
         return friction.weights
     if law.slips:
-        return lambda t: np.ones(1)  # Weights after slip are not known beforehand.
+        return lambda t: np.ones(1)  # Weights that depend on slip are not known beforehand.
     # At so large a contact force, a law that depends on pressure gives positive weights in any units.
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 

@@ -260,7 +260,7 @@ def _curvature(group: FaceGroup) -> Floats:
 #
 # Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
 # edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
-# nodes on a circle or a sphere at any distances. With weights proportional to length, a body that slides along a curve
+# nodes on a circle or a sphere with any spacing. With weights proportional to length, a body that slides along a curve
 # of unequal sides would feel forces that do not vanish under refinement. Sides much shorter than their neighbours get
 # almost no weight, because rounding turns them.
 #
@@ -445,7 +445,7 @@ class SideEnds:
         np.maximum.at(longest, row, length)
         np.maximum.at(most, row, curvature)
         part = (length / longest[row]) ** 4
-        # If no face has an angle at a node, because it hangs in edges, only areas count.
+        # If no face has an angle at a node, because the node hangs in edges, only areas count.
         relative = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
         # Sides shorter than 0.03 of the longest side at their node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part

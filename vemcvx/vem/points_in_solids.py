@@ -119,7 +119,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return barycentric coordinates (k, 3) of the point of each triangle nearest to the origin, and its distance.
+    """Return the barycentric coordinates (k, 3) of each triangle's point nearest to the origin, and its distance.
 
     The coordinates are correct for triangles (k, 3, 3) close to the origin.
     """

@@ -94,7 +94,7 @@ class Space:
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Return the matrix (p, n_nodes) that evaluates Pi at points x (p, dim): at x[point[k]] in cell[k]."""
+        """Return the matrix (p, n_nodes) that evaluates Pi v at points x (p, dim): at x[point[k]] in cell[k]."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
@@ -188,7 +188,7 @@ class Space:
         return {}
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for ends (m, 2) of edges in only one cell; at interfaces, in one of the lower-numbered body."""
+        """Return True for ends (m, 2) of edges that lie in one cell only; on interfaces, of the lower-numbered body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:

@@ -114,7 +114,7 @@ def triangles(
 
 # Hexagons in staggered rows, cut off at the sides of the box.
 #
-# Rows of cells are separated by zigzag lines of nodes half a cell apart. Rows of regular hexagons of width a are
+# Zigzag lines with a node every half cell separate the rows of cells. Rows of regular hexagons of width a are
 # a sqrt(3)/2 apart, with zigzags of a third of this height. Numbers of rows and columns are rounded to fill the box.
 
 

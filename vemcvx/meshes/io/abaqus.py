@@ -1,6 +1,6 @@
 """Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists parts not read.
 
-A part is read once for each of its instances, and moved by the moves of the instance. A part without an instance is
+A part is read once for each of its instances, translated and rotated like the instance. A part without an instance is
 read once, unmoved. Sets of the same name in several parts are joined. Each instance has its own numbers of nodes and
 elements.
 """

@@ -3,8 +3,8 @@
 A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
 are cells of the grid, too. If a named set contains cells of the mesh, it becomes a cell datum, 1 inside and 0 outside.
 If it contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep data,
-the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary. They also get the other data
-of the cell beside them, so that pictures have the same colours with and without them.
+the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary. These cells also get the other
+data of the cell beside them, so that pictures with and without them have the same colours.
 
 An interface of two bodies is stored as two such parts: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".

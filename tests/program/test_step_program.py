@@ -63,7 +63,7 @@ def test_the_gap_bounds_the_error(block, separate):
             error = 0.5 * apart @ (K @ apart)
             assert error <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
             assert error <= computed[-1].gap + computed[-1].floor
-            v = np.linalg.solve(K, program.g - program.multiplier_force(lam, p))
+            v = np.linalg.solve(K, program.g - program.operators.multiplier_force(lam, p))
             dual = -0.5 * v @ K @ v - lam.ravel() @ program.b - p @ program.e
             dual -= 0.5 * p @ (program.operators.compliance * p)
             # By theorem 2 of `vemcvx.program.certificate`, the gap may be less than primal minus dual.

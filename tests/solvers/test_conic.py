@@ -37,16 +37,16 @@ def test_polishing_corrects_degenerate_terms_to_rounding(seed):
 
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.ThroughCvxpy("clarabel")], ids=["class", "name"])
 def test_settings_depend_on_the_program_and_on_retries(solver):
-    first = solver.choose_options(1e-12, semidefinite=False, retry=False)
+    first = solver.choose_options(1e-12, semidefinite=False)
     assert first[REGULARISATION] == 1e-15
-    assert solver.choose_options(1e-12, semidefinite=True, retry=False) == {**first, REGULARISATION: 1e-13}
-    assert solver.choose_options(1e-12, semidefinite=False, retry=True)["max_step_fraction"] == 0.99
+    assert solver.choose_options(1e-12, semidefinite=True) == {**first, REGULARISATION: 1e-13}
+    assert solver.for_second_attempt().choose_options(1e-12, semidefinite=False)["max_step_fraction"] == 0.99
 
 
 def test_options_of_the_user_replace_settings_and_tuned_false_omits_them():
-    options = vx.Clarabel(options={REGULARISATION: 1e-8}).choose_options(1e-12, semidefinite=True, retry=True)
+    options = vx.Clarabel(options={REGULARISATION: 1e-8}).for_second_attempt().choose_options(1e-12, semidefinite=True)
     assert options[REGULARISATION] == 1e-8
-    assert vx.ThroughCvxpy("CLARABEL", tuned=False).choose_options(1e-12, semidefinite=True, retry=True) == {}
+    assert vx.ThroughCvxpy("CLARABEL", tuned=False).for_second_attempt().choose_options(1e-12, semidefinite=True) == {}
 
 
 @pytest.mark.parametrize("solver", sorted(TUNED))
@@ -54,4 +54,4 @@ def test_conditional_settings_follow_the_settings_for_all_programs(solver):
     always = {setting.name for setting in TUNED[solver] if setting.when is Condition.ALWAYS}
     order = [setting.when is Condition.ALWAYS for setting in TUNED[solver]]
     assert order == sorted(order, reverse=True)
-    assert set(vx.ThroughCvxpy(solver).choose_options(1e-12, semidefinite=True, retry=True)) == always
+    assert set(vx.ThroughCvxpy(solver).for_second_attempt().choose_options(1e-12, semidefinite=True)) == always

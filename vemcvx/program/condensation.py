@@ -90,12 +90,9 @@ class Reduced:
     @cached_property
     def norm(self) -> float:
         """The energy norm (phi'K^{-1}phi)^{1/2} of the response."""
-        largest = max(map(abs, self.shares.values()), default=0.0)
-        if not 0 < largest < np.inf:
-            return largest
-        unit = Reduced(self.condensation, {shape: share / largest for shape, share in self.shares.items()})
-        released = unit._sum("released", len(self.condensation.retained))
-        return largest * float(np.sqrt(abs(unit.work_inside(unit) + float(unit.retained @ released))))
+        released = self._sum("released", len(self.condensation.retained))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(np.sqrt(abs(self.work_inside(self) + float(self.retained @ released))))
 
     def work_inside(self, other: Reduced) -> float:
         """Return phi'xi, the work of this force on the xi of another force."""

@@ -222,9 +222,9 @@ class Operators(ArrayRecord):
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The columns of the entries of B and of D, if every row has exactly one, in different columns; else None."""
+        """The columns of the entries of B and of D, if every row has one, not zero, in its own column; else None."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
-        single = (np.diff(self.A.indptr) == 1).all() and len(np.unique(columns)) == rows
+        single = (np.diff(self.A.indptr) == 1).all() and self.A.data.all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
 
     def move(self, held: Bools, x: Floats) -> Floats:

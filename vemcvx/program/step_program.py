@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.sparse.linalg import lsqr
 
 from vemcvx.base.arrays import (
     EPS,
@@ -160,13 +159,9 @@ class StepProgram(ArrayRecord):
         of_limits = np.maximum(reach * np.sqrt(operators.limit_flexibility), way[rows:].max(initial=0.0))
         return STILL_TOLERANCE * of_terms, STILL_TOLERANCE * of_limits
 
-    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
-        """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return self.operators.multiplier_force(lam, p)
-
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """Return the residual r = g - B'lam - D'p - K d, the unbalanced forces (n,)."""
-        return self.g - self.multiplier_force(lam, p) - product(self.operators.K, d)
+        return self.g - self.operators.multiplier_force(lam, p) - product(self.operators.K, d)
 
     def objective(self, d: Floats) -> float:
         """Return the energy that the step minimises; infinite if d violates a bound or moves a term that sticks."""
@@ -253,8 +248,8 @@ class StepProgram(ArrayRecord):
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
             return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
-        force = self.residual(d, x[:rows], x[rows:])
-        x[free] += lsqr(operators.A[free].T, force, atol=1e-15, btol=1e-15, iter_lim=100 + 4 * int(free.sum()))[0]
+        A, force = operators.A, self.residual(d, x[:rows], x[rows:])
+        x = np.where(free, x + force[A.indices] / A.data, x)
         return operators.blocks(x[:rows]), x[rows:]
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:

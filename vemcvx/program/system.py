@@ -275,11 +275,6 @@ class Motion:
     remaining_gap: Callable[[float], Floats] | None = None
     """Function t -> (r,): the part of the limits e that u_D uses up."""
 
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not callable(value) and not (name == "remaining_gap" and value is None):
-                raise SceneError(f"Motion: found {name} = {brief(value)}; wanted a function.")
-
 
 @dataclass(frozen=True, repr=False)
 class Damping(ArrayRecord):

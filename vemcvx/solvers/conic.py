@@ -3,9 +3,8 @@
 `TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. "Certified
 5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5.
 
-Solvers without cones receive absolute values as inequalities. Solvers with cones receive inequalities when they solve a
-missed step again. On a slipping term a cone uses the difference t - |s|, which is as small as the gap and has no
-correct digits below 1e-12. Inequalities have a slack variable for this difference.
+All solvers receive absolute values as inequalities. On a slipping term a cone uses the difference t - |s|, which is as
+small as the gap and has no correct digits below 1e-12; inequalities have a slack variable for this difference.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import cache, partial
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -247,19 +246,20 @@ class ThroughCvxpy(Solver):
         """The tuned settings; later ones, for fewer programs, replace earlier ones of the same name."""
         return TUNED.get(self.solver, ()) if self.tuned else ()
 
-    def choose_options(self, gap: float, *, semidefinite: bool, retry: bool) -> dict[str, Any]:
+    def choose_options(self, gap: float, *, semidefinite: bool) -> dict[str, Any]:
         """Return the solver's options for a duality gap of a scaled program; options of the user replace tuned ones."""
-        now = (
-            {Condition.ALWAYS}
-            | ({Condition.SEMIDEFINITE} if semidefinite else set())
-            | ({Condition.RETRY} if retry else set())
-        )
+        now = {Condition.ALWAYS} | ({Condition.SEMIDEFINITE} if semidefinite else set())
         return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
+
+    def for_second_attempt(self) -> ThroughCvxpy:
+        """Return the solver with the settings for a second attempt at a step."""
+        sharper = {one.name: one.value for one in self.settings if one.when is Condition.RETRY}
+        return replace(self, options={**sharper, **self.options})
 
 
 @dataclass(frozen=True)
 class Clarabel(ThroughCvxpy):
-    """The interior-point solver Clarabel, through cvxpy, with one second-order cone per norm term.
+    """The interior-point solver Clarabel, through cvxpy, with one second-order cone per disc.
 
     Parameters
     ----------
@@ -336,39 +336,29 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        # Each key consists of `cones` and the terms that always stick, each value of the step in cvxpy and the solver
-        # objects that cvxpy keeps for a warm start.
-        self._compiled: dict[tuple[bool, bytes], tuple[CvxpyStep, dict[str, Any]]] = {}
+        # For each set of terms that always stick: the step in cvxpy, and the objects that cvxpy keeps for a warm start.
+        self._compiled: dict[bytes, tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        cones = self._settings.cones
-        answer = self._solve_once(program, target, cones)
-        more = any(setting.when is Condition.RETRY for setting in self._settings.settings)
-        if more and _gap(program, answer) > target:
-            again = self._solve_once(program, target, cones and program.operators.block > 1, retry=True)
-            # If the target is out of reach, the second answer may be worse, by a factor of 190 in gap.
-            better = min(answer, again, key=partial(_gap, program))
-            answer = replace(better, iterations=again.iterations + answer.iterations)
-        return polish_answer(program, answer) if self._settings.polish else answer
-
-    def _solve_once(self, program: StepProgram, target: float, cones: bool, retry: bool = False) -> Answer:
+        cones = self._settings.cones and program.operators.block > 1
         operators, corners, stuck = program.operators, self._settings.corners, program.stuck
         data = program.g, program.finite_weights, program.b, program.e
         with COMPILING:
             if isinstance(operators.K, np.ndarray):
-                if (key := (cones, stuck.tobytes())) not in self._compiled:
+                if (key := stuck.tobytes()) not in self._compiled:
                     self._compiled[key] = to_cvxpy(operators, None, cones, corners, stuck), {}
                 step, kept = self._compiled[key]
                 step.at(data)
             else:
                 step, kept = to_cvxpy(operators, data, cones, corners, stuck), {}
-        options = self._settings.choose_options(target, semidefinite=operators.kernel is not None, retry=retry)
+        options = self._settings.choose_options(target, semidefinite=operators.kernel is not None)
         status, iterations = _run(step, kept, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((operators.count, operators.block)), np.zeros_like(program.e)
         found = still if step.d.value is None else (step.d.value, step.lam, step.p)
         # Interior-point methods may violate bounds by rounding.
         d, lam, p = program.admissible_point(*found)
-        return Answer(d, lam, iterations, status, p=p)
+        answer = Answer(d, lam, iterations, status, p=p)
+        return polish_answer(program, answer) if self._settings.polish else answer
 
 
 def polish_answer(program: StepProgram, answer: Answer) -> Answer:

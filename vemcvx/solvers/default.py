@@ -21,7 +21,7 @@ from vemcvx.base.arrays import Floats, brief, flag, lengths
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
-from vemcvx.solvers.conic import OSQP, Clarabel
+from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
 from vemcvx.solvers.law import Weights
 from vemcvx.solvers.newton import Newton, PreparedNewton, gap_of_law
 from vemcvx.solvers.solver import INNER_FRACTION, Prepared, ScaledSolver, Solver, name_failures
@@ -133,13 +133,13 @@ PATIENCE = 12
 class RunSolver:
     """A solver prepared for a run, under given weights and under laws of friction.
 
-    `newton` is the solver itself if it is Newton's method, which solves steps under laws, and which Clarabel replaces
-    in steps that it misses. Other solvers answer programs with given weights. With T(w) the answer for the weights w, a
-    law requires w = law(p(T(w)), |s(T(w))|): in a fixed-point iteration, the next weights come from one Newton step on
-    the active sets of the answer. If these sets are those of the solution, this step gives its weights.
+    `newton` is the solver itself if it is Newton's method, which solves steps under laws. Other solvers answer programs
+    with given weights. With T(w) the answer for the weights w, a law requires w = law(p(T(w)), |s(T(w))|): in a
+    fixed-point iteration, the next weights come from one Newton step on the active sets of the answer. If these sets
+    are those of the solution, this step gives its weights.
     """
 
-    name: str
+    solver: Solver
     prepared: Prepared
     newton: PreparedNewton
 
@@ -154,12 +154,14 @@ class RunSolver:
         with name_failures(solver.name):
             prepared = solver.prepare(operators) if solver.any_units else ScaledSolver(solver, operators)
         newton = prepared if isinstance(prepared, PreparedNewton) else PreparedNewton(operators, 1)
-        return cls(solver.name, prepared, newton)
+        return cls(solver, prepared, newton)
 
     @cached_property
-    def conic(self) -> RunSolver:
-        """Clarabel, the last resort of Newton's method, compiled at its first use."""
-        return RunSolver.prepare(Clarabel(), self.newton.operators)
+    def second(self) -> RunSolver:
+        """The solver of steps that this one misses: Clarabel in place of Newton's method, else with other settings."""
+        solver = Clarabel() if self.prepared is self.newton else self.solver
+        conic = isinstance(solver, ThroughCvxpy)
+        return RunSolver.prepare(solver.for_second_attempt(), self.newton.operators) if conic else self
 
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
@@ -168,7 +170,7 @@ class RunSolver:
         if self.prepared is self.newton:
             return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:
-            return read_answer(self.prepared.solve(program, target, lam, p), program, self.name)
+            return read_answer(self.prepared.solve(program, target, lam, p), program, self.solver.name)
         # Friction at earlier pressures may not hold a body without supports: begin with weights that hold any load.
         floats = program.operators.kernel is not None
         w = np.full(len(program.w), np.abs(program.g).sum()) if floats else program.w
@@ -191,11 +193,11 @@ class RunSolver:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve a missed step again. For Newton, return the best answer of Clarabel and of Newton from its sets."""
-        if self.prepared is not self.newton:
-            return self.solve(program, target, lam, p, law)
+        """Solve a missed step again; return the better answer of Clarabel and of Newton's method from its sets."""
         law = law or Weights(program.w)
-        first = self.conic.solve(program, target, lam, p, law)
+        first = self.second.solve(program, target, lam, p, law)
+        if self.prepared is not self.newton:
+            return first
         last = self.newton.solve_from(program, law, first)
         best = min((first, last), key=lambda one: gap_of_law(program, law, one))
         return replace(best, iterations=first.iterations + last.iterations, status=f"{best.status}, after Clarabel")

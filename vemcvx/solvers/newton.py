@@ -280,25 +280,19 @@ class Search:
         return min(found, key=lambda pair: pair[1].law_error(pair[0]))
 
     def _sweep(self, point: Point) -> Point:
-        """Return a point nearer to the solution, by projected gradients, with updates of a if K has a kernel."""
-        most = min(2**self.safeguards, 16) * FIRST_SWEEPS
-        rounds = most // SWEEPS_PER_MULTIPLIER if len(point.a) else 1
-        self.safeguards += 1
-        for _ in range(rounds):
-            point = self._descend(point, most // rounds)
-            point = self.delassus.move(point, np.zeros_like(point.x), self.delassus.norm * point.rest)
-        return point
+        """Return a point nearer to the solution, by projected gradients.
 
-    def _descend(self, point: Point, most: int) -> Point:
-        """Return the point after projected gradients, with a penalty on `rest` if K has a kernel.
-
-        The penalty is norm |rest|^2 / 2, with `norm` the norm of W. R is orthonormal: the curvature at most doubles.
+        If K has a kernel, the penalty norm |rest|^2 / 2 is added, with `norm` the norm of W. R is orthonormal: the
+        curvature at most doubles. The multipliers a of the penalty change every SWEEPS_PER_MULTIPLIER steps.
         """
-        delassus, norm, R = self.delassus, self.delassus.norm, self.delassus.R
-        length = 1.0 / (2.0 * norm if len(point.a) else norm)
-        momentum, ahead, now = 1.0, point.x, point.off + R @ (norm * point.rest)
-        off = now
+        delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
+        most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
+        self.safeguards += 1
         for sweep in range(most):
+            if sweep % (SWEEPS_PER_MULTIPLIER if floats else most) == 0:
+                point = delassus.move(point, np.zeros_like(point.x), norm * point.rest)
+                momentum, ahead, off = 1.0, point.x, point.off + R @ (norm * point.rest)
+                now = off
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
             if sweep % SWEEPS_PER_WEIGHTS == 0:
@@ -306,13 +300,13 @@ class Search:
             x = np.append(onto_discs(lam, w), p)
             dx, before = x - point.x, now
             point = delassus.move(point, dx)
-            if np.abs(dx).max(initial=0.0) <= 1e-3 / most * np.abs(x).max(initial=0.0):
+            if not floats and np.abs(dx).max(initial=0.0) <= 1e-3 / most * np.abs(x).max(initial=0.0):
                 break
             restart = float((x - ahead) @ dx) < 0
             momentum, last = (1.0, 1.0) if restart else (0.5 + np.sqrt(0.25 + momentum**2), momentum)
             now, follow = point.off + R @ (norm * point.rest), (last - 1.0) / momentum
             ahead, off = x + follow * dx, now + follow * (now - before)
-        return point
+        return delassus.move(point, np.zeros_like(point.x), norm * point.rest)
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,6 @@ class PosedStep:
     before: State
     data: StepData
     frame: Frame
-    g: Floats  # unbalanced force at the beginning of the step, on the unknowns that states store
     program: StepProgram
 
     def solve(self, n: int) -> State:
@@ -165,7 +164,7 @@ class PosedStep:
         after = State(
             t=now.t,
             y=y,
-            unbalanced=self.g - run.operators.force(d),
+            unbalanced=before.unbalanced + (now.force.retained - before.data.force.retained) - run.operators.force(d),
             data=now,
             weights=weights,
             bound=np.append(bound, w),
@@ -211,12 +210,12 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         m = run.operators.count
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
-    g = own = before.unbalanced + (now.force.retained - before.data.force.retained)
+    g = before.unbalanced + (now.force.retained - before.data.force.retained)
     if damping is not None and damping.motion is not None and k > 0:
-        own = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
+        g = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y
     b = before.data.prescribed_slip - now.prescribed_slip
-    return PosedStep(run, before, now, frame, g, program=StepProgram(frame.condensation.operators, own, w, b, e))
+    return PosedStep(run, before, now, frame, StepProgram(frame.condensation.operators, g, w, b, e))
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:

@@ -89,9 +89,8 @@ def _make_solved_program(run: PreparedRun, before: State, after: State, n: int) 
     # The difference of two states may violate a bound by rounding.
     d = posed.program.feasible(after.y - before.y)
     answer = Answer(d, after.lam[:m], after.iterations, after.status, after.safeguards, p=after.p)
-    found = SolvedProgram.from_answer(posed.program, answer, n, after.t)
     slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
-    return replace(found, slope=slope)
+    return replace(SolvedProgram.from_answer(posed.program, answer, n, after.t), slope=slope)
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

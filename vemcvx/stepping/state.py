@@ -231,46 +231,45 @@ class State:
 
 
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """Return the states with all their unknowns, and with certificates of the full system.
+    """Return states without interior unknowns with all unknowns, and with certificates of the full system.
 
     Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
     r = load - B'lam - D'p - K y of all unknowns; it is zero if r is only rounding, which the floor covers. If this
     energy is too large, interior unknowns are corrected once. The part of r on K's kernel is removed, because
     multipliers balance the forces on the kernel.
     """
-    if not (some := [state for state in states if state.full is None]):
-        return list(states)
+    if not states:
+        return []
     condensation, system, accuracy, m = run.condensation, run.system, run.solver.accuracy, run.operators.count
-    forces = [state.data.force for state in some]
-    held = [condensation.full.multiplier_force(state.lam[:m], state.p) for state in some]
+    forces = [state.data.force for state in states]
+    held = [condensation.full.multiplier_force(state.lam[:m], state.p) for state in states]
     push = np.array([force.phi - own for force, own in zip(forces, held, strict=True)]).T
     size = np.array([np.abs(force.phi) + np.abs(own) for force, own in zip(forces, held, strict=True)]).T
-    most = [0.5 * (INNER_FRACTION * accuracy * state.unit(accuracy)) ** 2 for state in some]
+    most = [0.5 * (INNER_FRACTION * accuracy * state.unit(accuracy)) ** 2 for state in states]
 
     def residual(y: Floats) -> Floats:
         r: Floats = push - system.K @ y
         return r if (kernel := system.kernel) is None else r - kernel.basis @ (kernel.basis.T @ r)
 
-    xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in some]))
+    xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in states]))
     y = condensation.complete(xi, kept)
     r, rounding = residual(y), condensation.full.rounding(size, np.abs(y))
-    energies, floors = np.zeros(len(some)), condensation.full.energies_of_rounding(rounding)
+    energies, floors = np.zeros(len(states)), condensation.full.energies_of_rounding(rounding)
     if (np.abs(r) > rounding).any():
         energies = 0.5 * condensation.factor.energies_of_columns(r)
     if (energies > most).any():
         y = y + condensation.solve_interior(r)
         energies = 0.5 * condensation.factor.energies_of_columns(residual(y))
 
-    def in_full(state: State, full: Floats, energy: float, floor: float) -> State:
-        return replace(state, full=full, certificate=state.certificate.in_full(energy, floor))
-
-    found = map(in_full, some, y.T, energies.tolist(), floors.tolist())
-    return [state if state.full is not None else next(found) for state in states]
+    return [
+        replace(state, full=full, certificate=state.certificate.in_full(energy, floor))
+        for state, full, energy, floor in zip(states, y.T, energies.tolist(), floors.tolist(), strict=True)
+    ]
 
 
 def certify_in_full(run: PreparedRun, state: State) -> State:
     """Return a state with all its unknowns and the certificate of the full system."""
-    return certify_together(run, [state])[0]
+    return certify_together(run, [state])[0] if state.full is None else state
 
 
 def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:

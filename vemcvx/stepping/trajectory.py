@@ -342,7 +342,7 @@ class Recorder:
     def enter_waiting(self) -> None:
         """Write the waiting states in the order of their steps, up to the first that is not certified."""
         waiting, self._waiting = self._waiting, {}
-        kept = {n: state for n, state in waiting.items() if n == 0 or n in self._kept}
+        kept = {n: state for n, state in waiting.items() if (n == 0 or n in self._kept) and state.full is None}
         waiting |= zip(kept, certify_together(self._run, list(kept.values())), strict=True)
         for n, state in waiting.items():
             if n in kept and n > 0 and self._run.check:
@@ -420,8 +420,6 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
         bound=weights if norms is None else np.append(norms.weights_under(t, p, ledger.slipped[:m]), weights[m:]),
         lam=lam,
         p=p,
-        sticks=read["sticking"],
-        certificate=replace(state.certificate, equilibrium=read["gap"], floor=read["floor"]),
         ledger=ledger,
         scale=max(read["unit"], ledger.norm),
         iterations=read["iterations"],

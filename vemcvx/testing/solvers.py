@@ -268,7 +268,7 @@ def gives_nearly_admissible_multipliers(case: Case) -> None:
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
-        moved = program.multiplier_force(answer.lam - lam, answer.p - p)
+        moved = program.operators.multiplier_force(answer.lam - lam, answer.p - p)
         assert program.operators.factor.energy(moved) <= 2 * request.target
 
 

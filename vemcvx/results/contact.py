@@ -37,11 +37,11 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    Nodes of the boundary are contact nodes unless another support fixes their normal component. A node whose tangent a
-    support fixes (on the axis of a half model) is a contact node. So is every node that a prescribed displacement moves
-    along the boundary against friction. The forces of such supports are neither traction nor pressure. The friction
-    that they work against is traction; it is set to 0 in a step in which the support stands still, although any value
-    up to the bound would be admissible.
+    Nodes of the boundary are contact nodes unless a support other than contact fixes their normal component. A node
+    whose tangent a support fixes (on the axis of a half model) is a contact node. So is every node that a prescribed
+    displacement moves along the boundary against friction. The forces of such supports are neither traction nor
+    pressure. The friction that they work against is traction; it is set to 0 in a step in which the support stands
+    still, although any value up to the bound would be admissible.
 
     In space, lengths are areas. At a node with one normal, slip and traction are vectors in the tangent plane, and the
     wear of a step is minus traction times slip. At edges and corners of contact, friction acts in the tangent plane of

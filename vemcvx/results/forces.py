@@ -55,7 +55,7 @@ class BoundaryForces(ArrayRecord):
         The node, and the other node of the side, or in space the number of the face. The second number is -1 without
         a side, and -2 for forces on the other body of an interface.
     held : (q,) bool
-        True for forces of supports, False for those of contact, friction and springs.
+        True for forces of supports, False for forces of contact, friction and springs.
     force : (S, q, dim)
         Forces on the body.
     loads : (S, L, dim)

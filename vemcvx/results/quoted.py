@@ -20,7 +20,7 @@ class Extreme:
         "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction",
         "pressure" or "pressure_recovered".
     name : str
-        The same in words, such as "largest von Mises stress".
+        The key in words, such as "largest von Mises stress".
     value : float
     unit : str
         In words, such as "force/length²".

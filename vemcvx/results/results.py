@@ -356,7 +356,7 @@ class Results:
 
     @cached_property
     def turns(self) -> Ints:
-        """The stored steps at which the motion reverses: the next increment points against the one before.
+        """The stored steps at which the motion reverses: increments before and after have a negative scalar product.
 
         Increments below the accuracy of a step do not count.
         """

@@ -70,7 +70,7 @@ def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Return a mask (k,) of the rows whose `slip` changes during `times`; without times, of rows that may be moved."""
+    """Return a mask (k,) of the rows whose `slip` changes during `times`; without times, of rows that may slip."""
     dragged = np.zeros(len(rows), dtype=bool)
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
@@ -417,7 +417,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the fractions (rows of all frictions, r) of limit forces that press on rows with a law of pressure.
+    """Return the fractions (rows of all frictions, r) of limit forces that act on rows whose law depends on pressure.
 
     Return None if no friction has a law. Raise SceneError if a law needs the pressure at a free node without obstacle.
     """

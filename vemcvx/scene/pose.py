@@ -253,7 +253,7 @@ def _build_system(
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return the fields of PosedScene that give the number of the effect of each support, friction, obstacle, load."""
+    """Return the fields of PosedScene that number the effects of its supports, frictions, obstacles and loads."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])

@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the body of each piece, found from interfaces at its nodes; None if unclear. `node` i is in `piece` i."""
+    """Return the name of each piece's body from interfaces at its nodes; None if unclear. `node` i is in `piece` i."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -44,7 +44,7 @@ class ConnectedPart:
     """A connected part of the scene: pieces that supports, hinges or springs join."""
 
     which: str  #: the part in words
-    bodies: tuple[str | None, ...]  #: the names of its pieces
+    bodies: tuple[str | None, ...]  #: for each piece, the name of its body
     hinge: str  #: a node at which pieces are joined, in words; empty if there is none
     axes: Floats  #: (pieces, k, k) maps coefficients of orthonormal motions to coefficients along and about the axes
 

@@ -64,7 +64,7 @@ class Supports:
 
     @cached_property
     def moved(self) -> Ints:
-        """The nodal values at nodes that supports move, ascending."""
+        """The numbers of the nodal values at nodes that supports move, ascending."""
         dim, moving = self.points.shape[1], self.repeat_by_row([support.value is not None for support in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
@@ -115,7 +115,7 @@ class Supports:
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
     def motion(self, t: float) -> Floats:
-        """Return the prescribed displacement u_D (n_u,) at an instant; raise SceneError if rows contradict others."""
+        """Return the prescribed displacement u_D (n_u,) at an instant; raise SceneError if supports disagree."""
         motion = self._last.get(t)
         if motion is None:
             each = [np.zeros(len(s.nodes)) if s.value is None else np.asarray(s.value(t)) for s in self.given]

@@ -197,7 +197,7 @@ def _step(instance: Instance, n: int, condense: bool, solver: Solver) -> Traject
 
 @cache
 def record_requests(instance: Instance) -> tuple[Request, Request]:
-    """Return the first and the last request of a march with a relative error of 1e-6."""
+    """Return the first and the last request of a march with the requested accuracy 1e-6."""
     seen: list[Request] = []
 
     class Watch:

@@ -406,7 +406,7 @@ class SideEnds:
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) nodes of other bodies at the same places, or -1
-    whole_sides: Ints | None = None  # (e, 2) the ends, as positions here, of the side without hanging nodes
+    whole_sides: Ints | None = None  # (e, 2) positions in this table: ends of the side without hanging nodes
     position: Floats | None = None  # (e,) position of the node on this side, from 0 to 1
     mirrors: MirrorPlanes | None = None
 

@@ -24,9 +24,9 @@ $$ \tau = \text{smallest eigenvalue of } C_k \text{ on the deviatoric plane} = \
 
 In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
 C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock. A growing volumetric modulus
-does not change the deviatoric plane. Fibres with a growing modulus add a matrix of rank one, which leaves the smallest
-eigenvalue bounded. (The trace or the mean would grow with the fibres. With E1 / G = 2e8 and 8 Voronoi cells per side, a
-sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)
+does not change C_k on deviatoric strains. Fibres with a growing modulus add a matrix of rank one, which leaves the
+smallest eigenvalue bounded. (The trace or the mean would grow with the fibres. With E1 / G = 2e8 and 8 Voronoi cells
+per side, a sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)
 
 :mod:`vemcvx.vem.tensors` defines moduli and components.
 """
@@ -410,7 +410,7 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
 
 
 def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
-    """Return rows (c, r, n dim) whose squares add up to a_K^h(v, v) of cells with n vertices."""
+    """Return rows (c, r, n dim) whose squared products with v add up to a_K^h(v, v), for cells with n vertices."""
     measures, rows = cells.strain_rows()
     count, components, n, dim = rows.shape
     upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)

@@ -12,7 +12,7 @@ definite on the range of I - Pi, which adds to the local matrix
     (I - Pi)' S (I - Pi).
 
 Two stabilisations have names: S = tau h_K^(dim - 2) I, tau = 2 mu ("shear") or 1 ("unit", as in the paper)
-(:mod:`vemcvx.vem.elasticity`). Any other one is a subclass of :class:`Stabilisation`. The stiffness, the error budget
+(:mod:`vemcvx.vem.elasticity`). All others are subclasses of :class:`Stabilisation`. The stiffness, the error budget
 and the nodal distance use the same S, and therefore the same a^h. Error bounds (:mod:`vemcvx.bound`) measure in a,
 the energy of the continuum: they need no S_K, and hold for the answer with any S_K.
 """

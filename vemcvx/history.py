@@ -51,14 +51,14 @@ class History(Results, Outlined):
     contact : Contact
     acting : BoundaryForces
         The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
-    moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells)
-        Lame's lambda (in the plane) and mu; or the upper triangle of the elastic matrix, row by row, if some cell is
-        anisotropic (:mod:`vemcvx.vem.tensors`).
+    moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells)
+        Lame's lambda (reduced in plane stress) and mu; or, if some cell is anisotropic and in bodies of revolution, the
+        upper triangle of the elastic matrix, row by row (:mod:`vemcvx.vem.tensors`).
     trajectory : Trajectory
         The results in free unknowns, and scalar results at all N + 1 instants.
     seconds : dict
         The times of "assemble", "prepare" and "solve" in seconds.
-    prestress : (S, n_cells, 3 or 6) or None
+    prestress : (S, n_cells, 3, 4 or 6) or None
         Stresses at zero strain, caused by eigenstrains and prestress; None if the scene has neither.
     out_of_plane : (n_cells, 3) or None
         Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy. Zero in plane stress; None in space, or if the

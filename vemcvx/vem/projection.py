@@ -373,8 +373,8 @@ def second_moments(about: Floats) -> Floats:
 # with the plane projection Pi in the integrals over the cell. On edges r and u are linear, so the boundary integrals
 # are exact. u_r = r and u_z = z have exact strains. (Axisymmetric virtual elements: L. L. Yaw, arXiv:2312.01559, 2023.)
 #
-# The mean hoop strain does not see a rotation about the centroid, u_r = z - z_c. So the energy contains the variation
-# of the hoop strain, too: Pi u_r - e_tt r is linear, its integral vanishes, and with the second moments M of the cell
+# A rotation about the centroid, u_r = z - z_c, has no mean hoop strain. So the energy also contains the variation of
+# the hoop strain: Pi u_r - e_tt r is linear, its integral vanishes, and with the second moments M of the cell
 # about its centroid
 #
 #     2 mu int r (Pi u_r / r - e_tt)^2 dA  ~  2 mu g'M g / r_c,     g = grad Pi u_r - e_tt grad r.

@@ -70,7 +70,7 @@ def stresses(moduli: Floats, strain: Floats) -> Floats:
 
     Parameters
     ----------
-    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+    moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
         Force per area.
     strain : (n_cells, components) array
 
@@ -125,14 +125,14 @@ def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
 
     Parameters
     ----------
-    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
+    moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
         Lame's constants, or the upper triangle of the elastic matrix by rows.
     dim : int
         The dimension for Lame's constants; other moduli determine it.
 
     Returns
     -------
-    (n_cells, 3, 3) array, in space (n_cells, 6, 6)
+    (n_cells, 3, 3) array, in space (n_cells, 6, 6), in a body of revolution (n_cells, 4, 4)
 
     Examples
     --------

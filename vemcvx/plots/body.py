@@ -447,7 +447,7 @@ def _render(
     right = np.cross(up, towards)
     across = np.stack([right, np.cross(towards, right)]) / np.linalg.norm(right)
     size = 1.03 * np.abs(across) @ np.ptp(frame, axis=0)
-    # Without a display VTK prints a message and draws in memory.
+    # Without a display, VTK prints a message and draws in memory.
     with pyvista.vtk_verbosity("off"):
         width, height = np.maximum(np.round(1000 * size / size.max()).astype(int), 1).tolist()
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height])

@@ -5,7 +5,7 @@ length: a nodal force is divided by int phi_i over the edges of contact, or over
 the hat function of the node. At corners, forces and edges of both sides count.
 
 - Tractions are minus the multipliers of friction.
-- Pressures are the forces p_j of one-sided contact. In bilateral contact they are -g . R with the forces
+- Pressures are the forces p_j of one-sided contact. In bilateral contact, they are -g . R with the forces
   R = A u - f + B'lam + D'p of supports and bilateral contact; :mod:`vemcvx.scene.contact` defines g.
 - Wear is friction work, the sum over all steps of w_i |s_i|: the worn depth is proportional to it (Archard 1953).
 

@@ -1,7 +1,7 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
 `Contact.pressure` is the nodal force R_i over |phi_i| = int phi_i, with phi_i the hat function of node i. On interfaces
-of meshes that do not match it has a ripple of order h or more. Where nodes of both bodies alternate, large and small
+of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, large and small
 forces do: sides bend at hanging nodes although cells have constant strain. Where two tilings are intersected, some
 nodes have a very small area, not a small stiffness. Means over a few cells are better: R(v) = int p v for smooth v.
 On every interface on which a cell of either body has several sides, the recovered values are means over nearby nodes,

@@ -11,7 +11,7 @@
 
 At nodes, a VTU file has the displacement and all contact arrays that change in time. These arrays are zero away from
 contact, except `sticking` and `closed`: 1 or 0 at contact nodes and NaN elsewhere, to tell slip from no contact. At an
-interface both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
+interface, both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
 the fields of `History.on_cells`.
 
 All files are written to a folder inside the target folder and then moved, first the archive, last the summary. The

@@ -1,6 +1,6 @@
 """Results at any points of the body, and along lines.
 
-On an edge, u_h is linear between the nodes of the edge. On faces of polyhedra u_h is piecewise linear. Inside a cell
+On an edge, u_h is linear between the nodes of the edge. On faces of polyhedra, u_h is piecewise linear. Inside a cell
 u_h is unknown, and its projection Pi u_h, (3.11), replaces it. Fields that are constant on cells are averaged over all
 cells that contain the point, so that mirrored bodies have mirrored values.
 

@@ -180,7 +180,7 @@ class Results:
 
     @property
     def is_axisymmetric(self) -> bool:
-        """True for a body of revolution, whose forces, works and energies are those of the full turn."""
+        """True for a body of revolution; its forces, works and energies are values of the full turn."""
         return len(self.moduli) == AXISYMMETRIC
 
     @property
@@ -213,7 +213,7 @@ class Results:
         ----------
         of : str, effect or class of effects
             The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, also
-            a load; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface the result
+            a load; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface, the result
             is the force on the body named first.
 
         Raises
@@ -255,9 +255,9 @@ class Results:
     def out_of_plane_stress(self, step: int) -> Floats:
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        It is 0 in plane stress. In plane strain it is lam (e_xx + e_yy) = nu (xx + yy); in an orthotropic material it
+        It is 0 in plane stress. In plane strain, it is lam (e_xx + e_yy) = nu (xx + yy); in an orthotropic material it
         follows from E3, nu13 and nu23. The stress of blocked eigenstrains is subtracted (E alpha theta if the body is
-        free in the plane). A Prestress has no component zz. In a body of revolution zz is the hoop stress.
+        free in the plane). A Prestress has no component zz. In a body of revolution, zz is the hoop stress.
 
         Raises
         ------
@@ -571,7 +571,7 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     tensor[:, space.dim :] *= 0.5
     size = np.abs(np.hstack([principal(tensor), hoop])).max(axis=1)
     k, volumes = int(np.argmax(size)), mesh.measures[cells]
-    # At a singular corner some strain is large on any fine mesh.
+    # At a singular corner, some strain is large on any fine mesh.
     if volumes[size > WARNING_FRACTION].sum() > 0.01 * volumes.sum():
         place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
         log.warning(

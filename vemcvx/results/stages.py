@@ -2,7 +2,7 @@
 
 A stage begins where the stage before it ended, so its initial instant is left out. Fields, forces and energies are
 those of the stages; an effect acts in its own stage only. Each stage counts slip, wear and accumulated slip from its
-initial instant. In the joined history these values continue:
+initial instant. In the joined history, these values continue:
 
     value in the joined history = value in the stage + last value before the stage - value at the stage's beginning.
 """

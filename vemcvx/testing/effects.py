@@ -79,7 +79,7 @@ class EffectSample:
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        Another value of every field, which changes the answer; an :class:`Other` if the value needs further changes.
+        For every field, another value that changes the answer; an :class:`Other` if this value needs further changes.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     in_space : bool

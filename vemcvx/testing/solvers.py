@@ -207,7 +207,7 @@ def record_requests(instance: Instance) -> tuple[Request, Request]:
             seen.append(Request(program, target, lam.copy(), p.copy()))
             return Newton().prepare(program.operators).solve(program, target, lam, p)
 
-    # Without terms a condensed program has no unknowns for a solver.
+    # Without terms, a condensed program has no unknowns for a solver.
     march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
     return seen[0], seen[-1]
 

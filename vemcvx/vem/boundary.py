@@ -253,7 +253,7 @@ def _curvature(group: FaceGroup) -> Floats:
 
 # Rows of a part of the boundary: one per node and distinct normal.
 #
-# At a corner (in space also at an edge) conditions along the normal hold for all sides that meet there. Each distinct
+# At a corner (in space also at an edge), conditions along the normal hold for all sides that meet there. Each distinct
 # normal has the part of int phi_i ds over the sides with this normal. Sides that turn by less than 42.5 degrees form a
 # curve, or a straight side with rounded points; a node on it has one mean normal. With two normals the node could not
 # slide, or would have to climb every corner, however fine the mesh is.
@@ -261,18 +261,18 @@ def _curvature(group: FaceGroup) -> Floats:
 # Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
 # edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
 # nodes on a circle or a sphere with any spacing. With weights proportional to length, a body that slides along a curve
-# of unequal sides would feel forces that do not vanish under refinement. Sides much shorter than their neighbours get
+# of unequal sides would meet forces that do not vanish under refinement. Sides much shorter than their neighbours get
 # almost no weight, because rounding turns them.
 #
 # A curve that ends on a plane of symmetry continues as its mirror image. The mean over both is the normal without its
 # component across the plane. If the curve and its image form a corner, like the tip of a wedge, the node keeps the
 # normal of its side; the normal of the image gives the same condition.
 #
-# In the plane one body defines the curve of an interface; nodes of the other body hang in its sides. Means are over
+# In the plane, one body defines the curve of an interface; nodes of the other body hang in its sides. Means are over
 # the sides without hanging nodes; along a side, normals vary linearly from end to end. So on a circle all normals are
 # radial, and a ring can turn inside another. The normals of the chords are off by up to half the angle of a chord: in a
 # press fit, sticking contact would be stretched by a strain of order overlap / radius at every h. With sides of ratio
-# 1 : .8 friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of
+# 1 : .8, friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of
 # the circle both are O(h). (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
 # Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 

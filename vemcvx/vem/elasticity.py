@@ -58,7 +58,7 @@ from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, moduli_of_revolution,
 
 @dataclass(frozen=True, eq=False)
 class SumOverCells:
-    """A matrix (n_u, n_u) over all nodal values, the sum of local matrices, which is computed only when needed.
+    """A matrix (n_u, n_u) over all nodal values, the sum of local matrices; it is computed only when needed.
 
     Cells that are exact translates of each other and have the same moduli share one local matrix.
 

@@ -1,8 +1,8 @@
 """Matrices that evaluate virtual functions and cell data at points of polyhedra.
 
 A point lies in a closed cell if the solid angles of the triangles of its faces add up to 4 pi, or if it is on one of
-these triangles up to rounding. On faces, virtual functions are piecewise linear (:mod:`.projection`). Inside a cell
-they are replaced by Pi u.
+these triangles up to rounding. On faces, virtual functions are piecewise linear (:mod:`.projection`). Inside a cell,
+Pi u replaces them.
 """
 
 from __future__ import annotations

@@ -382,7 +382,7 @@ def second_moments(about: Floats) -> Floats:
 # This term vanishes if u_r is a multiple of r, and it does not contain lam, so nothing locks.
 @dataclass(frozen=True, eq=False)
 class RingGroup(CellGroup):
-    """A group of cells of a body of revolution: all integrals are those over the full turn."""
+    """A group of cells of a body of revolution: all integrals are over the full turn."""
 
     @property
     def shapes(self) -> tuple[Floats, ...]:

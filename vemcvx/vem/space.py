@@ -1,6 +1,6 @@
 """The virtual element space V^h of (3.11): the components of displacement at every node of a mesh.
 
-On a polygon a component is harmonic with continuous boundary values that are linear on each edge. So its vertex values
+On a polygon, a component is harmonic with continuous boundary values that are linear on each edge. So its vertex values
 determine it. Traces on faces of polyhedra are described in :mod:`vemcvx.vem.projection`. Component a of node i is the
 unknown dim i + a. Code that takes cells and parts of the boundary from a space does not depend on the dimension.
 """
@@ -34,7 +34,7 @@ class Space:
         Planes of symmetry at which curves of contact end.
     axisymmetric : bool
         True for a body of revolution: the mesh is its half section in the coordinates (r, z), and all integrals, loads
-        and forces are those of the full turn, of weight 2 pi r.
+        and forces are over the full turn, with the weight 2 pi r.
 
     Examples
     --------

@@ -42,7 +42,7 @@ def cubes(
     -------
     PolyhedralMesh
         Nodes and cells layer by layer, row by row. Boundaries "left" and "right" (x least and greatest), "front" and
-        "back" (y), "bottom" and "top" (z), and "boundary". In the unit cube h = sqrt(3) / n.
+        "back" (y), "bottom" and "top" (z), and "boundary". In the unit cube, h = sqrt(3) / n.
 
     Raises
     ------

@@ -156,7 +156,7 @@ class Contact(ArrayRecord):
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    """Return the contact boundary at the stored instants; u and forces A u - f are (S, n_nodes, dim) at nodes."""
+    """Return the contact boundary at the stored instants, from nodal u and forces A u - f (S, n_nodes, dim)."""
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)

@@ -11,7 +11,7 @@ On every interface on which a cell of either body has several sides, the recover
 where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
 (2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
 exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
-rounded over 1.5 h. The length h is the total length of one cell's sides on the surface (in space, the root of their
+smoothed over 1.5 h. The length h is the total length of one cell's sides on the surface (in space, the root of their
 area); the larger value of the two bodies counts. k is 0 if normals differ by more than on a curve, as at a corner.
 Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means
 would only blur them: then the recovered values are the nodal values.
@@ -95,7 +95,7 @@ class ContactTiles:
     def _nearness(self, among: Bools) -> sp.csr_matrix:
         """Return the symmetric matrix k (m, m), with 1 on its diagonal.
 
-        The search proceeds from neighbour to neighbour, and so stays on one piece. (SciPy's KD-tree imports in .08 s.)
+        The search goes from neighbour to neighbour, so it stays on one piece. (SciPy's KD-tree takes .08 s to load.)
         """
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         beside = sp.csr_matrix(chosen @ self.beside @ chosen)

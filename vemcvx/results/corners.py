@@ -6,8 +6,8 @@ the angle at this side counts twice. Stress may then grow without limit as the m
 singularities resulting from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19,
 1952)
 
-- between two sides of the same kind beyond 180 degrees, at a reentrant corner,
-- between a held side and a free side beyond 45 to 90 degrees, depending on Poisson's ratio.
+- if two sides of the same kind meet at more than 180 degrees, at a reentrant corner,
+- if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
 
 Whether stress grows also depends on the load, and on whether contact with friction slips. Where bodies meet in a
 corner, their angles add up. Where contact opens along a smooth side, stress is bounded and there is no warning. Corners

@@ -331,8 +331,8 @@ class Results:
         Displacements are taken at nodes; stresses (of Pi u) at centroids of cells; slip, friction and pressure (raw and
         recovered) at contact nodes. The smallest principal stress is the largest compression. `Extreme.unbounded` warns
         of values at corners and point loads that may grow without limit as the mesh is refined
-        (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value, because such
-        a field has no peak at a corner. The extremes are computed at the first access.
+        (:mod:`vemcvx.results.corners`). `unbounded` is empty if half of the field is within a percent of the value, as
+        such a field has no peak at a corner. The extremes are computed at the first access.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -591,7 +591,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     # The last column belongs to terms without an obstacle.
     pressed = sum_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
-    # Contact must be open before and after the step: a step in which it closes or opens may rub while closed.
+    # Contact must be open before and after the step: if it closes or opens in a step, it may rub while it is closed.
     # Solvers are inexact: fractions below 1e-6 of the largest pressure and of the friction work do not count.
     closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)

@@ -321,7 +321,7 @@ class Scene:
         Parameters
         ----------
         *kinds : subclass of Effect, or Effect
-            Classes, all effects of which are removed, or single effects of the scene.
+            Classes, whose effects are all removed, or single effects of the scene.
 
         Raises
         ------

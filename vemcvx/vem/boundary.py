@@ -255,7 +255,7 @@ def _curvature(group: FaceGroup) -> Floats:
 #
 # At a corner (in space also at an edge), conditions along the normal hold for all sides that meet there. Each distinct
 # normal has the part of int phi_i ds over the sides with this normal. Sides that turn by less than 42.5 degrees form a
-# curve, or a straight side with rounded points; a node on it has one mean normal. With two normals the node could not
+# curve, or a straight side with rounded points; a node on it has one mean normal. With two normals, the node could not
 # slide, or would have to climb every corner, however fine the mesh is.
 #
 # Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the

@@ -14,7 +14,7 @@ $$ (\lambda g_{ia} g_{jb} + \mu g_{ib} g_{ja} + \mu \delta_{ab} g_i \cdot g_j) /
 tau = 2 mu ("shear") has the units of the other terms and does not contain lam, so nothing locks as lam grows. tau = 1
 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
 
-For an elastic matrix C (3, 3) per cell the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
+For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
 The kernel of Pi (hourglass modes) is mostly deviatoric; tau stands for a deviatoric modulus. In Kelvin's notation,
 C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. They keep the volumetric
 direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to itself. We use
@@ -25,8 +25,8 @@ $$ \tau = \text{smallest eigenvalue of } C_k \text{ on the deviatoric plane} = \
 In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
 C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock. A growing volumetric modulus
 does not change C_k on deviatoric strains. Fibres with a growing modulus add a matrix of rank one, which leaves the
-smallest eigenvalue bounded. (The trace or the mean would grow with the fibres. With E1 / G = 2e8 and 8 Voronoi cells
-per side, a sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)
+smallest eigenvalue bounded. (The trace and the mean of the eigenvalues would grow. With E1 / G = 2e8 and 8 Voronoi
+cells per side, a sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)
 
 :mod:`vemcvx.vem.tensors` defines moduli and components.
 """

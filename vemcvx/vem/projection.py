@@ -28,8 +28,8 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
 #
-# eps(q) runs through all constant symmetric matrices. So by the first condition eps(Pi v) is the mean of eps(v) over K,
-# and by the third the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, for each
+# eps(q) runs through all constant symmetric matrices. So, by the first condition, eps(Pi v) is the mean of eps(v) over
+# K; by the third, the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, for each
 # component separately. By Gauss' theorem, with v linear on the edges e_i = [x_i, x_{i+1}] with the outward normals n_i
 # (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
 #
@@ -65,7 +65,7 @@ def boundary_weights(corners: Floats) -> Floats:
 def tangents_of(normals: Floats) -> Floats:
     """Return orthonormal tangents of each unit normal, exactly if the normal is an axis.
 
-    The tangent in the plane is the normal rotated by +90 degrees: the body is on its left. In space the first tangent
+    The tangent in the plane is the normal rotated by +90 degrees: the body is on its left. In space, the first tangent
     is the projection of the axis farthest from the normal, and (t1, t2, n) is right-handed.
 
     Parameters
@@ -97,8 +97,8 @@ def tangents_of(normals: Floats) -> Floats:
 #
 #     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
 #
-# where a_i is A/3 on triangles, A/4 on rectangles, and always positive, as weights of contact must be. Both cells of a
-# face share its triangles, so the sum of the b_i over a closed surface vanishes even if rounding warps faces. A face
+# where a_i is |N|/3 on triangles, |N|/4 on rectangles, and always positive, as weights of contact must be. Both cells
+# of a face share its triangles, so the sum of b_i over a closed surface vanishes even if rounding warps faces. A face
 # that is not star-shaped about c is cut into triangles along diagonals, without c.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
@@ -370,7 +370,7 @@ def second_moments(about: Floats) -> Floats:
 #     V e_rr = oint r u_r n_r ds - int Pi u_r dA,             V e_zz = oint r u_z n_z ds,
 #     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA,
 #
-# with the plane projection Pi in the integrals over the cell. On edges r and u are linear, so the boundary integrals
+# with the plane projection Pi in the integrals over the cell. On edges, r and u are linear, so the boundary integrals
 # are exact. u_r = r and u_z = z have exact strains. (Axisymmetric virtual elements: L. L. Yaw, arXiv:2312.01559, 2023.)
 #
 # A rotation about the centroid, u_r = z - z_c, has no mean hoop strain. So the energy also contains the variation of

@@ -324,7 +324,7 @@ def warn_of_free_normals(
         if free.any():
             warnings.warn(
                 f"{friction.subject}: at {free.sum()} of {len(free)} places nothing holds the body in the normal "
-                "direction; add BilateralContact on the same boundary, unless it may move freely along its normal.",
+                "direction; add BilateralContact on the same boundary, unless the body may move freely there.",
                 SceneWarning,
                 stacklevel=2,
             )

@@ -170,7 +170,7 @@ def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
     raise SceneError(
         f"supports: {part.which} floats: {meet} neither a support nor friction{first} "
         f"{part.motion(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
-        "where they stop it; friction resists only sliding along its boundary, and loads hold nothing."
+        "where they prevent it; friction resists only sliding along its boundary, and loads hold nothing."
     )
 
 

@@ -46,12 +46,14 @@ from .effects import Pressure as Pressure
 from .effects import Prestress as Prestress
 from .effects import Pretension as Pretension
 from .effects import Rigid as Rigid
+from .effects import SpeedFriction as SpeedFriction
 from .effects import Symmetry as Symmetry
 from .effects import Tabulated as Tabulated
 from .effects import ThermalStrain as ThermalStrain
 from .effects import Traction as Traction
 from .effects import TrescaFriction as TrescaFriction
 from .effects import UnilateralContact as UnilateralContact
+from .effects import VelocityContact as VelocityContact
 from .effects import Viscosity as Viscosity
 from .estimate import measures as measures
 from .estimate.adapt import Adapted as Adapted

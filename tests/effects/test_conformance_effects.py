@@ -13,7 +13,19 @@ from slip_weakening import SlipWeakening
 from vemcvx.testing import EffectSample, Other, effect_suite
 from vemcvx.testing.effects import has_the_slope_of_its_law
 
-OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at", "while_closed", "motion"}
+OTHER_FIELDS = {
+    "bound",
+    "softening",
+    "on",
+    "direction",
+    "plane",
+    "stabilisation",
+    "quadrature",
+    "stiffness",
+    "at",
+    "while_closed",
+    "motion",
+}
 """Fields of effects that carry no data f(x, t)."""
 
 
@@ -252,6 +264,18 @@ SAMPLES = {
         (STEEL, HELD, PRESSED, PULLED, vx.UnilateralContact(on=["bottom", "left"])),
         data={"coefficient": 1, "cap": 1, "ground": 2},
         others={"coefficient": 0.1, "on": "left", "cap": 0.1, "ground": belt},
+    ),
+    "SpeedFriction": EffectSample(
+        vx.SpeedFriction(lambda speed: 0.5 + 0.1 * speed, on="bottom"),
+        (STEEL, HELD, PULLED, TOUCHING),
+        data={"ground": 2},
+        others={"bound": lambda speed: 0.4 + 0.1 * speed, "on": "left", "softening": 1e-3, "ground": belt},
+    ),
+    "VelocityContact": EffectSample(
+        vx.VelocityContact(on="bottom"),
+        (STEEL, HELD, PRESSED, PULLED),
+        data={"damping": 1},
+        others={"on": "left", "damping": 10.0},
     ),
 }
 OF_PROBLEMS = {

@@ -97,9 +97,10 @@ def run(made):
     beside = {
         vx.TrescaFriction: (HELD, GRIPPED[0]),
         vx.CoulombFriction: (HELD, vx.UnilateralContact("bottom")),
+        vx.SpeedFriction: (HELD, GRIPPED[0]),
     }.get(type(made), (HELD,))
     material = () if type(made) in (vx.Elasticity, vx.Orthotropic) else (STEEL,)
-    initial = None if isinstance(made, vx.Viscosity) else "settled"
+    initial = None if isinstance(made, (vx.Viscosity, vx.VelocityContact)) else "settled"
     return vx.simulate(vx.Scene(made, *material, *beside, PUSH), MESH, TIMES, initial=initial)
 
 
@@ -129,6 +130,7 @@ OTHERS = {
     vx.PrescribedDisplacement: {"value": (1.0, 0.0)},
     vx.TrescaFriction: {"on": "bottom"},
     vx.CoulombFriction: {"on": "bottom"},
+    vx.SpeedFriction: {"on": "bottom", "bound": lambda speed: 0.1 + speed},
     vx.PolyhedralMesh: {"points": CUBE.points, "cells": CUBE.cells},
     HISTORY.reaction: {"name": "right"},
     HISTORY.table: {"name": "steps"},

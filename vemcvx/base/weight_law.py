@@ -1,8 +1,16 @@
 """Laws of friction: weights that depend on the answer of a step, w = W(t, p, past, slip).
 
 Tresca's friction bound is given. Other bounds depend on the forces p of the limits (Coulomb: w = mu p), on slips before
-the step, or on the slip of the step. The answer of a step then solves a convex program, whose weights are evaluated at
-the answer's own pressure and slip. The certificate holds for this program, "for the given friction".
+the step, on the slip of the step, or on its slip rate |s|/k, with the length k of the step. The answer of a step then
+solves a convex program, whose weights are evaluated at the answer's own pressure and slip. The certificate holds for
+this program, "for the given friction".
+
+If weights do not depend on p, and do not fall as the slip of the step grows (`softening` = 0), the step itself is a
+convex program: its terms are phi(|s|), phi(r) = int_0^r w, in place of w |s|. The certificate is then a bound, because
+the gap of the given friction is at least the gap of this program. Proof, for one term with w = w(|s|), |lam| <= w: the
+conjugate is phi*(|lam|) = sup_r (|lam| r - phi(r)), attained at some r <= |s|, so that
+
+    phi(|s|) + phi*(|lam|) - lam . s = int_r^|s| (w(q) - |lam|) dq + |lam||s| - lam . s <= w |s| - lam . s.  QED
 """
 
 from __future__ import annotations
@@ -40,6 +48,9 @@ class Law:
     slips : bool
         True if weights depend on slips, before the step or in it. If False, `past` and `slip` are empty arrays in an
         effect, and zeros in a system.
+    rates : bool
+        True if `slip` is the slip rate of the step, |slip| / k, length per time; zero at the initial instant. Then
+        `softening` is the largest decrease of weights per unit of this rate.
 
     Examples
     --------
@@ -53,10 +64,13 @@ class Law:
     pressed: bool = False
     slope: Callable[[float, Floats, Floats], Any] | None = None
     slips: bool = True
+    rates: bool = False
 
     def __post_init__(self) -> None:
         if not callable(self.weights):
             raise SceneError(f"Law: found weights = {brief(self.weights)}; wanted a function of (t, p, past, slip).")
         function(self.slope, "Law: found slope", "a function of (t, p, past)")
-        for name in ("pressed", "slips"):
+        for name in ("pressed", "slips", "rates"):
             object.__setattr__(self, name, flag(getattr(self, name), f"Law: {name}"))
+        if self.rates and (not self.slips or self.slope is not None):
+            raise SceneError("Law: found rates=True with slips=False or a slope; a law of slip rates has neither.")

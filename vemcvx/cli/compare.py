@@ -182,7 +182,8 @@ def bounds_distance(system: System) -> bool:
     if system.limits is None:
         return not system.follows_answer
     # Without norm terms and damping, a step does not depend on the step before; only its own certificate counts.
-    return system.norms is None and system.damping is None
+    velocities = system.damping is not None or (system.limits is not None and system.limits.rates.any())
+    return system.norms is None and not velocities
 
 
 @dataclass(frozen=True, kw_only=True)

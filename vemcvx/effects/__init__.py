@@ -11,8 +11,10 @@ from vemcvx.effects.contact import (
     CoulombFriction,
     NormalCompliance,
     PrescribedSlip,
+    SpeedFriction,
     TrescaFriction,
     UnilateralContact,
+    VelocityContact,
 )
 from vemcvx.effects.data import Tabulated
 from vemcvx.effects.effect import (
@@ -71,6 +73,7 @@ __all__ = [
     "Prestress",
     "Pretension",
     "Rigid",
+    "SpeedFriction",
     "Support",
     "Symmetry",
     "Tabulated",
@@ -78,5 +81,6 @@ __all__ = [
     "Traction",
     "TrescaFriction",
     "UnilateralContact",
+    "VelocityContact",
     "Viscosity",
 ]

@@ -1,15 +1,16 @@
-"""Contact (bilateral, rigid or compliant) and friction (Tresca's and Coulomb's law, isotropic or by direction)."""
+"""Contact (bilateral, rigid, compliant, in velocities) and friction (Tresca's, Coulomb's, by direction, by speed)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, choice, flag
+from vemcvx.base.arrays import Floats, call_function, choice, flag, function
 from vemcvx.base.errors import SceneError
 from vemcvx.base.weight_law import Law
 from vemcvx.effects import data
@@ -216,6 +217,51 @@ class NormalCompliance(Effect):
         return f"NormalCompliance: pressure = {amount(self.stiffness)} times {beyond}"
 
 
+@dataclass(frozen=True)
+class VelocityContact(Effect):
+    """Contact in velocities: the body does not approach the obstacle, or a dashpot resists while it approaches.
+
+    Without `damping`, Signorini's condition in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With it, the normal damped
+    response p = damping (u'.n)_+ (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and
+    Viscoplasticity*, 2002, on normal damped response). In a step of length k, u' is (u - u_prev) / k, so that the
+    response is a compliant limit on the increment, with the compliance k / damping. `history.dissipated` includes the
+    work of the dashpots. With `damping`, every initial state is admissible, as with Viscosity.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Names of boundaries or interfaces, as for BilateralContact.
+    damping : number or callable f(x) -> (m,), optional
+        Pressure per velocity, > 0: force per length^2 times time (and unit thickness), in space per length^3. By
+        default the body cannot approach.
+
+    Examples
+    --------
+    >>> print(vx.VelocityContact(on="bottom", damping=5.0).describe())
+    VelocityContact: pressure = 5.0 times the velocity into the obstacle on bottom
+    """
+
+    on: str | Sequence[str]
+    damping: data.Constant | None = field(
+        default=None, metadata=data.holds(sign="> 0", rule="leave it out if the body cannot approach")
+    )
+
+    def contribute(self, space: Space) -> Contribution:
+        rows = space.part(self.on, "VelocityContact", contact=True).node_normals
+        compliance = np.zeros(len(rows.nodes))
+        if self.damping is not None:
+            damping = self._read("damping", data.At(space.mesh.points[rows.nodes]))
+            compliance = 1.0 / (damping * rows.lengths * rows.cosines**2)
+        found = obstacle(space, rows, self._subject, 0.0, compliance)
+        return replace(found, obstacles=tuple(replace(one, rates=True) for one in found.obstacles))
+
+    def describe(self) -> str:
+        if self.damping is None:
+            return f"VelocityContact: u'.n <= 0, pressure >= 0 on {where(self.on)}"
+        velocity = f"the velocity into the obstacle on {where(self.on)}"
+        return f"VelocityContact: pressure = {amount(self.damping, 'x')} times {velocity}"
+
+
 SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
@@ -325,14 +371,8 @@ def _contribute(
     `name` is the field of the bound along the direction. `read` maps the name of a field and a time to values (m,).
     `acts` are the weights or the law of the friction.
     """
-    points, subject, ground, ellipse = space.mesh.points[rows.nodes], effect._subject, None, None
-    if effect.ground is not None:
-        if (rows.partners >= 0).any():
-            raise SceneError(
-                f"{subject}: found ground= on an interface, where the body rubs on another body; prescribe the motion "
-                "of that body instead."
-            )
-        ground = Ground(f"{subject}: ground", points, effect.ground)
+    points, subject, ellipse = space.mesh.points[rows.nodes], effect._subject, None
+    ground = read_ground(effect, rows, points)
     if (effect.direction is None) != (effect.across is None):
         raise SceneError(f"{subject}: friction by direction takes both direction= and across=; found one of them.")
     if effect.direction is not None:
@@ -413,3 +453,68 @@ class CoulombFriction(Effect):
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)}"
         return _describe(self, f"{amount(self.coefficient)} times the pressure", cap)
+
+
+@dataclass(frozen=True)
+class SpeedFriction(Effect):
+    """Friction whose bound depends on the speed of slip: |friction| <= bound(|s| / k) in a step of length k.
+
+    If the bound does not fall with the speed, every step is a convex program with one solution, and its certificate is
+    a bound. If it falls, steps may have several solutions, and jump: a warning compares `softening` with the stiffness
+    of the body, and the certificate is "for the given friction". For existence see Han and Sofonea (*Quasistatic
+    Contact Problems in Viscoelasticity and Viscoplasticity*, 2002) on bilateral contact with slip dependent friction.
+
+    Parameters
+    ----------
+    bound : callable f(speed) -> (m,)
+        The friction bound at speeds (m,) >= 0, length per time; force per length (and unit thickness), in space per
+        area, >= 0.
+    on : str or sequence of str
+        Names of boundaries or interfaces, as for BilateralContact.
+    softening : number, optional
+        The largest decrease of the bound per unit of speed; 0, the default, if it does not fall.
+    ground : callable f(x, t) -> (m, dim) or (dim,), optional
+        The displacement of an obstacle that slides under the body, as for TrescaFriction.
+
+    Examples
+    --------
+    >>> print(vx.SpeedFriction(lambda speed: 1.0 + 0.2 * speed, on="bottom").describe())
+    SpeedFriction: |friction| <= <lambda>(speed) on bottom
+    """
+
+    bound: Callable[[Floats], ArrayLike]
+    on: str | Sequence[str]
+    softening: float = field(default=0.0, metadata=data.holds(sign=">= 0"))
+    ground: data.Datum | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        rows, subject = space.part(self.on, "SpeedFriction", contact=True).node_normals, self._subject
+        function(self.bound, f"{subject}: found bound", "a function of the speed")
+        falls = self._read("softening", data.At(space.mesh.points[rows.nodes]))
+
+        def weights(t: float, p: Floats, past: Floats, rate: Floats) -> Floats:
+            asked = "take the speeds of all rows at once and return one bound for each"
+            found = call_function(self.bound, (rate,), f"{subject}: its bound failed when called as f(speed)", asked)
+            return rows.lengths * data.read_numbers(found, len(rate), f"{subject}: bound")
+
+        law = Law(weights, softening=falls * rows.lengths, rates=True)
+        ground = read_ground(self, rows, space.mesh.points[rows.nodes])
+        return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, law=law),))
+
+    def describe(self) -> str:
+        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
+        return f"SpeedFriction: |friction| <= {amount(self.bound, 'speed')} on {where(self.on)}{moved}"
+
+
+def read_ground(
+    effect: TrescaFriction | CoulombFriction | SpeedFriction, rows: BoundaryRows, points: Floats
+) -> Ground | None:
+    """Return the moving ground of an effect, if it has one; raise SceneError on interfaces."""
+    if effect.ground is None:
+        return None
+    if (rows.partners >= 0).any():
+        raise SceneError(
+            f"{effect._subject}: found ground= on an interface, where the body rubs on another body; prescribe the "
+            "motion of that body instead."
+        )
+    return Ground(f"{effect._subject}: ground", points, effect.ground)

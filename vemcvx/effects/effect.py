@@ -390,7 +390,9 @@ class Obstacle(ContactSurface):
     gap : callable t -> (m,)
         Distance to the obstacle along the outward normal, length.
     compliance : (m,) array
-        Depth per nodal force; 0 where the obstacle is rigid.
+        Depth per nodal force; 0 where the obstacle is rigid. With `rates`, velocity per nodal force.
+    rates : bool
+        True for limits on velocities: n . (u - u_prev) <= gap - gap_prev in each step.
 
     Examples
     --------
@@ -402,6 +404,7 @@ class Obstacle(ContactSurface):
 
     gap: Callable[[float], Floats]
     compliance: Floats
+    rates: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True)

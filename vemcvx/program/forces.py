@@ -78,7 +78,7 @@ class Delassus:
     @cached_property
     def norm(self) -> float:
         """An estimate of the largest eigenvalue of W + C: 1.1 times the result of twenty power iterations."""
-        x = np.ones(len(self.u))
+        x = np.random.default_rng(0).standard_normal(len(self.u))  # Ones may be an eigenvector.
         for _ in range(20):
             x = product(self.W, x / max(float(np.linalg.norm(x)), 1e-300))
         return 1.1 * float(np.linalg.norm(x))

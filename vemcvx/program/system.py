@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import (
     EPS,
+    Bools,
     Floats,
     Ints,
     as_real_array,
@@ -136,6 +137,17 @@ class Norms(Rows):
         return self.law is not None and self.law.slips
 
     @property
+    def reads_rates(self) -> bool:
+        """True if weights depend on slip rates."""
+        return self.law is not None and self.law.rates
+
+    @property
+    def is_monotone(self) -> bool:
+        """True if weights neither depend on forces of limits, nor fall as slips of the step grow."""
+        law, softening = self.law, self.softening
+        return law is None or not (law.pressed or softening is None or softening.any())
+
+    @property
     def softening(self) -> Floats | None:
         """The largest rate (m,) at which weights fall with slip; None if unknown."""
         known: Any = None if self.law is None else self.law.softening
@@ -178,9 +190,11 @@ class Limits(Rows):
     e : (r,) array, or callable t -> (r,)
         The limits; +inf in an array removes limit j.
     compliance : number or (r,) array
-        Displacement per force, >= 0.
+        Displacement per force, >= 0; velocity per force where `rates` is True.
     places : callable j -> str, optional
         The place of limit j in words, for messages.
+    rates : (r,) array of bool, optional
+        True for limits on velocities: z_j is the change of D_j y - e_j in the step, divided by the length of the step.
 
     Examples
     --------
@@ -193,6 +207,7 @@ class Limits(Rows):
     e: ArrayLike | Callable[[float], ArrayLike]
     compliance: Any = 0.0
     places: Callable[[int], str] | None = None
+    rates: Any = False
 
     kind: ClassVar[str] = "limit"
 
@@ -200,6 +215,7 @@ class Limits(Rows):
         object.__setattr__(self, "D", as_read_only_rows(self.D, "Limits: D"))
         function(self.places, "Limits: found places", "a function of j that returns the place of limit j in words")
         object.__setattr__(self, "compliance", self.read_numbers(self.compliance, "compliance", "compliance"))
+        object.__setattr__(self, "rates", self.read_numbers(self.rates, "rates") > 0)
         if callable(self.e):
             return
         e = as_real_array(self.e, "Limits: e", "numbers")
@@ -214,6 +230,20 @@ class Limits(Rows):
     def count(self) -> int:
         """The number of limits r."""
         return int(self.D.shape[0])
+
+    @property
+    def dashpots(self) -> Floats:
+        """The velocity per force (r,) of compliant limits on velocities; zero for other limits."""
+        return np.where(self.rates, self.compliance, 0.0)
+
+    @property
+    def rigid(self) -> Bools:
+        """The limits (r,) that are bounds on positions."""
+        return (self.compliance == 0.0) & ~self.rates
+
+    def of_step(self, k: float) -> Limits:
+        """Return the limits of a step of length k, with compliances in displacement per force."""
+        return replace(self, compliance=np.where(self.rates, k, 1.0) * self.compliance)
 
     def remaining_gap(self, t: float) -> Floats:
         """Return e (r,) at the instant `t`."""
@@ -233,6 +263,8 @@ class DraggedTerms:
     block: int = 1
     remembers: bool = False
     """True if weights depend on slips."""
+    rates: bool = False
+    """True if weights depend on slip rates."""
 
 
 @dataclass(frozen=True)
@@ -438,6 +470,22 @@ class System(ArrayRecord):
     def follows_answer(self) -> bool:
         """True if weights of norm terms depend on the answer of the step."""
         return self.norms is not None and self.norms.law is not None
+
+    @property
+    def reads_rates(self) -> bool:
+        """True if weights of norm terms or dragged terms depend on slip rates."""
+        dragged = self.dragged is not None and self.dragged.rates
+        return dragged or (self.norms is not None and self.norms.reads_rates)
+
+    @property
+    def dashpots(self) -> Floats:
+        """The velocity per force (r,) of compliant limits on velocities; zero for other limits."""
+        return np.zeros(0) if self.limits is None else self.limits.dashpots
+
+    @property
+    def is_viscous(self) -> bool:
+        """True if forces depend on velocities, so that every initial state is admissible."""
+        return self.damping is not None or bool(self.dashpots.any())
 
     @property
     def retained(self) -> Ints:

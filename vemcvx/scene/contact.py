@@ -185,6 +185,7 @@ class Terms(ContactRows):
             count=len(self) - m,
             block=block,
             remembers=law is not None and law.slips,
+            rates=law is not None and law.rates,
         )
 
     def _law(self, some: slice) -> Law | None:
@@ -196,7 +197,10 @@ class Terms(ContactRows):
         laws = [f.law for f in frictions if f.law is not None]
         if press is None or not laws:
             return None
-        slips, still = any(law.slips for law in laws), np.zeros(gather.shape[1])
+        slips, rates = (any(getattr(law, name) for law in laws) for name in ("slips", "rates"))
+        if rates and not all(law.rates or not law.slips for law in laws):
+            raise SceneError("friction: found laws of slips and laws of slip rates; a scene has laws of one kind.")
+        still = np.zeros(gather.shape[1])
         spread, own = gather.T, _slices(frictions)
 
         def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
@@ -214,7 +218,8 @@ class Terms(ContactRows):
         soft = all(law.softening is not None for law in laws)
         softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None
         known = all(law.slope is not None for law in laws)
-        return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
+        pressed = any(law.pressed for law in laws)
+        return Law(weights, softening, pressed, slope=slope if known else None, slips=slips, rates=rates)
 
 
 def _friction_terms(
@@ -371,6 +376,7 @@ class Obstacles(ContactRows):
 
     rows: sp.csr_matrix  # (r, n_u) D^, unit normals
     compliance: Floats
+    rates: Bools  # (r,) limits on velocities
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # the effects that contribute them, in words
     prescribed: Obstacles | None = None  # rows at nodes that only supports move: no limits, but checked for penetration
@@ -379,7 +385,9 @@ class Obstacles(ContactRows):
         """Return the limits over the free unknowns; None if there are none."""
         if len(self) == 0:
             return None
-        return Limits(supports.on_free(self.rows), self.gap, self.compliance, supports.places(self.nodes))
+        return Limits(
+            supports.on_free(self.rows), self.gap, self.compliance, places=supports.places(self.nodes), rates=self.rates
+        )
 
 
 def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
@@ -387,7 +395,8 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
     points = supports.points
     each = (read_finite(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
     compliance = np.concatenate([np.zeros(0), *each])
-    kinds = np.where(compliance == 0, -1, np.arange(len(table)))
+    rates = np.repeat(np.array([o.rates for o in obstacles], dtype=bool), [len(o.nodes) for o in obstacles])
+    kinds = np.where((compliance == 0) & ~rates, -1, np.arange(len(table)))
     lead, place = merge_terms((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
     first, limit = np.sort(lead), np.argsort(np.argsort(lead))[place]
     every = table.merge(first, limit)
@@ -407,6 +416,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
             **every[chosen].columns,
             rows=sp.csr_matrix(rows[chosen]),
             compliance=compliance[first][chosen],
+            rates=rates[first][chosen],
             gap=gap,
             subjects=tuple(o.subject for o in obstacles),
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.arrays import EPS, SAME, Floats
 from vemcvx.base.errors import SceneError
 from vemcvx.program.system import Norms
 
@@ -30,6 +30,8 @@ class Weights:
         Constant weights, as in Tresca's law.
     norms : Norms, optional
         Terms whose law replaces the constants, evaluated at the instant `t` after the slips `past` (m,).
+    k : float
+        The length of the step.
     term_units, limit_units : (m,) and (r,) arrays, optional
         Units of forces; slips are in units of 1 / `term_units`.
     """
@@ -38,6 +40,7 @@ class Weights:
     norms: Norms | None = None
     t: float = 0.0
     past: Floats = field(default_factory=lambda: np.zeros(0))
+    k: float = 0.0
     term_units: Floats = field(default_factory=lambda: np.ones(1))
     limit_units: Floats = field(default_factory=lambda: np.ones(1))
 
@@ -45,6 +48,11 @@ class Weights:
     def is_given(self) -> bool:
         """True if the weights are constants."""
         return self.norms is None
+
+    @property
+    def is_monotone(self) -> bool:
+        """True if weights do not depend on p, and do not fall as slips grow: the step is then a convex program."""
+        return self.norms is None or self.norms.is_monotone
 
     @property
     def reads_slip(self) -> bool:
@@ -59,9 +67,15 @@ class Weights:
         """Return weights (m,) under limit forces p (r,) and slips (m,)."""
         w = self.w
         if self.norms is not None:
-            p, own = self.limit_units * np.maximum(p, 0.0), slip / self.term_units if self.reads_slip else None
-            w = self.norms.weights_under(self.t, p, self.past, own)
+            p = self.limit_units * np.maximum(p, 0.0)
+            w = self.norms.weights_under(self.t, p, self.past, self._read(slip / self.term_units))
         return w / self.term_units
+
+    def _read(self, slip: Floats) -> Floats | None:
+        """Return what weights depend on: slips (m,) in the step, or their rates; None if they depend on neither."""
+        if self.norms is None or not self.reads_slip or (self.norms.reads_rates and self.k == 0.0):
+            return None
+        return slip / self.k if self.norms.reads_rates else slip
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
         """Return dw/dp (m, r) and dw/d|s| (m,), with None for zero derivatives."""
@@ -72,8 +86,8 @@ class Weights:
             return sp.csr_matrix(sp.diags_array(1.0 / self.term_units) @ J @ sp.diags_array(self.limit_units)), None
         if not self.reads_slip:
             return None, None
-        more = RELATIVE_STEP * max(slip.max(initial=0.0), (self.past * self.term_units).max(initial=0.0))
-        more = more or RELATIVE_STEP
+        past = np.zeros(1) if self.norms.reads_rates else self.past * self.term_units
+        more = RELATIVE_STEP * max(slip.max(initial=0.0), past.max(initial=0.0)) or RELATIVE_STEP
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slip(self, p: Floats, slip: Floats) -> None:
@@ -81,6 +95,8 @@ class Weights:
         norms = self.norms
         if norms is None or not norms.remembers or ((softening := norms.softening) is None and not norms.sloped):
             return
+        if norms.reads_rates:
+            slip = slip / self.k if self.k > 0.0 else np.zeros_like(slip)
         w, own = (norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in (None, slip))
         w, own = (np.where(weights == np.inf, 0.0, weights) for weights in (w, own))
         rate = 0.0 if softening is None else softening
@@ -93,3 +109,31 @@ class Weights:
                 f"weight from {w[i]:.6g} to {own[i]:.6g}. With a slope, a law may not depend on this slip. "
                 "A softening must be the largest decrease per slip, or None if it is unknown."
             )
+
+
+MOST_HALVINGS = 200
+"""Largest number of evaluations of a law in the search for one slip of each term."""
+
+
+def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float) -> Floats:
+    """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law.
+
+    w(p, r) in the direction of a force of this size is its proximal point, and the solution is unique. The search keeps
+    brackets, and takes the point between secant (Illinois) and half of the bracket.
+    """
+    low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
+    below, above = -shift * high, law.at(p, high) + shift * high - size
+    if law.is_given or (above <= 0.0).all():
+        return high
+    for _ in range(MOST_HALVINGS):
+        r = low + (high - low) * np.clip(
+            np.divide(-below, above - below, where=above > below, out=np.ones_like(low)), 0, 1
+        )
+        error = law.at(p, r) + shift * r - size
+        under = error <= 0.0
+        # Halve the value at the end that stays (Illinois).
+        above, below = np.where(under, 0.5 * above, error), np.where(under, error, 0.5 * below)
+        low, high = np.where(under, r, low), np.where(under, high, r)
+        if (np.abs(error) <= EPS * size).all() or (high - low <= EPS * high).all():
+            break
+    return r

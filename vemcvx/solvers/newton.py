@@ -49,7 +49,7 @@ from vemcvx.base.arrays import Bools, Floats, directions, lengths, onto_discs, w
 from vemcvx.program.forces import Delassus, Point, build_reflections
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.law import Weights
+from vemcvx.solvers.law import Weights, resolve_slips
 from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
@@ -101,11 +101,15 @@ class ActiveSets:
         """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), by default `off`."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
-        size = lengths(q)
+        size, p = lengths(q), delassus.split(point.x)[1]
         direction = directions(q, size)
-        along = np.maximum(np.einsum("ij,ij->i", direction, s), 0.0)
-        w = law.at(delassus.split(point.x)[1], along)
-        return cls(stick=(size <= w) & (w > 0), act=press > 0, direction=direction, along=along, w=w, size=size)
+        if rises := law.is_monotone and not law.is_given:
+            along = resolve_slips(law, p, size, SHIFT)
+        else:
+            along = np.maximum(np.einsum("ij,ij->i", direction, s), 0.0)
+        w = law.at(p, along)
+        stick = (along == 0.0 if rises else size <= w) & (w > 0)
+        return cls(stick=stick, act=press > 0, direction=direction, along=along, w=w, size=size)
 
     @cached_property
     def held(self) -> Bools:
@@ -226,8 +230,8 @@ class Search:
             cycles += again
             seen.add(sets.key)
             starts = self.delassus.operators.block > 1 and swept is None
-            if starts or error == np.inf or (again and (self.law.is_given or cycles % 4 == 0)):
-                swept = point = self._sweep(swept if swept is not None and self.law.is_given else point)
+            if starts or error == np.inf or (again and (self.law.is_monotone or cycles % 4 == 0)):
+                swept = point = self._sweep(swept if swept is not None and self.law.is_monotone else point)
                 sets = ActiveSets.at(self.delassus, point, self.law)
             elif again:
                 point, sets = self._search_between(before, point)
@@ -295,7 +299,9 @@ class Search:
                 now = off
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
-            if sweep % SWEEPS_PER_WEIGHTS == 0:
+            if self.law.is_monotone:
+                w = self.law.at(p, resolve_slips(self.law, p, lengths(lam), length))
+            elif sweep % SWEEPS_PER_WEIGHTS == 0:
                 w = self.law.at(p, lengths(delassus.split(point.off)[0]))
             x = np.append(onto_discs(lam, w), p)
             dx, before = x - point.x, now
@@ -410,7 +416,8 @@ def correct_answer(
 ) -> tuple[Floats, Point]:
     """Correct increments and forces once, and return the increments and the point.
 
-    The correction removes the residual, motions of held rows, and slips across their forces. It matters if contact
+    The correction removes the residual, motions of held rows, slips across their forces, and (if weights depend on
+    slips) the difference between slips and the slips for which weights were computed. It matters if contact
     balances most of a load: increments are then small differences of large numbers.
     """
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
@@ -419,8 +426,8 @@ def correct_answer(
     d = d + operators.factor.solve(left)
     off, n = delassus.u * delassus.excess(program, d, p), directions(lam, lengths(lam))
     s = delassus.split(off)[0]
-    across = np.append(s - np.einsum("ij,ij->i", s, n)[:, None] * n, np.zeros_like(p))
-    z = system.solve(np.append(system.P @ np.where(sets.held, off, across), delassus.N.T @ left))
+    other = np.append(s - sets.along[:, None] * n, np.zeros_like(p))
+    z = system.solve(np.append(system.P @ np.where(sets.held, off, other), delassus.N.T @ left))
     if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # The sets do not hold the body.
         return d, point
     dx, da = system.Q @ z[:count], z[count:]

@@ -135,12 +135,12 @@ class PosedStep:
         with name_failures(self.run.solver.name):
             answer = solve(program, gap, *guess, *([] if law is None else [law]))
             if law is not None:
-                slip = lengths(program.slip(answer.d))
+                slip = lengths(program.slip(program.feasible(answer.d)))
                 law.check_slip(answer.p, slip)
                 program = replace(program, w=law.at(answer.p, slip))
         d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
         certificate = program.certificate_at(d, lam, p, self.before.y)
-        certificate = replace(certificate, given_friction=law is not None)
+        certificate = replace(certificate, given_friction=law is not None and not law.is_monotone)
         return replace(self, program=program).state_after(replace(answer, d=d, lam=lam, p=p), certificate)
 
     @property
@@ -149,7 +149,8 @@ class PosedStep:
         norms = self.run.system.norms
         if norms is None or norms.law is None:
             return None
-        return Weights(self.program.w, norms, self.data.t, self.before.ledger.slipped[: norms.count])
+        past, k = self.before.ledger.slipped[: norms.count], self.data.t - self.before.t
+        return Weights(self.program.w, norms, t=self.data.t, past=past, k=k)
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """Return the state after an answer of the program."""
@@ -159,7 +160,7 @@ class PosedStep:
         given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
         weights, norms, y = np.append(program.w, w), run.system.norms, before.y + d
         bound = program.w
-        if norms is not None and norms.remembers:
+        if norms is not None and norms.remembers and not norms.reads_rates:
             bound = norms.weights_under(now.t, answer.p, before.ledger.slipped[:m] + lengths(slip))
         after = State(
             t=now.t,
@@ -214,6 +215,8 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
     if damping is not None and damping.motion is not None and k > 0:
         g = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y
+    if run.system.limits is not None:
+        e = np.where(run.system.limits.rates, now.remaining_gap - before.data.remaining_gap, e)
     b = before.data.prescribed_slip - now.prescribed_slip
     return PosedStep(run, before, now, frame, StepProgram(frame.condensation.operators, g, w, b, e))
 
@@ -241,9 +244,17 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
 
 
 def prepare(
-    system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
+    system: System,
+    solver: Solver | Solves | None,
+    check: bool,
+    condense: bool,
+    linear: LinearSolver | None = None,
+    shortest: float = np.inf,
 ) -> PreparedRun:
-    """Factorise, condense, and prepare the solver of a run; raise SceneError for settings of wrong types."""
+    """Factorise, condense, and prepare the solver of a run; raise SceneError for settings of wrong types.
+
+    `shortest` is the length of the shortest step, for a warning about laws of slip rates.
+    """
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)}; wanted a System. simulate() takes a scene and a mesh.")
     if solver is not None:
@@ -259,8 +270,8 @@ def prepare(
         chosen = choose_solver(condensation.operators, solver)
         elastic = Frame(condensation, chosen)
         if system.norms is not None:
-            warn_of_softening(condensation.operators, system.norms)
-        if system.damping is None:
+            warn_of_softening(condensation.operators, system.norms, shortest)
+        if not system.is_viscous:
             _ = elastic.prepared
     return PreparedRun(
         system=system, elastic=elastic, solver=chosen, check=check, default=solver is None, condense=condense
@@ -327,7 +338,7 @@ def march(
     instants = check_times(times)
     kept = choose_stored_steps(store, len(instants) - 1)
     start = time.perf_counter()
-    run = prepare(system, solver, check, condense, linear)
+    run = prepare(system, solver, check, condense, linear=linear, shortest=float(np.diff(instants).min(initial=np.inf)))
     prepared = time.perf_counter()
     with threads_of_steps(system, run.condense, run.condensation.linear):
         recorder = Recorder(run, instants, kept, storage or Memory())
@@ -408,7 +419,12 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     y = _first_unknowns(run, now, initial)
     given = make_given_state(run, now, y, initial.past if isinstance(initial, Continued) else None)
     rests = isinstance(initial, str) and initial == "settled"
-    if run.system.damping is not None and not rests:
+    if run.system.dashpots.any() and rests:
+        raise SceneError(
+            "initial: found 'settled', a state at rest, in which the dashpots of VelocityContact bear no force. Give a "
+            "state, such as None (zero): with dashpots every state may begin a run."
+        )
+    if run.system.is_viscous and not rests:
         return given
     settled = settle_from(run, given, run.check and (rests or isinstance(initial, Balanced)))
     if rests:

@@ -72,7 +72,7 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
     from scipy.optimize import linprog  # Importing it takes a fifth of a second.
 
     limits = system.limits
-    rigid = np.flatnonzero(np.zeros(0) if limits is None else limits.compliance == 0)
+    rigid = np.flatnonzero(np.zeros(0) if limits is None else limits.rigid)
     e = now.remaining_gap[rigid]
     if limits is None or not (e < 0).any():
         return
@@ -112,8 +112,8 @@ def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) ->
     operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""
     gap = state.data.remaining_gap
     inside, size = operators.D @ state.y - gap, abs(operators.D) @ np.abs(state.y) + np.abs(gap)
-    inside[(operators.compliance > 0) | (inside <= SAME * size)] = 0.0
-    if limits is not None and inside.max(initial=0.0) > 0:
+    inside[inside <= SAME * size] = 0.0
+    if limits is not None and (inside := np.where(limits.rigid, inside, 0.0)).max(initial=0.0) > 0:
         worst = int(np.argmax(inside))
         raise SceneError(
             f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at "
@@ -164,15 +164,18 @@ def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[flo
     return float(value[0]), int(falls[np.argmax(np.abs(vector[:, 0])) // block])
 
 
-def warn_of_softening(operators: Operators, norms: Norms) -> None:
-    """Warn if weights may fall so fast with slip that a step has several solutions."""
-    rho, worst = softening_ratio(operators, norms.softening) or (0.0, 0)
+def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> None:
+    """Warn if weights may fall so fast with slip that a step, the shortest of the run, has several solutions."""
+    softening = norms.softening
+    per_slip = None if softening is None else softening / (shortest if norms.reads_rates else 1.0)
+    rho, worst = softening_ratio(operators, per_slip) or (0.0, 0)
     if rho >= STABLE_RATIO:
         warnings.warn(
             f"friction: weights may fall faster with slip than the elastic forces, most at {norms.name(worst)} "
             f"(the ratio of softening to stiffness is {rho:.3g}; below {STABLE_RATIO:g} a step has one solution). A "
             "step may have several solutions, or jump. Take a law that falls over a longer slip, a "
-            "stiffer body, or a law that depends only on the slip before the step.",
+            "stiffer body, or a law that depends only on the slip before the step; with a law of slip rates, longer "
+            "steps.",
             SceneWarning,
             stacklevel=2,
         )

@@ -147,14 +147,18 @@ class PreparedRun:
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """Return the frame of steps of length k, with K + C / k in place of K, cached by length up to rounding."""
-        damping, key = self.system.damping, f"{k:.11e}"
-        if damping is None or k == 0.0:
+        """Return the frame of steps of length k, with K + C / k in place of K and the compliances of dashpots.
+
+        Frames are cached by length up to rounding.
+        """
+        system, key = self.system, f"{k:.11e}"
+        if not system.is_viscous or k == 0.0:
             return self.elastic
         if key not in self.viscous:
-            stiffness = sp.csr_matrix(self.system.K + damping.C / k)
-            alone = replace(self.system, K=stiffness, damping=None, motion=None)
-            self.viscous[key] = Frame(Condensation(alone, False, self.condensation.linear), self.solver)
+            K = system.K if system.damping is None else sp.csr_matrix(system.K + system.damping.C / k)
+            limits = None if system.limits is None else system.limits.of_step(k)
+            alone = replace(system, K=K, damping=None, motion=None, limits=limits)
+            self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
             if len(self.viscous) > MAX_STEP_LENGTHS:
                 del self.viscous[next(iter(self.viscous))]
         return self.viscous[key]
@@ -275,7 +279,8 @@ def certify_in_full(run: PreparedRun, state: State) -> State:
 def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:
     """Return 1/2 a(u, u) plus the energy of soft limits."""
     operators, motion, load = condensation.operators, condensation.system.motion, now.force
-    square, kernel = float(p @ (operators.compliance * p)), operators.kernel
+    stored = operators.compliance - condensation.system.dashpots
+    square, kernel = float(p @ (stored * p)), operators.kernel
     if now.ground is not None and kernel is not None:
         y = y - kernel @ (kernel.T @ y)  # Remove rigid motions, which may be large on moving ground and cost digits.
     if motion is not None:
@@ -295,6 +300,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     past, last, now = before.ledger, before.data, after.data
     force, change, motion = now.force, now.force - last.force, condensation.system.motion
     lost, work = dashpot_losses(condensation.system, d, last.t, now.t)
+    lost += (now.t - last.t) * float(after.p @ (condensation.system.dashpots * after.p))
     work += float((after.lam * given).sum()) - float(after.p @ (now.remaining_gap - last.remaining_gap))
     if motion is not None:
         moved = now.push - last.push
@@ -305,6 +311,8 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     # Add the work of the force on interior and on stored unknowns.
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
+    if condensation.system.reads_rates:
+        between = loss  # The mean rate of a step makes its loss of second order.
     return Ledger(
         energy=energy(condensation, after.y, now, after.p),
         dissipated=past.dissipated + float(loss.sum()) + lost,
@@ -342,7 +350,7 @@ def evaluate_dragged(
     last, now = (terms.position(r).reshape(terms.count, terms.block) for r in (s, t))
     slip, extent = now - last, np.maximum(np.abs(last), np.abs(now)).max(axis=1)
     slip[lengths(slip) <= DRAG_ROUNDING * extent] = 0.0
-    w = terms.weights(t, p, past, lengths(slip))
+    w = terms.weights(t, p, past, lengths(slip) / (t - s) if terms.rates and t > s else lengths(slip))
     return w[:, None] * directions(slip, lengths(slip)), slip, w
 
 

@@ -1,0 +1,203 @@
+"""Laws of slip rates, and contact in velocities: closed forms of one unknown, programs of cvxpy, and random laws."""
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+K, G, C, F = 2.0, 0.5, 3.0, 4.0  # stiffness, friction at rest, friction or pressure per speed, force
+
+
+def pulled(t):
+    return [F if t > 0.0 else 0.0]
+
+
+def slide(steps, solver=None):
+    """Return the run of a slider on a spring with the friction G + C v, under the force F that begins at t = 0."""
+    law = vx.Law(lambda t, p, past, rate: G + C * rate, softening=0.0, rates=True)
+    system = vx.System(K=[[K]], load=pulled, norms=vx.Norms(B=[[1.0]], w=0.0, law=law))
+    return vx.march(system, np.linspace(0.0, 2.0, steps + 1), solver=solver)
+
+
+def sink(steps):
+    """Return the run of an unknown on a spring and a dashpot, K y + C y' = F."""
+    limits = vx.Limits(D=[[1.0]], e=0.0, compliance=1.0 / C, rates=True)
+    return vx.march(vx.System(K=[[K]], load=pulled, limits=limits), np.linspace(0.0, 2.0, steps + 1))
+
+
+@pytest.mark.parametrize(("run", "force"), [(slide, F - G), (sink, F)])
+def test_an_unknown_relaxes_like_an_exponential_with_errors_of_order_one(run, force):
+    errors = []
+    for steps in (20, 40):
+        found = run(steps)
+        errors.append(np.abs(found.state[:, 0] - force / K * (1.0 - np.exp(-K * found.times / C))).max())
+        assert found.certificate_kind == "bound"
+        # The balance of energy: the spring, and the loss of friction or dashpot, take the work of the force.
+        assert found.work_second_order[-1] == pytest.approx(found.energy[-1] + found.dissipated_second_order[-1])
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_loss_of_a_slider_is_of_first_order():
+    rate = (F - G) / C
+    # int (G + C v) v dt with v = rate exp(-K t / C)
+    decay = C / K * (1.0 - np.exp(-2.0 * K / C)), C / (2.0 * K) * (1.0 - np.exp(-4.0 * K / C))
+    exact = G * rate * decay[0] + C * rate**2 * decay[1]
+    errors = [abs(slide(steps).dissipated[-1] - exact) for steps in (20, 40)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_clarabel_solves_the_slider_like_newton():
+    assert np.abs(slide(10, vx.Clarabel()).state - slide(10).state).max() < 1e-8
+
+
+def test_a_body_that_cannot_approach_stays_where_it_was_farthest():
+    system = vx.System(K=[[K]], load=lambda t: [-np.sin(t)], limits=vx.Limits(D=[[1.0]], e=0.0, rates=True))
+    run = vx.march(system, np.linspace(0.0, 6.0, 25))
+    force = -np.sin(run.times)
+    assert run.state[:, 0] == pytest.approx(np.minimum.accumulate(force) / K, abs=1e-14)
+    assert run.pressures[:, 0] == pytest.approx(force - np.minimum.accumulate(force), abs=1e-13)
+    assert run.dissipated[-1] == 0.0
+
+
+KINDS = {  # law at a speed v, and its potential at the slip r in a step of length k, for cvxpy
+    "linear": (lambda a, b, v: a + b * v, lambda a, b, r, k: a * r + b / (2 * k) * cp.square(r)),
+    "square": (lambda a, b, v: a + b * v**2, lambda a, b, r, k: a * r + b / (3 * k**2) * cp.power(r, 3)),
+    "root": (lambda a, b, v: a + b * np.sqrt(v), lambda a, b, r, k: a * r + b / (1.5 * k**0.5) * cp.power(r, 1.5)),
+    "bounded": (lambda a, b, v: a + b * v / (1.0 + v), None),
+    "steep": (lambda a, b, v: a * np.minimum(1e3 * v, 1.0) + b * v, None),
+}
+
+
+def random_run(seed):
+    """Return a march with a random monotone law, dashpots and limits, with its matrices."""
+    rng = np.random.default_rng(seed)
+    block, m, r = int(rng.integers(1, 3)), int(rng.integers(1, 6)), int(rng.integers(0, 3))
+    n = m * block + int(rng.integers(0, 4))
+    A = rng.normal(size=(n, n))
+    matrix = (A @ A.T + 0.3 * np.eye(n)) * 10 ** rng.uniform(-2, 2)
+    B = rng.normal(size=(m * block, n)) if rng.random() < 0.5 else np.eye(n)[: m * block]
+    kind = list(KINDS)[int(rng.integers(len(KINDS)))]
+    a, b = rng.uniform(0, 1, m) * (rng.random(m) < 0.8), rng.uniform(0, 2, m) * 10 ** rng.uniform(-2, 2)
+    f, D = 3.0 * rng.normal(size=(2, n)), rng.normal(size=(r, n))
+    compliance, rates = rng.uniform(0.1, 1, r) * (rng.random(r) < 0.5), rng.random(r) < 0.5
+    law = vx.Law(lambda t, p, past, rate: KINDS[kind][0](a, b, rate), softening=0.0, rates=True)
+    system = vx.System(
+        K=matrix,
+        load=lambda t: f[0] * t + f[1] * np.sin(2 * t),
+        norms=vx.Norms(B=B, w=0.0, block=block, law=law),
+        limits=vx.Limits(D=D, e=np.zeros(r), compliance=compliance, rates=rates) if r else None,
+    )
+    times = np.cumsum(np.append(0.0, rng.uniform(0.05, 0.6, 4)))
+    return system, vx.march(system, times), KINDS[kind][1], (a, b)
+
+
+def objective(system, before, t, k, potential, parts):
+    """Return the unknowns, the objective and the constraints of a step, written in cvxpy."""
+    y, block, limits = cp.Variable(len(before)), system.norms.block, system.limits
+    d, B = y - before, system.B.toarray()
+    total = 0.5 * cp.quad_form(y, cp.psd_wrap(system.K.toarray())) - system.load(t) @ y
+    for j, (a, b) in enumerate(zip(*parts, strict=True)):
+        total += potential(a, b, cp.norm(B[j * block : (j + 1) * block] @ d), k)
+    if limits is None:
+        return y, total, []
+    z = [row @ (d if rate else y) for row, rate in zip(limits.D.toarray(), limits.rates, strict=True)]
+    soft = np.where(limits.rates, k, 1.0) * limits.compliance
+    total += sum(cp.square(cp.pos(one)) / (2 * c) for one, c in zip(z, soft, strict=True) if c > 0)
+    return y, total, [one <= 0 for one, c in zip(z, soft, strict=True) if c == 0]
+
+
+def judge(seed):
+    """Assert that a run with a random law is certified, and that no point found by cvxpy has a lower objective."""
+    system, run, potential, parts = random_run(seed)
+    assert run.certificate_kind == "bound"
+    assert run.certified.max() < 1e-8
+    if potential is None:
+        return
+    t, before = run.times, run.state
+    y, total, rules = objective(system, before[0], t[1], t[1] - t[0], potential, parts)
+    best = cp.Problem(cp.Minimize(total), rules).solve(solver="CLARABEL")
+    y.value = before[1]
+    size = before[1] @ system.K @ before[1]
+    # Clarabel's points violate rigid limits by up to 1e-8 of the forces, and gain as much.
+    assert total.value - best <= 1e-9 * size + 1e-7 * abs(best)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_monotone_laws_are_solved_and_certified(seed):
+    judge(seed)
+
+
+@pytest.mark.slow
+def test_two_hundred_random_monotone_laws_are_solved_and_certified():
+    for seed in range(12, 212):
+        judge(seed)
+
+
+@pytest.mark.parametrize("kind", ["linear", "square", "root"])
+def test_a_step_is_the_program_of_cvxpy_to_nine_digits(kind):
+    value, potential = KINDS[kind]
+    a, b, f = np.array([0.3, 0.2]), np.array([0.5, 2.0]), np.array([2.0, -3.0])
+    matrix = np.array([[3.0, 1.0], [1.0, 2.0]])
+    law = vx.Law(lambda t, p, past, rate: value(a, b, rate), softening=0.0, rates=True)
+    system = vx.System(K=matrix, load=lambda t: f * t, norms=vx.Norms(B=np.eye(2), w=0.0, law=law))
+    run = vx.march(system, [0.0, 0.7])
+    y, total, rules = objective(system, np.zeros(2), 0.7, 0.7, potential, (a, b))
+    best = cp.Problem(cp.Minimize(total), rules).solve(
+        solver="CLARABEL", tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10
+    )
+    if kind == "linear":  # second-order cones only, which Clarabel solves to rounding
+        assert run.state[-1] == pytest.approx(y.value, rel=1e-9)
+    y.value = run.state[-1]
+    assert total.value == pytest.approx(best, rel=1e-9)
+
+
+def test_a_law_that_falls_with_speed_gets_a_warning_and_a_certificate_for_the_given_friction():
+    law = vx.Law(lambda t, p, past, rate: 1.0 + 2.0 / (1.0 + rate), softening=2.0, rates=True)
+    system = vx.System(K=[[K]], load=lambda t: [4.0 * t], norms=vx.Norms(B=[[1.0]], w=0.0, law=law))
+    # Ratio of softening to stiffness in steps of length k: 2 / (k K).
+    with pytest.warns(vx.SceneWarning, match="the ratio of softening to stiffness is 10;.*longer steps"):
+        run = vx.march(system, np.linspace(0.0, 2.0, 21))
+    assert run.certificate_kind == "for the given friction"
+
+
+def block(*effects, **settings):
+    """Return the run of a block of height 1 and length 2 without Poisson's effect, to t = 1, in steps of .05."""
+    scene = vx.Scene(vx.Elasticity(young=100.0, poisson=0.0), *effects)
+    mesh = vx.meshes.squares((4, 2), box=((0.0, 2.0), (0.0, 1.0)))
+    return vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 21), **settings)
+
+
+def test_a_pressed_block_creeps_into_its_dashpots():
+    with pytest.warns(vx.SceneWarning, match="nothing but friction or one-sided contact"):
+        run = block(
+            vx.Pressure(lambda x, t: np.full(len(x), 3.0 * (t > 0.0)), on="top"),
+            vx.VelocityContact(on="bottom", damping=5.0),
+            vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(1.0, 0.0)),
+        )
+    # Every layer carries the pressure from the first step on: u' = 3 / 5 at the bottom.
+    assert run.displacement[-1, :, 1] == pytest.approx(-0.6 - 0.03 * run.mesh.points[:, 1], rel=1e-9)
+    assert run.contact.pressure[-1] == pytest.approx(3.0)
+    assert run.dissipated[-1] == pytest.approx(5.0 * 0.6**2 * 2.0)
+
+
+def test_a_belt_rubs_by_the_bound_at_its_speed():
+    run = block(
+        vx.Clamp(on="top"),
+        vx.BilateralContact(on="bottom"),
+        vx.SpeedFriction(lambda speed: 0.2 + 0.5 * speed, on="bottom", ground=lambda x, t: (2.0 * t, 0.0)),
+    )
+    # In the steady state the block rests, and the belt slips at its speed 2: 1.2 a unit of length.
+    assert run.force("bottom")[-1, 0] == pytest.approx(2.0 * 1.2, rel=1e-6)
+    assert run.certificate_kind == "bound"
+
+
+def test_a_run_with_dashpots_begins_from_any_state_but_not_settled():
+    held = vx.Clamp(on="top")
+    with pytest.raises(vx.SceneError, match="found 'settled', a state at rest"):
+        block(held, vx.Pressure(3.0, on="left"), vx.VelocityContact(on="bottom", damping=5.0), initial="settled")
+
+
+def test_laws_of_slips_and_of_rates_are_not_mixed():
+    with pytest.raises(vx.SceneError, match="a law of slip rates has neither"):
+        vx.Law(lambda t, p, past, rate: rate, rates=True, slips=False)

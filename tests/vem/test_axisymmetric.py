@@ -1,11 +1,15 @@
 """Bodies of revolution: patch tests, Lame's tube, a press fit, and what is refused."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import meshio
 import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.vem import Space, stiffness
+from vemcvx.effects import Contribution, Material
+from vemcvx.vem import Space, moduli_of_revolution, stiffness
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "nonconvex", "hanging")
 MU = 1.0 / 2.6  # of young = 1, poisson = .3
@@ -163,3 +167,33 @@ def test_springs_on_the_axis_have_no_area():
         for more in (scene, scene.with_(vx.ElasticFoundation(5.0, 3.0, on="left")))
     )
     assert np.array_equal(without, springs)
+
+
+@dataclass(frozen=True)
+class Own(vx.effects.MaterialLaw):
+    """Lame's constants lam = mu = 1, as a user would write them."""
+
+    plane: str = "axisymmetric"
+    moduli_of: Callable = moduli_of_revolution
+
+    def contribute(self, space):
+        n = space.mesh.n_cells
+        moduli = self.moduli_of(np.ones(n), np.ones(n))
+        return Contribution(material=Material("Own", moduli, np.zeros((n, space.components)), "axisymmetric"))
+
+    def describe(self):
+        return "Own: lam = mu = 1"
+
+
+def test_a_material_of_ones_own_is_that_of_the_package():
+    mesh, rest = (
+        vx.meshes.voronoi(4, box=((0.0, 1.0), (0.0, 1.0))),
+        (vx.Symmetry(on="bottom"), vx.Pressure(1e-3, on="top")),
+    )
+    own, ours = (
+        vx.simulate(vx.Scene(one, *rest), mesh, [0.0, 1.0], initial="equilibrium") for one in (Own(), steel(2.5, 0.25))
+    )
+    assert own.displacement == pytest.approx(ours.displacement, abs=1e-14)
+    for wrong in (Own(moduli_of=lambda lam, mu: np.stack([lam, mu])), Own(plane="strain")):
+        with pytest.raises(vx.SceneError, match="a material of a body of revolution has the attribute plane"):
+            vx.simulate(vx.Scene(wrong, *rest), mesh, [0.0, 1.0])

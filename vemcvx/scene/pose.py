@@ -16,8 +16,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, read_only
-from vemcvx.base.errors import SceneWarning
+from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.effects import Contribution, Load, Material, MaterialLaw, Obstacle, Support
+from vemcvx.effects.materials import REVOLVED
 from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
@@ -28,6 +29,7 @@ from vemcvx.scene.rows import straighten_normals
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import Supports, by_precedence, check_bonds, check_off_axis, resolve
 from vemcvx.vem import Space, energy_rows, rigid_modes
+from vemcvx.vem.tensors import AXISYMMETRIC
 
 
 def build_load(
@@ -170,6 +172,11 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
+    if len({space.axisymmetric, material.plane == REVOLVED, len(material.moduli) == AXISYMMETRIC}) > 1:
+        words = f'a material of a body of revolution has the attribute plane = "{REVOLVED}"'
+        raise SceneError(
+            f"{material.subject}: found plane {material.plane}; {words}, and {AXISYMMETRIC} moduli per cell."
+        )
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     holds = by_precedence(_chain(p.supports for p in parts))

@@ -53,7 +53,7 @@ from vemcvx.vem.stabilisation import (
     products_of_remainder,
     stabilisation_of,
 )
-from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, moduli_of_revolution, stresses
+from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,8 +330,10 @@ def _deviatoric_moduli(C: Floats) -> Floats:
     """Return the Kelvin moduli of deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
     basis, across = np.zeros((2, 3)), 1
     basis[0, :2] = np.array([1.0, -1.0]) / np.sqrt(2.0)
-    if C.shape[1] == len(COMPONENTS[3]):
-        basis, across = np.zeros((5, 6)), 3
+    if C.shape[1] == 4:  # In a body of revolution the hoop component is the last one.
+        C = C[:, [0, 1, 3, 2]][:, :, [0, 1, 3, 2]]
+    if C.shape[1] > 3:
+        basis, across = np.zeros((C.shape[1] - 1, C.shape[1])), C.shape[1] - 3
         basis[0, :2], basis[1, :3] = np.array([1.0, -1.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
     basis[-across:, -across:] = np.sqrt(2.0) * np.eye(across)
     return np.asarray(np.linalg.eigvalsh(basis @ C @ basis.T))

@@ -107,7 +107,7 @@ def test_contradicting_limits_are_named_or_met_within_the_contradiction(D, lam, 
 
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-@mostly_long("far, compliance", [(1e20, 0.0), (np.inf, 0.1), (1e8, 0.0)], 0, 1)
+@mostly_long("far, compliance", [(1e8, 0.0), (np.inf, 0.1)], 0)
 def test_a_limit_far_away_changes_nothing(solver, far, compliance):
     rng = np.random.default_rng(0)
     A, f, eye = rng.normal(size=(4, 4)), 5 * rng.normal(size=4), np.eye(4)

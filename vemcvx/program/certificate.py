@@ -35,8 +35,7 @@ Proof. $|d - d^*|_K \le |v|_K + |d - v - d^*|_K$. The residual at $d - v$ is $r 
 $\frac12 |d - v - d^*|_K^2 \le \frac12 |r + K v|^2 + T(v)$ by theorem 1, with $|r + K v| \le |r| + |v|_K$; finally
 $\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
 
-The move v removes all slips and gaps that count as zero (``StepProgram.zero_levels``). We take the smaller of both
-bounds.
+The move $v$ removes slips and gaps that count as zero (``StepProgram.zero_levels``). The smaller of both bounds counts.
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
@@ -99,10 +98,6 @@ class Certificate(ArrayRecord):
         """Return a certificate for a known error |d - d*|_K, in place of the gap."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
-
-    def in_full(self, equilibrium: float, floor: float) -> Certificate:
-        """Return the certificate with equilibrium and floor of all unknowns, interior ones included."""
-        return replace(self, equilibrium=max(equilibrium, self.equilibrium), floor=max(floor, self.floor))
 
     @cached_property
     def gap(self) -> float:

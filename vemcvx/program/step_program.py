@@ -307,10 +307,14 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, with a move v that removes slips and gaps that count as zero."""
+        """Return the certificate by theorem 2, with a move v that removes slips and gaps that count as zero.
+
+        v keeps slips that contribute less to the gap than |v|_K^2 of the least move that removes them.
+        """
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
-        met, acts = operators.compliance * p, (p > 0) | (z > 0)
-        near, still = acts & (np.abs(z - met) <= lacks), self.stuck | (lengths(s) <= slips)
+        met, size = operators.compliance * p, lengths(s)
+        near = ((p > 0) | (z > 0)) & (np.abs(z - met) <= lacks)
+        still = self.stuck | ((size <= slips) & (size**2 <= plain.friction * operators.norm_flexibility))
         held = np.append(np.repeat(still, operators.block), near)
         v = operators.move(held, np.append(s, z - met)[held])
         s = np.where(still[:, None], 0.0, s - operators.blocks(operators.B @ v))

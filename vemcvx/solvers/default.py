@@ -160,8 +160,9 @@ class RunSolver:
     def second(self) -> RunSolver:
         """The solver of steps that this one misses: Clarabel in place of Newton's method, else with other settings."""
         solver = Clarabel() if self.prepared is self.newton else self.solver
-        conic = isinstance(solver, ThroughCvxpy)
-        return RunSolver.prepare(solver.for_second_attempt(), self.newton.operators) if conic else self
+        if not isinstance(solver, ThroughCvxpy):
+            return self
+        return RunSolver.prepare(solver.for_second_attempt(), self.newton.operators)
 
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None

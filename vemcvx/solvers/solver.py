@@ -28,8 +28,6 @@ differently."""
 TARGET_FRACTION = 0.01
 """Negligible fraction of the requested gap, for tolerances on residuals, which enter the gap by their squares, and for
 tolerances whose meaning differs between solvers."""
-OPEN_GAP = 1e4
-"""Largest gap of a scaled program, relative to the motion of a row in a state with energy norm one."""
 
 
 class Prepared(Protocol):
@@ -188,14 +186,9 @@ class ScaledSolver:
         return float(power_of_two(size)) if size > 0 else 1.0
 
     def scale(self, program: StepProgram, alpha: float) -> StepProgram:
-        """Return the scaled program of a step.
-
-        If supports hold the body, gaps that it cannot close are reduced: interior-point methods fail on gaps of 1e20.
-        """
-        force, e = self.kappa * alpha, program.e / alpha
-        if len(e) and self.operators.kernel is None:
-            e = np.minimum(e, OPEN_GAP * np.maximum(np.sqrt(self.operators.limit_flexibility), 1.0))
-        return StepProgram(self.operators, program.g / force, program.w / force, program.b / alpha, e)
+        """Return the scaled program of a step."""
+        force = self.kappa * alpha
+        return StepProgram(self.operators, program.g / force, program.w / force, program.b / alpha, program.e / alpha)
 
     def restore(self, answer: Answer, alpha: float) -> Answer:
         """Return an answer to a scaled program in the units of the original program."""
@@ -208,9 +201,7 @@ class ScaledSolver:
         force, scaled = self.kappa * alpha, self.scale(program, alpha)
         pressed = np.zeros_like(program.e) if p is None else p
         found = self.prepared.solve(scaled, target / (force * alpha), lam / force, pressed / force)
-        answer = self.restore(read_answer(found, scaled, self.name), alpha)
-        # Remove the small forces that interior-point methods leave at gaps that were reduced.
-        return replace(answer, p=np.where(alpha * scaled.e < program.e, 0.0, answer.p))
+        return self.restore(read_answer(found, scaled, self.name), alpha)
 
 
 @contextmanager

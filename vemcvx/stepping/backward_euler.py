@@ -121,7 +121,7 @@ class PosedStep:
         size, accuracy = check_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
         state = self._certify(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
-        if state.is_accepted(accuracy) or state.certificate.at_floor:
+        if state.certificate.error <= accuracy * state.unit(accuracy) or state.certificate.at_floor:
             return state
         sharper = 0.5 * (INNER_FRACTION * accuracy * min(size, state.unit(accuracy))) ** 2
         other = self._certify(self.frame.prepared.retry, sharper)

@@ -130,8 +130,6 @@ def _jumps(
         # At a jump at least a quarter of the change remains in ever shorter intervals; on a steep slope none remains.
         for _ in range(30):
             t = 0.5 * (a + b)
-            if not a < t < b or np.abs(right - left).max() < 0.25 * change[j]:
-                break
             middle = value(t)
             if np.abs(middle - left).max() >= np.abs(right - middle).max():
                 b, right = t, middle

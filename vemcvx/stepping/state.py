@@ -229,10 +229,6 @@ class State:
         """Return the reference norm of relative errors: see :mod:`vemcvx.stepping.backward_euler`."""
         return self.size if self.scale <= max(accuracy, NORM_ROUNDING) * self.size else self.scale
 
-    def is_accepted(self, accuracy: float) -> bool:
-        """Return True if the certified error is within the accuracy."""
-        return self.certificate.error <= accuracy * self.unit(accuracy)
-
 
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
     """Return states without interior unknowns with all unknowns, and with certificates of the full system.
@@ -265,10 +261,12 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
         y = y + condensation.solve_interior(r)
         energies = 0.5 * condensation.factor.energies_of_columns(residual(y))
 
-    return [
-        replace(state, full=full, certificate=state.certificate.in_full(energy, floor))
-        for state, full, energy, floor in zip(states, y.T, energies.tolist(), floors.tolist(), strict=True)
-    ]
+    found = []
+    for state, full, energy, floor in zip(states, y.T, energies.tolist(), floors.tolist(), strict=True):
+        own = state.certificate
+        larger = replace(own, equilibrium=max(energy, own.equilibrium), floor=max(floor, own.floor))
+        found.append(replace(state, full=full, certificate=larger))
+    return found
 
 
 def certify_in_full(run: PreparedRun, state: State) -> State:

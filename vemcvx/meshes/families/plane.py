@@ -395,7 +395,8 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     check_total(sectors * (len(r) - 1))
     turns, disc = end - start > math.tau * (1 - ROUNDING), r[0] == 0.0
     rays = sectors if turns else sectors + 1
-    unit = _directions(start, end, sectors)[:rays]
+    angle = start + (end - start) * np.arange(rays) / sectors
+    unit = np.column_stack([np.cos(angle), np.sin(angle)]).round(15)  # rays along an axis have an exact zero
     centre = np.zeros(int(disc), dtype=np.int64)
     points = np.concatenate([np.zeros((len(centre), 2)), (r[len(centre) :, None, None] * unit).reshape(-1, 2)])
     around = np.column_stack([np.arange(sectors), np.arange(1, sectors + 1) % rays])
@@ -419,11 +420,3 @@ def _increasing(given: ArrayLike, what: str, least: float, most: float) -> Float
         if np.isfinite(x).all() and least <= x[0] and x[-1] <= most and np.diff(x).min() >= SHORTEST:
             return x
     raise MeshError(f"ring: {what}; got {brief(given)}.")
-
-
-def _directions(start: float, end: float, sectors: int) -> Floats:
-    """Return unit vectors (sectors + 1, 2) of the rays; rays along an axis have an exact zero."""
-    angle = start + (end - start) * np.arange(sectors + 1) / sectors
-    unit = np.column_stack([np.cos(angle), np.sin(angle)])
-    unit[np.abs(unit) < 1e-15 * max(1.0, abs(start), abs(end))] = 0.0
-    return unit

@@ -16,9 +16,9 @@ from string import ascii_letters
 
 import numpy as np
 
-from vemcvx.base.arrays import Floats, Ints
+from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.grid import NODES, Grid, keep_corners
+from vemcvx.meshes.io.grid import DIGITS, NODES, Grid, keep_corners
 from vemcvx.meshes.polygons import offsets_of
 
 TYPES = {
@@ -55,8 +55,8 @@ def read_abaqus(path: Path) -> Grid:
     every = np.arange(len(deck.kinds))
     grid.sets = {name: np.isin(every, cells) for name, cells in deck.sets["ELSET"].items()}
     grid.nodes = {name: np.isin(np.arange(len(points)), nodes) for name, nodes in deck.sets["NSET"].items()}
-    for name, side, cells in deck.sides:
-        _add_sides(grid, name, side, np.unique(np.array(cells, dtype=np.int64)))
+    for name, sides in deck.sides.items():
+        grid.parts[name] = offsets_of(np.array([len(side) for side in sides], dtype=np.int64)), np.concatenate(sides)
     known = {} if deck.numbers.get("", {}).get("ELSET") else deck.numbers
     own = {name: np.isin(every, list(numbers["ELSET"].values())) for name, numbers in known.items() if name}
     grid.bodies = tuple(own or _largest(grid) or grid.sets)
@@ -85,7 +85,7 @@ class _Deck:
     numbers: dict[str, dict[str, dict[int, int]]] = field(default_factory=dict)
     """Instance ("" if none) -> "NSET" or "ELSET" -> number of the node or element in the file -> its position."""
     sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
-    sides: list[tuple[str, int, list[int]]] = field(default_factory=list)  # (name of the surface, side, elements)
+    sides: dict[str, list[list[int]]] = field(default_factory=dict)  # surface -> positions of the nodes of its sides
     parts: dict[str, list[Block]] = field(default_factory=dict)
     placed: set[str] = field(default_factory=set)  # parts that have an instance
     part: str = ""  # the part that is being defined
@@ -205,12 +205,20 @@ class _Deck:
             if kind == "NODE" and "COMBINE" not in options:
                 self._name("NSET", name, self._places("NSET", target, "", name))
             elif kind == "ELEMENT" and side and "COMBINE" not in options:
-                self.sides.append((name, int(side[1]), self._places("ELSET", target, "", name)))
+                for element in self._places("ELSET", target, "", name):
+                    self.sides.setdefault(name, []).append(self._side(name, int(side[1]), element))
             else:
                 self.unread.append(
                     f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; only sides S1, S2 ... of "
                     "elements and node sets are read)"
                 )
+
+    def _side(self, name: str, side: int, element: int) -> list[int]:
+        """Return the nodes of a side of an element."""
+        sides = SIDES.get(kind := self.kinds[element].rstrip(DIGITS), ())
+        if side > len(sides):
+            raise MeshError(f"its surface {name!r} names the side S{side} of a {kind}, which does not exist.")
+        return [self.rows[element][int(corner)] for corner in sides[side - 1]]
 
     def _take_instance(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
         name, part = self.spell(options["NAME"]), self.spell(options.get("PART", ""))
@@ -236,18 +244,6 @@ def _rotate(x: Floats, axis: Floats) -> Floats:
     kept = np.outer(arm @ along, along)
     rotated: Floats = axis[:3] + kept + np.cos(angle) * (arm - kept) + np.sin(angle) * np.cross(along, arm)
     return rotated
-
-
-def _add_sides(grid: Grid, name: str, side: int, cells: Ints) -> None:
-    """Add a side of some cells to a named part of the boundary."""
-    for kind in np.unique(grid.kinds[cells]).tolist():
-        if side > len(SIDES.get(kind, ())):
-            raise MeshError(f"its surface {name!r} names the side S{side} of a {kind}, which does not exist.")
-        corners = np.array(list(map(int, SIDES[kind][side - 1])))
-        rows = grid.vertices[grid.offsets[cells[grid.kinds[cells] == kind], None] + corners]
-        offsets, vertices = grid.parts.get(name, (np.zeros(1, dtype=np.int64), rows[:0].ravel()))
-        counts = np.concatenate([np.diff(offsets), np.full(len(rows), len(corners))])
-        grid.parts[name] = offsets_of(counts), np.concatenate([vertices, rows.ravel()])
 
 
 def _lines(path: Path) -> Iterator[str]:

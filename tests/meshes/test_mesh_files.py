@@ -106,12 +106,12 @@ def test_files_of_gmsh_that_would_lose_cells_names_or_interfaces_are_refused(tmp
     squares = vx.meshes.squares(2)
     two = vx.meshes.bodies({"a": squares, "b": vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))})
     refused = [
-        (small("voronoi", 3), r"mesh.msh: .msh files do not keep polygons of more than four vertices. Write"),
+        (small("voronoi", 3), r"mesh.msh: .msh files do not keep polygons of more than four vertices"),
         (vx.meshes.voronoi3(2), "cell 0 is no tetrahedron, hexahedron, .* Other polyhedra can only go to .vtu files"),
-        (two, r"mesh.msh: .msh files do not keep interfaces of bodies. Write .vtu"),
+        (two, r"mesh.msh: .msh files do not keep .* interfaces of bodies, .* Write .vtu"),
     ]
     named = [squares.with_boundary(name, lambda x: x[:, 0] < 0.1) for name in ('a "b', "a\\b", "a\nb")]
-    refused += [(mesh, "cannot have quotes, backslashes") for mesh in named]
+    refused += [(mesh, "or names with quotes, backslashes") for mesh in named]
     for mesh, message in refused:
         with pytest.raises(vx.MeshError, match=message):
             mesh.write(tmp_path / "mesh.msh")
@@ -133,7 +133,7 @@ def test_unknown_formats_and_missing_folders_are_refused(tmp_path):
         with pytest.raises(vx.MeshError, match=r"vtu cannot be written; .vtu holds every mesh \("):
             vx.meshes.squares(2).write(path)
     for path, subject in (
-        (3, "must be a string or Path; got 3"),
+        (3, "3 cannot be read as a mesh"),
         (tmp_path / "folder.vtu", "folder.vtu: there is no such file"),
         ("x" * 300 + ".vtu", "vtu"),
     ):

@@ -29,7 +29,7 @@ FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)
 
 def load(path: str | Path) -> AnyTessellation:
     """Return the mesh in a file: see :func:`vemcvx.meshes.read`."""
-    grid = _read(_path(path))
+    grid = _read(path)
     try:
         return finish_mesh(str(path), grid)
     except MeshError as error:
@@ -44,7 +44,7 @@ def load(path: str | Path) -> AnyTessellation:
 
 def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
     """Return the mesh of each body in a file, by name, and the names of all sides."""
-    grid = _read(_path(path))
+    grid = _read(path)
     with translate_errors(str(path), "holds no valid mesh"):
         grids = bodies_of(grid)
     for note in grid.notes:
@@ -54,30 +54,30 @@ def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]
     return {name: finish_mesh(f"{path}: {name}", part, by_place=not sides) for name, part in grids.items()}, sides
 
 
-def _read(path: Path) -> Grid:
-    suffix = path.suffix.lower()
-    if suffix not in READERS:
-        raise MeshError(
-            f"{path}: the suffix {path.suffix!r} is not one of the mesh formats: {FORMATS}. Convert the file: "
-            f"meshio convert {path.name} {path.stem}.vtu"
-        )
+def _read(path: str | Path) -> Grid:
     with translate_errors(str(path), "cannot be read as a mesh"):
+        path = Path(path)
+        if path.suffix.lower() not in READERS:
+            raise MeshError(
+                f"the suffix {path.suffix!r} is not one of the mesh formats: {FORMATS}. Convert the file: meshio "
+                f"convert {path.name} {path.stem}.vtu"
+            )
         if not path.is_file():
             raise MeshError("there is no such file.")
-        return READERS[suffix](path)
+        return READERS[path.suffix.lower()](path)
 
 
 def write(path: str | Path, mesh: AnyTessellation) -> None:
     """Write a mesh with its named boundaries and cell data: see :meth:`vemcvx.PolygonMesh.write`."""
-    path = _path(path)
-    suffix = path.suffix.lower()
-    if suffix not in (".vtu", ".msh"):
-        raise MeshError(
-            f"{path}: meshes are written as .vtu or .msh files; mesh.to('meshio').write(path) writes other formats, "
-            "some of them without names and data."
-        )
     lost: list[str] = []
     with translate_errors(str(path), "cannot be written; .vtu holds every mesh"):
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in (".vtu", ".msh"):
+            raise MeshError(
+                "meshes are written as .vtu or .msh files; mesh.to('meshio').write(path) writes other formats, some of "
+                "them without names and data."
+            )
         if suffix == ".msh":
             _check_holds(mesh)
         grid = grid_of(mesh, polyhedra=suffix == ".vtu")
@@ -95,17 +95,9 @@ def write(path: str | Path, mesh: AnyTessellation) -> None:
 
 def _check_holds(mesh: AnyTessellation) -> None:
     """Raise MeshError if a file of Gmsh would lose cells, interfaces or names."""
-    wrong = [name for name in (*mesh.boundaries, *mesh.cell_data) if set(name) & set('"\\\r\n')]
-    if wrong:
-        raise MeshError(f".msh files cannot have quotes, backslashes or line breaks in names such as {wrong[0]!r}.")
-    if isinstance(mesh, PolygonMesh) and np.diff(mesh.offsets).max() > 4:
-        raise MeshError(".msh files do not keep polygons of more than four vertices. Write .vtu.")
-    if mesh.interfaces:
-        raise MeshError(".msh files do not keep interfaces of bodies. Write .vtu.")
-
-
-def _path(path: str | Path) -> Path:
-    try:
-        return Path(path)
-    except TypeError:
-        raise MeshError(f"the path of a mesh file must be a string or Path; got {path!r}.") from None
+    wrong = any(set(name) & set('"\\\r\n') for name in (*mesh.boundaries, *mesh.cell_data))
+    if wrong or mesh.interfaces or (isinstance(mesh, PolygonMesh) and np.diff(mesh.offsets).max() > 4):
+        raise MeshError(
+            ".msh files do not keep polygons of more than four vertices, interfaces of bodies, or names with quotes, "
+            "backslashes or line breaks. Write .vtu."
+        )

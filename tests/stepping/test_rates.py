@@ -201,3 +201,10 @@ def test_a_run_with_dashpots_begins_from_any_state_but_not_settled():
 def test_laws_of_slips_and_of_rates_are_not_mixed():
     with pytest.raises(vx.SceneError, match="a law of slip rates has neither"):
         vx.Law(lambda t, p, past, rate: rate, rates=True, slips=False)
+
+
+def test_a_body_that_only_friction_by_speed_holds_is_refused():
+    floor, friction = vx.BilateralContact(on="bottom"), vx.SpeedFriction(lambda speed: 2.0 * speed, on="bottom")
+    floats = pytest.warns(vx.SceneWarning, match="nothing but friction or one-sided contact holds the body")
+    with floats, pytest.raises(vx.SceneError, match="found a law of slip rates, but nothing except friction and contact holds"):
+        block(floor, friction, vx.Traction((1.0, 0.0), on="right"), initial="settled")

@@ -64,7 +64,13 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import Weights
 from vemcvx.solvers.solver import INNER_FRACTION, name_failures
-from vemcvx.stepping.refusals import refuse_start, refuse_unbalanced, require_certified, warn_of_softening
+from vemcvx.stepping.refusals import (
+    refuse_floating_rates,
+    refuse_start,
+    refuse_unbalanced,
+    require_certified,
+    warn_of_softening,
+)
 from vemcvx.stepping.state import (
     SMALLEST_NORM,
     Frame,
@@ -270,6 +276,7 @@ def prepare(
         chosen = choose_solver(condensation.operators, solver)
         elastic = Frame(condensation, chosen)
         if system.norms is not None:
+            refuse_floating_rates(system)
             warn_of_softening(condensation.operators, system.norms, shortest)
         if not system.is_viscous:
             _ = elastic.prepared

@@ -107,6 +107,15 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     )
 
 
+def refuse_floating_rates(system: System) -> None:
+    """Raise SceneError for a body that laws of slip rates hold: its slips are as uncertain as the balance of forces."""
+    if system.kernel is not None and system.norms is not None and system.norms.reads_rates:
+        raise SceneError(
+            "friction: found a law of slip rates, but nothing except friction and contact holds the body against "
+            f"{' and '.join(system.kernel.names)}. Add a support, or weak springs (ElasticFoundation)."
+        )
+
+
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
     """Raise SceneError for a given initial state that a step at the same instant moves by `jump`, a relative norm."""
     operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""

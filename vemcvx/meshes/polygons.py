@@ -255,18 +255,13 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
 
     A search tree finds the pairs that meet in two coordinates, those in which all boxes together extend farthest.
     """
-    from shapely import STRtree, linestrings, points
+    import shapely
 
     if not len(low) or not len(tree_low):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
-
-    def diagonals(low: Floats, high: Floats) -> NDArray[Any]:
-        # the tree stores bounding boxes only; a diagonal has the box of its rectangle, and takes half the time to make
-        return np.asarray(linestrings(np.stack([low[:, [u, v]], high[:, [u, v]]], axis=1)))
-
-    asked = points(low[:, u], low[:, v]) if low is high else diagonals(low, high)
-    i, j = STRtree(diagonals(tree_low, tree_high)).query(asked)
+    boxes = shapely.box(tree_low[:, u], tree_low[:, v], tree_high[:, u], tree_high[:, v])
+    i, j = shapely.STRtree(boxes).query(shapely.box(low[:, u], low[:, v], high[:, u], high[:, v]))
     meet = ((low[i] <= tree_high[j]) & (high[i] >= tree_low[j])).all(axis=1)
     return i[meet], j[meet]
 

@@ -73,8 +73,7 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
     """Return offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
     rows, nodes = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     cells = np.repeat(cell_of_corner(faces.cell_offsets), np.diff(rows))
-    keys = np.sort(cells * n_nodes + nodes)
-    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
+    keys = np.unique(cells * n_nodes + nodes)
     return offsets_of(np.bincount(keys // n_nodes)), keys % n_nodes
 
 

@@ -283,7 +283,7 @@ def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
     of_cell = body[mesh.vertices[mesh.offsets[:-1]]]
     misfit = find_misfit(outlines(mesh.points, mesh.offsets, mesh.vertices), width, of_cell)
     if misfit:
-        raise _position_error(names, of_cell[list(misfit[:2])], misfit.at)
+        raise _position_error(names, of_cell[misfit[0]], misfit[1])
 
 
 def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:

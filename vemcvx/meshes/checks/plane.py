@@ -217,8 +217,9 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     width = SINGLE_EPS * lowest(points, offsets, vertices)
     misfit = find_misfit(outlines(points, offsets, vertices), width)
     if misfit:
+        (one, other), at = misfit
         raise MeshError(
-            f"cells {misfit.one} and {misfit.other} overlap near {coordinates(misfit.at, 6)}, or do not fit together "
+            f"cells {one} and {other} overlap near {coordinates(at, 6)}, or do not fit together "
             "there: a vertex of one lies on an edge of the other but is not its vertex, or there is a gap narrower "
             f"than {width:.3g}, {SINGLE_EPS:g} of the height of the lowest cell. Give both cells the same vertices, "
             "hanging nodes included, or widen the gap."
@@ -231,16 +232,8 @@ def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
-class Misfit(NamedTuple):
-    """Two cells that overlap or leave a narrow gap, and a point (2,) there."""
-
-    one: int
-    other: int
-    at: Floats
-
-
-def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> Misfit | None:
-    """Return the two cells (of two bodies, if given) that overlap most, or else do not fit along the longest edge."""
+def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
+    """Return the two cells (of two bodies, if given) that overlap most or fit worst, and a point (2,) there."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -257,5 +250,4 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
         return None
     k = near[np.lexsort((along[near], overlap[near]))[-1]]
     at = shapely.get_coordinates(shapely.shortest_line(edges[one[k]], polygons[other[k]]))[0]
-    first, second = sorted((int(one[k]), int(other[k])))
-    return Misfit(first, second, at)
+    return sorted((int(one[k]), int(other[k]))), at

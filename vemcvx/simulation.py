@@ -78,7 +78,7 @@ def simulate(
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        True: eliminate the unknowns without friction and contact (except with Viscosity). False: keep all unknowns.
+        True: eliminate the unknowns without friction and contact, except with Viscosity or dashpots. False: keep all.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the number of unknowns and on the
         installed packages.

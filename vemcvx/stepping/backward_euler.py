@@ -269,7 +269,7 @@ def prepare(
         raise SceneError(
             f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Iterative(), PETSc(), your own, or None."
         )
-    check, condense = flag(check, "check"), flag(condense, "condense") and system.damping is None
+    check, condense = flag(check, "check"), flag(condense, "condense") and not system.is_viscous
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
         condensation = Condensation(system, condense, linear)

@@ -111,29 +111,30 @@ class Weights:
             )
 
 
-MOST_HALVINGS = 200
+MOST_EVALUATIONS = 200
 """Largest number of evaluations of a law in the search for one slip of each term."""
 
 
-def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float) -> Floats:
+def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance: float = 16 * EPS) -> Floats:
     """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law.
 
     w(p, r) in the direction of a force of this size is its proximal point, and the solution is unique. The search keeps
-    brackets, and takes the point between secant (Illinois) and half of the bracket.
+    brackets, takes points on secants (Illinois), and ends at an error of `tolerance` times the size.
     """
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size
     if law.is_given or (above <= 0.0).all():
         return high
-    for _ in range(MOST_HALVINGS):
-        r = low + (high - low) * np.clip(
-            np.divide(-below, above - below, where=above > below, out=np.ones_like(low)), 0, 1
-        )
+    last = np.full(len(size), 2)  # 1 if the last point moved `low`, 0 if it moved `high`
+    for _ in range(MOST_EVALUATIONS):
+        part = np.divide(-below, above - below, where=above > below, out=np.ones_like(low))
+        r = low + (high - low) * np.clip(part, 0.0, 1.0)
         error = law.at(p, r) + shift * r - size
         under = error <= 0.0
-        # Halve the value at the end that stays (Illinois).
-        above, below = np.where(under, 0.5 * above, error), np.where(under, error, 0.5 * below)
+        # Halve the value at an end that stays twice (Illinois).
+        share, last = np.where(under == last, 0.5, 1.0), under
+        above, below = np.where(under, share * above, error), np.where(under, error, share * below)
         low, high = np.where(under, r, low), np.where(under, high, r)
-        if (np.abs(error) <= EPS * size).all() or (high - low <= EPS * high).all():
+        if ((np.abs(error) <= tolerance * size) | (high - low <= EPS * high)).all():
             break
     return r

@@ -63,6 +63,8 @@ MAX_CORRECTIONS = 20
 """Largest number of corrections on one factorisation: they take as long as factorising 2,000 unknowns."""
 FIRST_SWEEPS = 100
 """Number of projected gradient steps in the first safeguard; it doubles each time, up to sixteenfold."""
+SWEEP_TOLERANCE = 1e-6
+"""Relative error of weights in projected gradients, if weights rise with slip."""
 SWEEPS_PER_WEIGHTS = 10
 """Number of projected gradient steps before weights are evaluated again."""
 MAX_SAFEGUARDS = 10
@@ -300,7 +302,7 @@ class Search:
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
             if self.law.is_monotone:
-                w = self.law.at(p, resolve_slips(self.law, p, lengths(lam), length))
+                w = self.law.at(p, resolve_slips(self.law, p, lengths(lam), length, SWEEP_TOLERANCE))
             elif sweep % SWEEPS_PER_WEIGHTS == 0:
                 w = self.law.at(p, lengths(delassus.split(point.off)[0]))
             x = np.append(onto_discs(lam, w), p)

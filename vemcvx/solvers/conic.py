@@ -239,7 +239,7 @@ class ThroughCvxpy(Solver):
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(list_installed()))}. "
                 "Install it, or choose one of those."
             )
-        return _PreparedConic(self)
+        return _PreparedConic(self, PreparedNewton(operators, 1))
 
     @property
     def settings(self) -> tuple[Setting, ...]:
@@ -334,8 +334,8 @@ class _PreparedConic:
     With sparse K the parameter g has one entry per unknown: at 33,000 unknowns compiling takes 26 s.
     """
 
-    def __init__(self, settings: ThroughCvxpy):
-        self._settings = settings
+    def __init__(self, settings: ThroughCvxpy, newton: PreparedNewton):
+        self._settings, self._newton = settings, newton
         # For each set of terms that always stick: the step in cvxpy, and the objects that cvxpy keeps for a warm start.
         self._compiled: dict[bytes, tuple[CvxpyStep, dict[str, Any]]] = {}
 
@@ -358,21 +358,16 @@ class _PreparedConic:
         # Interior-point methods may violate bounds by rounding.
         d, lam, p = program.admissible_point(*found)
         answer = Answer(d, lam, iterations, status, p=p)
-        return polish_answer(program, answer) if self._settings.polish else answer
+        return polish_answer(self._newton, program, answer) if self._settings.polish else answer
 
 
-def polish_answer(program: StepProgram, answer: Answer) -> Answer:
-    """Return the answer after one active-set step, or the given answer if that step does not reduce the gap."""
-    d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
-    before = replace(answer, d=d, lam=lam, p=p)
-    sharper = PreparedNewton(program.operators, 1).solve_from(program, Weights(program.w), before)
+def polish_answer(newton: PreparedNewton, program: StepProgram, answer: Answer) -> Answer:
+    """Return an admissible answer after one Newton step, or the given answer if that step does not reduce the gap."""
+    sharper = newton.solve_from(program, Weights(program.w), answer)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
-    after = Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
-    return after if _gap(program, after) < _gap(program, before) else answer
-
-
-def _gap(program: StepProgram, answer: Answer) -> float:
-    return program.duality_gap(answer.d, answer.lam, answer.p)
+    if not program.duality_gap(d, lam, p) < program.duality_gap(answer.d, answer.lam, answer.p):
+        return answer
+    return Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:

@@ -115,7 +115,7 @@ class PosedStep:
     def _at_rest(self) -> State | None:
         """Return the unchanged state if the data of the step are negligible; else None."""
         program, before, accuracy = self.program, self.before, self.run.solver.accuracy
-        if program.size > min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
+        if not program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
             return None
         d, lam, p = np.zeros_like(program.g), np.zeros_like(before.lam[: len(program.w)]), np.zeros_like(before.p)
         floor = program.rounding_floor(d, lam, p, before.y)

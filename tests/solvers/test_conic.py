@@ -7,7 +7,6 @@ import vemcvx as vx
 from vemcvx.program import Answer, Operators, StepProgram
 from vemcvx.solvers import TUNED
 from vemcvx.solvers.conic import Condition, polish_answer
-from vemcvx.solvers.newton import PreparedNewton
 
 pytestmark = pytest.mark.arithmetic
 
@@ -30,7 +29,7 @@ def test_polishing_corrects_degenerate_terms_to_rounding(seed):
     off = np.where(kind == DEGENERATE, 1e-6 * rng.uniform(0.3, 1.0, n), 0.0)
     near = Answer(d + sign * off + 1e-12 * rng.normal(size=n), (lam - sign * off)[:, None], 1)
     assert program.certify(near.d, near.lam).gap > 1e-13
-    answer = polish_answer(PreparedNewton(program.operators, 1), program, near)
+    answer = polish_answer(vx.Newton(max_iterations=1).prepare(program.operators), program, near)
     certificate = program.certify(answer.d, answer.lam)
     assert np.abs(answer.d[kind != SLIPS]).max() < 1e-15
     assert certificate.gap <= certificate.floor < 64e-28

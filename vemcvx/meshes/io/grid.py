@@ -273,13 +273,9 @@ def _check_kinds(grid: Grid) -> None:
     kinds: set[str] = set(grid.kinds.tolist())
     strange = sorted(kinds - {*POLYGONS, *SOLIDS, "vertex", "empty", "line"})
     if strange:
-        wanted = (
-            f"{', '.join(SOLIDS)} with straight edges and plane faces"
-            if grid.solid
-            else "plane polygons with straight edges (triangles, quads, polygons) and lines"
-        )
         raise MeshError(
-            f"it has cells of the kind {strange[0]!r}; only {wanted} are read. Export elements of first order."
+            f"it has cells of the kind {strange[0]!r}; only line, {', '.join((*POLYGONS, *SOLIDS))} with straight "
+            "edges and plane faces are read. Export elements of first order."
         )
     if not grid.bounding[0].any():
         raise MeshError(" ".join([f"it has no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.", *grid.notes]))

@@ -11,7 +11,7 @@ from pathlib import Path
 # On two cores, two test processes with two BLAS threads each would slow each other down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A shell that runs the tests in the background ignores these signals; processes of tests would inherit this.
+# A shell starts background jobs with these signals ignored; processes that tests start would inherit this.
 if sys.platform != "win32":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -65,14 +65,14 @@ def longer(path: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip the longer files if only quick tests are selected: collecting them takes a quarter of the tier's time."""
+    """Skip the longer files if only quick tests are selected: their collection takes a quarter of the time."""
     return True if config.getoption("markexpr") == "quick" and longer(collection_path) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark long tests `slow`, and tests `quick` that are neither slow nor in one of the longer files.
+    """Mark every long test also `slow`, and every other test `quick` unless it is slow or its file is in `LONGER`.
 
-    If a case of a long test is marked `slow`, the case loses the mark `long`.
+    A case marked `slow` of a test marked `long` loses the mark `long`.
     """
     for item in items:
         if item.get_closest_marker("slow"):

@@ -1,4 +1,4 @@
-"""Steps with Iterative and PETSc: inexact solves, true certificates, and the answers of direct factors."""
+"""Steps with Iterative and PETSc: inexact solves, true certificates, and the same answers as with direct factors."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ kinds = pytest.mark.parametrize("kind", INEXACT)
 @kinds
 @mostly_long("tolerance", [0.5, 1e-4, 1e-12], 1)
 def test_energies_of_inexact_solves_are_upper_bounds(kind, tolerance):
-    """The tolerance 0.1 of the solve and the bound of the spectrum add less than half."""
+    """The tolerance 0.1 of the solve and the bound of the spectrum increase the energy by less than half."""
     system = pose_scene(paper_scene(), small("voronoi", 14)).system
     exact, inexact = SuperLU().factorise(system.K), kind(tolerance).factorise(system.K, system.near_kernel)
     smooth, rough = system.force(1.0), np.random.default_rng(4).normal(size=system.n)
@@ -93,7 +93,7 @@ def test_scenes_have_the_steps_and_forces_of_direct_factors(kind, name):
     one, two = direct.trajectory, iterative.trajectory
     assert_within_both_certificates(posed.system, one, two)
     claimed = sum(run.certificate_total + run.certificate_floor for run in (one, two)) * one.unit
-    # |A e| <= |A|^(1/2) |e|_A, and |A| is at most its largest sum of a row; viscous forces depend on rates of e.
+    # |A e| <= |A|^(1/2) |e|_A, and |A| is at most the largest sum of |A_ij| in a row; viscous forces are due to rates.
     stiff = abs(posed.A).sum(axis=1).max()
     if posed.viscosity is not None:
         stiff += abs(posed.viscosity).sum(axis=1).max() * 2 / np.diff(TIMES).min()

@@ -47,7 +47,7 @@ assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
 @pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
 @needs("pymklpardiso")
 def test_pardiso_solves_cells_of_many_vertices(size):
-    # A block of 257 unknowns with equal rows, among other unknowns, ends the process. So the code runs in a second one.
+    # A fault of PARDISO at blocks of 257 unknowns with equal rows would end the process: the code runs in its own one.
     code = ONE_BLOCK_SCRIPT.format(n=2 * size + 1, size=size)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
@@ -74,7 +74,7 @@ print(peaks[1] - peaks[0], peaks[-1] - peaks[3])
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
 def test_unused_factors_free_their_memory(linear):
     """Peak memory does not grow from the 4th to the 12th factor. The old factor is held while a new one is made."""
-    # By default the C library keeps a varying part of the memory that is returned to it.
+    # By default, the C library keeps a varying part of the memory that is freed.
     environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
     command = [sys.executable, "-c", MANY_FACTORS_SCRIPT.format(linear=linear)]
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
@@ -106,7 +106,7 @@ class WithoutNearKernel(vx.LinearSolver):
         return SuperLU().factorise(K)
 
 
-def test_a_class_that_lacks_near_kernel_is_named():
+def test_a_solver_class_without_the_argument_near_kernel_is_named():
     sentence = r"^linear solver WithoutNearKernel: wanted factorise\(self, K, near_kernel=None\); too many"
     with pytest.raises(vx.SceneError, match=sentence):
         vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0], linear=WithoutNearKernel())

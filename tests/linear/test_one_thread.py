@@ -49,7 +49,7 @@ def test_threads_other_than_the_main_thread_change_nothing():
     assert seen == [{2}]
 
 
-def test_blocks_nest_and_large_matrices_keep_all_threads():
+def test_with_blocks_nest_and_large_matrices_keep_all_threads():
     with one_thread(10):
         with one_thread(10):
             assert list_threads() == {1}

@@ -52,7 +52,7 @@ def test_two_ranks_have_the_answer_of_other_linear_solvers_within_both_certifica
 @ranked
 @pytest.mark.slow
 def test_two_ranks_share_set_up_and_solves():
-    """One rank alone does 1.6 times as many floating-point operations as the busier of two ranks."""
+    """One rank alone does at least 1.6 times as many floating-point operations as the busier of two ranks."""
     given = [str(Path(__file__).parents[1] / "benchmarks" / "ranks.py"), "--n", "20", "--solves", "1"]
     alone = subprocess.run([sys.executable, *given], check=True, capture_output=True, text=True).stdout
     shared = run_on_two_ranks(*given)

@@ -31,7 +31,7 @@ def interface_length(mesh, name):
 
 
 def assert_matched(mesh):
-    """Check that both sides of each interface are boundary edges with equal ends, and that the mesh is valid."""
+    """Check that both sides of each interface are boundary edges with equal end points, and that the mesh is valid."""
     all_edges = set(map(tuple, mesh.boundaries["boundary"].tolist()))
     for name, found in mesh.interfaces.items():
         np.testing.assert_array_equal(mesh.points[found.edges], mesh.points[found.partners])
@@ -75,7 +75,7 @@ def test_blocks_of_two_families_match(below, above):
 )
 @settings(max_examples=10, deadline=None)
 def test_blocks_match_after_any_shift_and_rotation(shift, angle, scale, families):
-    """Two blocks of length 1, shifted along each other, share an interface of length 1 - |shift|."""
+    """Shift two blocks of length 1 along each other: their interface has the length 1 - |shift|."""
     boxes = ((0, 1), (0, 1)), ((shift, shift + 1), (1, 1.5))
     flat = [FAMILIES[family](n, box, seed=1) for family, n, box in zip(families, (4, 3), boxes, strict=True)]
     lower, upper = (PolygonMesh(scale * part.points @ rotation(angle).T, part.cells) for part in flat)
@@ -109,7 +109,7 @@ def test_refinement_keeps_interfaces_matched():
 
 
 def test_files_pickles_and_meshio_keep_interfaces(tmp_path):
-    """Three bodies in a row touch along parts of their sides; a body and an interface have unusual names."""
+    """Join three bodies in a row, which touch along parts of their sides; two names are unusual."""
     mesh = bodies(
         {
             "größe <&:/>": FAMILIES["voronoi"](3, ((0, 1), (0, 1)), seed=1).with_cell_data("E", np.arange(9.0)),
@@ -135,8 +135,8 @@ def test_files_pickles_and_meshio_keep_interfaces(tmp_path):
         vx.meshes.read(tmp_path / "mesh.vtu")
 
 
-def test_the_free_part_of_a_side_stays_boundary():
-    """The upper block covers [0.3, 1.1] of the top [0, 2] of the lower block; both ends hang on a lower edge."""
+def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
+    """Put the upper block on [0.3, 1.1] of the top [0, 2] of the lower block: both ends are hanging nodes there."""
     mesh = bodies({"lower": squares((2, 1), ((0, 2), (0, 1))), "upper": squares((3, 1), ((0.3, 1.1), (1, 2)))})
     assert_matched(mesh)
     x = mesh.points[mesh.interfaces["lower|upper"].edges, 0]
@@ -150,7 +150,7 @@ def test_the_free_part_of_a_side_stays_boundary():
 
 
 def test_interfaces_meet_in_crosspoints():
-    """Where three blocks meet, each of three nodes has the other two as partners; four blocks may meet as well."""
+    """Join three blocks at one point: each of its three nodes has the other two as partners. Then join four blocks."""
     mesh = bodies(
         {
             "left": FAMILIES["voronoi"](3, seed=1),
@@ -173,7 +173,7 @@ def test_interfaces_meet_in_crosspoints():
 
 
 def test_an_interface_goes_around_a_corner():
-    """A block fills the re-entrant corner of an L: one interface has two sides."""
+    """Fill the re-entrant corner of an L with a block: one interface has two sides."""
     parts = {"block": FAMILIES["voronoi"](5, ((0.5, 1), (0.5, 1)), seed=3), "corner": vx.meshes.l_shape(6)}
     mesh = bodies(parts, interfaces={"L": ("corner", "block")})
     assert_matched(mesh)
@@ -188,7 +188,7 @@ def test_an_interface_goes_around_a_corner():
 
 
 def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
-    """In a press fit with n sides of the hub, the polygons of the common circle are up to 1 - cos(pi / n) apart."""
+    """Join a hub with n sides and a tyre: their polygons of the unit circle are up to 1 - cos(pi / n) apart."""
     sides, apart = 12, 1.0 - np.cos(np.pi / 12)
     hub, tyre = ring([0.3, 0.6, 1.0], sides), ring([1.0, 1.5, 2.0], 60, angles=(0.01, 0.01 + 2 * np.pi))
     mesh = bodies({"hub": hub, "tyre": tyre}, tolerance=1.01 * apart)
@@ -229,7 +229,7 @@ def test_invalid_places_and_options_of_bodies_are_refused():
 
 
 def test_three_bodies_at_one_edge_overlap():
-    """Each of two discs fills the hole of the plate, so edges of all three coincide."""
+    """Fill the hole of a plate with two equal discs, so that edges of all three bodies coincide."""
     plate = PolygonMesh(
         [(0, 0), (3, 0), (3, 3), (0, 3), (1, 1), (2, 1), (2, 2), (1, 2)],
         [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
@@ -254,7 +254,7 @@ def test_invalid_bodies_are_refused():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """A cell datum may also have the name of its body if it is one there."""
+    """Give a body a cell datum with its own name, too, which is valid if all values are one."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})
@@ -282,7 +282,7 @@ def test_invalid_interfaces_are_refused():
 
 @pytest.mark.parametrize("family", ["voronoi", "triangles"])
 def test_a_crack_inside_a_body_has_two_lips_and_a_tip(family):
-    """The crack runs from the left side to the middle of the body; only the node at its tip stays single."""
+    """Cut from the left side to the middle of the body: only the node at the tip of the crack stays single."""
     whole = FAMILIES[family](6, seed=1).with_boundary("half", lambda x: x[:, 0] < 0.5)
     near = whole.centroids[:, 0] < 0.5
     above = near & (whole.centroids[:, 1] > 0.5)
@@ -342,7 +342,7 @@ def test_new_parts_of_the_boundary_exclude_interfaces():
 
 
 def test_parts_of_a_mesh_fit_together_again():
-    """Parts with polygonal outlines, each refined and shifted by less than the tolerance, become bodies."""
+    """Make bodies of parts with polygonal outlines, each refined and shifted by less than the tolerance."""
     random, whole = np.random.default_rng(3), FAMILIES["nonconvex"](6, seed=3)
     part = np.argmin(np.linalg.norm(whole.centroids[:, None] - random.random((4, 2)), axis=2), axis=1)
     parts = {}

@@ -111,7 +111,7 @@ def test_three_bodies_meet_along_an_edge():
 @pytest.mark.long
 @mostly_slow("size", range(2, 14), 2, 6, 7)
 def test_blocks_match_at_every_small_offset(size):
-    """Shift one block by 10^-size: pieces are as narrow as the tolerance, 2e-9 here, or nodes are merged."""
+    """Shift one block by 10^-size: pieces of the interface become narrow, and nodes nearer than 2e-9 are merged."""
     for k, (name, exponent) in enumerate(itertools.product(("cubes", "tetrahedra", "kelvin"), (0.0, 0.5))):
         x, y = 10.0 ** -(size + exponent) * np.random.default_rng([size, k]).normal(size=2)
         make = SPACE_FAMILIES[name]
@@ -125,7 +125,7 @@ def round_points(mesh):
 
 @pytest.mark.long
 def test_a_tolerance_matches_points_rounded_to_seven_digits():
-    """Round points in a plane joint, so that nodes are beside edges, and points on a cylinder with equal nodes."""
+    """Round points at a plane joint, where nodes then lie beside edges, and at a cylinder with matching nodes."""
     lower = round_points(cubes(3, ((-1, 2), (-1, 2), (0, 1))))
     upper = round_points(rotate(SPACE_FAMILIES["tetrahedra"](3, ((0, 1), (0, 1), (1, 2))), 0.4))
     mesh = bodies({"lower": lower, "upper": upper}, tolerance=3e-7)
@@ -137,7 +137,7 @@ def test_a_tolerance_matches_points_rounded_to_seven_digits():
 
 
 def test_equal_prisms_of_a_cylinder_match_and_others_are_refused():
-    """Give pin and lug other layers, which match; another number of sectors or a rotation by half a sector does not."""
+    """Give pin and lug different layers, which match; other sectors, or a rotation by half a sector, do not match."""
     pin, lug = ring([0.4, 1.0], 16, 2), ring([1.0, 2.0], 16, 3)
     for meshes in ({"pin": pin, "lug": lug}, {"lug": lug, "pin": pin}):
         assert_matched(bodies(meshes), 32 * np.sin(np.pi / 16))

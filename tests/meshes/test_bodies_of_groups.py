@@ -1,4 +1,4 @@
-"""Gmsh files with several physical groups of cells, whose groups become bodies."""
+"""Gmsh files with several physical groups of cells: each group becomes a body."""
 
 import meshio
 import numpy as np
@@ -23,7 +23,7 @@ BOTH = {"plate": [11, 2], "pin": [12, 2]}
 
 
 def write_two_squares(path, outside=False, names=True):
-    """Write two unit squares side by side, "plate" and "pin", which share nodes; a cell may be in no group."""
+    """Write two unit squares, "plate" and "pin", which share nodes; `outside` removes one cell from all groups."""
     made = vx.meshes.triangles(4, box=((0.0, 2.0), (0.0, 1.0)))
     right = made.centroids[:, 0] > 1
     wall, rim = made.boundaries["left"], made.boundaries["right"]
@@ -37,7 +37,7 @@ def write_two_squares(path, outside=False, names=True):
 
 
 def test_groups_become_bodies(tmp_path):
-    """Simulate two bodies free to slide and to widen: the contact force is the force that presses on the pin."""
+    """Simulate two bodies that are free to slide and to widen: the contact force equals the force on the pin."""
     mesh = vx.meshes.read(write_two_squares(tmp_path / "two.msh"), bodies="physical")
     assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
     assert list(mesh.interfaces) == ["plate|pin"]
@@ -69,7 +69,7 @@ def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
 
 
 def test_an_arc_named_on_one_body_names_the_interface(tmp_path):
-    """Read a disc in a hole with other edges: tolerance= must exceed the distance between the two polygons."""
+    """Read a disc in a hole with different edges: tolerance= must exceed the distance between the two polygons."""
     hole, disc = vx.meshes.ring((1.0, 2.0), 12), vx.meshes.ring((0.3, 1.0), 16)
     points = np.concatenate([hole.points, disc.points])
     inner = hole.boundaries["boundary"]

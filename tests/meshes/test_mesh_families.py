@@ -55,7 +55,7 @@ def test_every_function_that_meshes_a_box_is_a_family():
 @mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
-    """Compare sides without tolerance; a family skips the checks of meshes of users, which must find no fault."""
+    """Compare sides without tolerance; check cells like cells of users, because families skip these checks."""
     (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
@@ -124,7 +124,7 @@ def test_the_same_seed_gives_the_same_mesh(family):
 
 
 def count_cells_per_square(family):
-    """Return the number of cells over nx ny on a fine mesh: 2 for triangles, 1.9 for `hanging`."""
+    """Return the number of cells divided by nx ny on a fine mesh: 2 for triangles, 1.9 for `hanging`."""
     return round(FAMILIES[family]((40, 40)).n_cells / 1600, 1)
 
 
@@ -266,7 +266,7 @@ def test_voronoi_makes_the_requested_number_of_cells(cells):
 def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
     mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
     PolygonMesh(mesh.points, mesh.cells)
-    # The default is 0.02; edges of triangles stay, and edges that join two sides of the box.
+    # The default of `shortest` is 0.02; shorter edges stay in triangles and between two sides of the box.
     assert np.quantile(measure_edges(mesh) * 20, 0.01) > 0.02
     assert measure_edges(mesh).min() * 20 > 1e-3
     raw = meshes.voronoi(cells=400, seed=seed, relaxations=0, shortest=0.0)
@@ -277,7 +277,7 @@ def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
 
 
 def test_voronoi_vertices_are_equally_far_from_the_seeds_of_their_cells():
-    """Use no relaxation, where the seeds are known; no other seed is nearer."""
+    """Use no relaxation, so that the seeds are known; no other seed is nearer to a vertex."""
     count = 40
     mesh = meshes.voronoi3(cells=count, seed=3, relaxations=0)
     seeds = np.random.default_rng(3).random((count, 3))

@@ -93,7 +93,7 @@ def test_files_of_users_keep_names_and_become_bodies():
 
 
 def test_every_cell_of_a_rod_has_its_own_material():
-    """Simulate tension: a set on a wrong cell gives .01, 1.01 and 2.01, the right displacement of the end only."""
+    """Pull the rod: with sets on wrong cells, displacements are .01, 1.01, 2.01, and only the last one is right."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.0, on="SOFT"),
@@ -277,7 +277,7 @@ TWO = """*NODE
 
 
 def test_a_name_on_part_of_an_interface_names_this_part(read_text):
-    """Name the toe on the second body: the boundary is the piece of the first body that touches it."""
+    """Name a set "toe" on the second body: the boundary "toe" is the piece of the first body that touches the set."""
     mesh = read_text(".inp", TWO.format(y=1.0), bodies="physical")
     assert mesh.interfaces["foot"].bodies == ("low", "high")
     toe = mesh.boundaries["toe"].tolist()
@@ -321,7 +321,7 @@ def test_unsupported_decks_are_refused_with_the_cause(read_text):
 
 
 def test_sets_of_one_name_in_two_parts_contain_elements_of_their_parts_only(read_text):
-    """Use one name for the sets behind the surfaces of two parts, as programs do."""
+    """Use one name, as other programs do, for the two sets that define surfaces of two parts."""
     block = FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n*ELSET, ELSET=_s, INTERNAL\n1\n*SURFACE, NAME={}\n_s, {}\n"
     parts = "".join(
         f"*PART, NAME={name}\n{block.format(name, side)}*END PART\n" for name, side in (("low", "S1"), ("up", "S3"))
@@ -346,7 +346,7 @@ SOLIDS = {
 
 @pytest.mark.parametrize("kind", SOLIDS)
 def test_sides_of_solids_have_the_numbers_of_abaqus(kind, read_text):
-    """Name every side of one cell: they are all of its faces, and S1 is the bottom."""
+    """Name every side of one cell: the sides are all faces of the cell, and S1 is its bottom."""
     places, normals = SOLIDS[kind]
     corners = [", ".join(place) for place in places.split()]
     nodes = "".join(f"{k}, {x}\n" for k, x in enumerate(corners, 1))
@@ -504,7 +504,7 @@ def test_binary_files_of_gmsh_keep_cell_data(version, tmp_path):
 
 
 def describe_entity(words):
-    """Return the format of a point, or of a curve or surface with its groups and its boundary."""
+    """Return the binary format of a point, or of a curve or surface with its groups and its boundary."""
     count = int(words[7]) if len(words) > 5 else 0
     return "i3dQ" if len(words) == 5 else f"i6dQ{count}iQ{len(words) - 9 - count}i"
 
@@ -518,7 +518,7 @@ LAYOUT = {
 
 
 def test_binary_files_of_gmsh_keep_groups_and_curves(tmp_path):
-    """Write the sections of the text above in the binary layout of version 4.1, number by number."""
+    """Write the sections of `GMSH` in the binary layout of version 4.1, number by number."""
     data = GMSH.encode()
     text = b"$MeshFormat\n4.1 1 8\n\x01\0\0\0\n$EndMeshFormat\n" + data[data.index(b"$Phys") : data.index(b"$Ent")]
     for part, layout in LAYOUT.items():
@@ -663,7 +663,7 @@ TEXTS = {".polyhedra.vtu": POLYHEDRA, ".gmsh.msh": GMSH, ".parts.inp": PART + AS
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [*MADE, *TEXTS])
 def test_damaged_files_are_refused_or_hold_a_mesh(suffix, tmp_path):
-    """Read 250 damaged files in a separate process: soon, in little memory, a mesh or an error with the path."""
+    """Read 250 damaged files within limits of time and memory: each holds a mesh or raises an error with its path."""
     whole, rng = tmp_path / f"whole{suffix}", np.random.default_rng(1)
     if suffix in MADE:
         MADE[suffix].write(whole)

@@ -122,7 +122,7 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
 
 
 def test_stiffness_and_load_on_triangles_of_scikit_fem_are_those_of_its_linear_elements():
-    """Compare free unknowns, and the nodes in contact with the nodes of the named boundaries."""
+    """Compare at free unknowns; compare the nodes in contact with the nodes of the floor that are not held."""
     flat = make_skfem_mesh(skfem.MeshTri)
     mesh = convert(flat)
     pull = vx.Traction(lambda x, t: np.tile([3.0 * t, -t], (len(x), 1)), on="pushed")
@@ -264,7 +264,7 @@ def test_cells_of_meshio_may_be_numbered_in_either_direction():
 
 @pytest.mark.parametrize(("name", "kind"), [("cubes", "MeshHex1"), ("tetrahedra", "MeshTet1")])
 def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
-    """Integrate with scikit-fem: the volume is right only if the vertices have its order."""
+    """Integrate with scikit-fem: the volume is right only if the vertices have the order of scikit-fem."""
     mesh = make_solid(name)
     made = mesh.to("skfem")
     assert type(made).__name__ == kind
@@ -319,7 +319,7 @@ def test_sides_of_a_box_in_a_file_without_names_are_named_by_position(family, tm
 
 
 def test_only_straight_sides_at_extreme_coordinates_are_named():
-    """Convert a house without a top, a diamond, and a box with a very short edge, which is on one side only."""
+    """Convert a house without a top, a diamond, and a box with a very short edge, which belongs to one side only."""
     with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
         convert(remove_names(small("voronoi", 3)).to("meshio"))
     assert caught[0].filename == __file__

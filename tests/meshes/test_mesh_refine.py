@@ -136,7 +136,7 @@ EVERY = [*vx.meshes.FAMILIES, *SOLIDS]
 
 
 def make_start(family):
-    """Return a mesh, with hanging nodes if it is plane, and cells to refine: None if only all cells can be refined."""
+    """Return a mesh (plane ones have hanging nodes), and cells to refine: None, all cells, without local refinement."""
     if family in SOLIDS:
         mesh = SOLIDS[family]
         return mesh, np.arange(0, mesh.n_cells, 2) if family == "tetrahedra" else None
@@ -205,7 +205,7 @@ def test_cells_to_refine_are_given_by_number_or_by_flag():
 @pytest.mark.long
 @pytest.mark.parametrize("make", [vx.meshes.squares, tetrahedra])
 def test_refinement_ends_where_rounding_begins(make):
-    """Refine towards the corner (1, 1): every mesh is valid until an error says that edges are too short."""
+    """Refine towards the corner (1, 1): every mesh is valid until an edge is too short, which is an error."""
     mesh, message = make(1), ""
     for _ in range(200):
         try:

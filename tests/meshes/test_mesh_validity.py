@@ -58,7 +58,7 @@ GEOMETRY = [
     ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 .* do not fit together there: .* hanging nodes included"),
     ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 .* do not fit together there: .* a gap narrower than"),
     ([*TWO, (1, 0.5), (1 - 1e-9, 0.5)], NOTCHED, "overlap"),
-    # The squares are 1e-9 apart.
+    # Two squares are 1e-9 apart.
     ([*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)], [[0, 1, 2, 3], [4, 5, 6, 7]], "a gap narrower than"),
 ]
 
@@ -108,7 +108,7 @@ def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
 
 @pytest.mark.parametrize("offset", [0.0, 3.0, -40.0])
 def test_tiny_edges_are_valid(offset):
-    """Cut off corners of 1e-12 of the cell."""
+    """Two cells share a long edge and an edge of about 1e-12."""
     tiny = 1e-12 if not offset else 1e-12 * 64  # 64 units in the last place at 40
     points = np.array([(0, 0), (1, 0), (1, 1 - tiny), (1 - tiny, 1), (0, 1), (2, 0), (2, 1)]) + offset
     mesh = PolygonMesh(points, [[0, 1, 2, 3, 4], [1, 5, 6, 3, 2]])
@@ -116,7 +116,7 @@ def test_tiny_edges_are_valid(offset):
 
 
 def test_unusual_meshes_are_valid():
-    """Check a slender cell, a hole, separate parts, cells that meet in a point, and widths over nine orders."""
+    """Check a slender cell, a hole, separate parts, cells that meet in a point, and widths from 2^-29 to 1/2."""
     assert_valid([*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], [1, 4, 5, 2, 6]], 2.0)
     assert_valid([(0, 0), (1, 0), (1, 1e-9), (0.5, 1e-9), (0, 1e-9)], [range(5)], 1e-9)
     mesh = vx.meshes.squares(3)
@@ -147,6 +147,6 @@ def test_cells_may_be_lists_tuples_or_arrays():
 def test_sixteen_times_the_cells_take_few_more_calls(name):
     small, large = (vx.meshes.FAMILIES[name](n) for n in (10, 40))
     count = [calls(lambda mesh=mesh: PolygonMesh(mesh.points, mesh.cells)) for mesh in (small, large)]
-    # The search for pairs of edges is a loop over rows of a grid, so calls grow at most as the root of the cells.
+    # The search for pairs of edges is a loop over rows of a grid, so calls grow like the root of the number of cells.
     assert large.n_cells >= 15 * small.n_cells
     assert count[1] < 5 * count[0]

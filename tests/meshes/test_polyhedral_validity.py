@@ -84,7 +84,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_cells_that_do_not_fit_together_are_refused(offset):
-    """Put one cube into another, beside another with other nodes, and join two bars to a cross."""
+    """Put a cube into another cube, and beside a cube with other nodes; join two bars to a cross."""
     for blocks, subject in (
         (
             [make_cube(), make_cube((0.25, 0.25, 0.25), 0.5)],
@@ -227,7 +227,7 @@ def test_points_in_single_precision_are_valid():
 
 
 def test_tiny_edges_are_valid():
-    """Cut off a corner by 1e-6 of the cell, and by 1e-10."""
+    """Cut off a corner of the size 1e-6, or 1e-10, from the unit cube."""
     for tiny in (1e-6, 1e-10):
         points = [*CUBE[:7], (1 - tiny, 1, 1), (1, 1 - tiny, 1), (1, 1, 1 - tiny)]
         faces = [FACES[0], [1, 3, 9, 8, 5], FACES[2], [2, 6, 7, 9, 3], FACES[4], [4, 5, 8, 7, 6], [7, 8, 9]]
@@ -254,7 +254,7 @@ def test_27_times_the_cells_take_few_more_calls(name):
 
 @pytest.mark.long
 def test_cells_damaged_at_random_are_refused_or_valid():
-    """Test meshes with one damaged cell: an error, or a mesh of closed cells with positive volumes."""
+    """Test meshes with one damaged cell: they are refused, or have closed cells with positive volumes."""
     rng = np.random.default_rng(1)
     meshes = [make(2, seed=2) for make in vx.meshes.SPACE_FAMILIES.values()] + [refined_cubes(2)]
     count = 0

@@ -42,7 +42,7 @@ def test_boxes_have_the_quality_of_closed_forms(a):
 
 
 def solve_for_star(mesh, cell):
-    """Return the radius of the largest ball in the half spaces of all sides, over the diameter of the cell."""
+    """Return the radius of the largest ball in the half spaces of all sides, divided by the diameter of the cell."""
     if isinstance(mesh, vx.PolygonMesh):
         x = mesh.points[mesh.vertices[mesh.offsets[cell] : mesh.offsets[cell + 1]]]
         along = np.roll(x, -1, axis=0) - x
@@ -117,7 +117,7 @@ def test_cells_of_poor_quality_are_reported_with_a_warning():
 @pytest.mark.long
 @pytest.mark.parametrize("aspect", [1.0, 10.0])
 def test_cells_below_the_threshold_have_large_stability_constants(aspect):
-    """Compare with the spectrum of the stabilisation over the energy of a hexagon, regular or stretched by ten."""
+    """Compare with the spectrum of the stabilisation relative to the energy, for a regular and a stretched hexagon."""
     import stabilisation_spectrum as spectrum
 
     least, greatest, _ = spectrum.spectrum(spectrum.hexagon(aspect))

@@ -2,9 +2,9 @@
 
 ``draw(seed)`` returns a scene on a small mesh with its instants, solver and settings; equal seeds give equal scenes.
 Scenes have materials of every kind and unit, all supports, and bodies that only friction and contact hold. Contact is
-on one, two or three sides, in parts that meet inside a side and at corners; it is bilateral, unilateral or soft, with
-gaps that move. Friction is Tresca's, Coulomb's (capped) or absent, on ground that stands still or moves. Loads of all
-kinds reverse, hold, vanish and hardly change; some scenes have dashpots. Runs are condensed or not, with all solvers
+on one, two or three sides, or on two parts of a side; it is bilateral, unilateral or soft, with gaps that move.
+Friction is Tresca's, Coulomb's (perhaps with a cap) or absent, on ground that stands still or moves. Loads of all kinds
+reverse, stay constant, vanish or hardly change; some scenes have dashpots. Runs are condensed or not, with all solvers
 and both linear solvers. They start from zero, settled, in equilibrium or from a given state; some are interrupted and
 resumed.
 """
@@ -69,7 +69,7 @@ class _Draw:
 
     def __init__(self, seed):
         self.seed, self.rng = seed, np.random.default_rng([seed, 20])
-        self.belts = np.random.default_rng([seed, 42])  # A separate generator: scenes without belts stay the same.
+        self.belts = np.random.default_rng([seed, 42])  # Separate: scenes on still ground stay the same.
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)
@@ -214,7 +214,7 @@ class _Draw:
         return vx.Prestress(lambda x, t: course(t) * np.column_stack([f(x), g(x), h(x)]))
 
     def bound(self):
-        """Return a friction bound: constant, varying in space and time, zero in places, huge or zero."""
+        """Return a friction bound: constant, varying in space or in time, zero in places, huge or zero."""
         size = self.young * self.strain * self._ten(-2, 0.3)
         kind = self.one("constant", "constant", "varies", "in time", "zero in places", "huge", "zero", "jumps")
         f, course = self.field(size), self.pressing()
@@ -250,7 +250,7 @@ class _Draw:
         return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground())
 
     def ground(self):
-        """Return None, or a displacement of the ground, up to a thousand times as large as those of the body."""
+        """Return None, or a displacement of the ground, up to a thousand times as large as that of the body."""
         if self.belts.random() > 0.12:
             return None
         self.kinds.add("belt")
@@ -392,7 +392,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Scenes that are always refused test little: one in ten remains.
+            # From equilibrium, or with an iterative solver, such scenes are refused: only one in ten of them stays.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 

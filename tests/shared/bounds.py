@@ -1,4 +1,4 @@
-"""Exact errors to compare with guaranteed bounds: against a known displacement, or against a much finer run."""
+"""Errors relative to a known displacement or to a much finer run, with which tests compare guaranteed bounds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Return nodal values (c, n, 20) in triangles that minimise energy minus body work, given the cell outline."""
+    """Extend values on outlines of cells to the triangles inside, (c, n, 20), at least energy minus work of forces."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -44,7 +44,7 @@ def compute_nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """Return |v - w|_a for the displacements with these nodal values (n_nodes, 2), under equal body forces."""
+    """Return |v - w|_a for the conforming displacements of two arrays (n_nodes, 2), under equal body forces."""
     apart = one - other
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), np.zeros((len(circle.boundary.edges.areas), 6)))
     energy = sum(circle._inner(form, v.outline, v.outline).sum() for form in circle.forms)
@@ -52,20 +52,20 @@ def energy_distance(circle, one, other):
 
 
 def compute_enriched_values(pair):
-    """Yield the nodal values of v + w for each chunk of cells; w is the enrichment inside the cells."""
+    """Yield the nodal values of v + w for each chunk of cells: v conforms, and w is the enrichment inside the cells."""
     for one in pair.circle.forms:
         yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
 
 
 def strains_at_stations(fans, v):
-    """Return strains (c, n, 18, 3), e_xx, e_yy, 2 e_xy, at the stations of triangles with nodal values (c, n, 20)."""
+    """Return strains (c, n, 18, 3), e_xx, e_yy, 2 e_xy, at stations (see `fan`) of triangles with values (c, n, 20)."""
     c, n, _ = v.shape
     grad = np.einsum("sak,ctkr,ctab->ctsrb", SLOPES, v.reshape(c, n, 10, 2), fans.back, optimize=True)
     return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
 
 
 def evaluate_at_rule(values):
-    """Yield strains (c, n, 21, 3), points and weights for each chunk of cells."""
+    """Yield strains at the quadrature points (c, n, 21, 3), the points and their weights for each chunk of cells."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
     for fans, v in values:
         c, n, _ = v.shape
@@ -101,12 +101,12 @@ def strain_at(circle, u, t, x):
 
 
 def error_from(circle, u, t, strain):
-    """Return |w - v|_a for a displacement w with strains strain(x) (q, 3) at points (q, 2)."""
+    """Return |w - v|_a for a displacement w with the strains strain(x) (q, 3), and the conforming displacement v."""
     return integrate_error(compute_nodal_values(circle, u, t), strain)
 
 
 def integrate_error(values, strain):
-    """Return |w - v|_a for nodal values v of each chunk."""
+    """Return |w - v|_a for a displacement w with the strains strain(x), and v with nodal values for each chunk."""
     squared = 0.0
     for fans, own, x, weights in evaluate_at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
@@ -124,7 +124,7 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 
 
 def enriched_bound(pair):
-    """Return a bound of |u - v - w|_a for a scene without springs; w is the enrichment inside the cells."""
+    """Return a bound of |u - v - w|_a without springs, for the solution u and the enriched displacement v + w."""
     A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.law_defect))
 
@@ -132,8 +132,8 @@ def enriched_bound(pair):
 def beside_refined(coarse, part, most=20_000):
     """Return |v - v_f - w_f|_a for a step from rest, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
 
-    The mesh is refined where the bound is large, until the bound is at most `part` of the error, or the mesh has `most`
-    cells.
+    The index f denotes the finer run. Its mesh is refined where its bound is large, until the bound is at most `part`
+    of the error of the coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

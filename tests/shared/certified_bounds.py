@@ -6,9 +6,9 @@ floor_m). With A = K^{-1} and mu = lam_n - lam_n*, forces balance up to r_n with
     |B'mu|_A = |r_n + K (y_n - y_n*)|_A <= sqrt(2 gap_n) + E_n <= 2 E_n,
 
     |y_j - y_j*| <= A_jj^{1/2} E_n,    |mu_i| <= (S_ii)^{1/2} 2 E_n,  S = (B A B')^{-1},
-    |s_i - s_i*| <= (B_i A B_i')^{1/2} (E_n + E_{n-1}),   so the error of the loss is at most the sum of w_i times this.
+    |s_i - s_i*| <= (B_i A B_i')^{1/2} (E_n + E_{n-1}),   and the loss has an error of at most sum_i w_i |s_i - s_i*|.
 
-For blocks of two and more unknowns the largest eigenvalue of the block replaces the diagonal entry.
+For blocks of two and more unknowns, the largest eigenvalue of the block replaces the diagonal entry.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def ledger_defect(system, trajectory):
 
 
 def admissible(system, trajectory):
-    """Return the certified multipliers (N + 1, m, block): the nearest ones with |lam_i| <= w_i."""
+    """Return the certified multipliers (N + 1, m, block): the stored ones, shortened to |lam_i| <= w_i."""
     lam = trajectory.multipliers
     size = np.linalg.norm(lam, axis=2)
     return lam * np.minimum(1.0, system.norms.weights(0.0) / np.maximum(size, np.finfo(float).tiny))[:, :, None]

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def calls(action: Callable[[], Any]) -> int:
-    """Count the Python and C functions that `action` calls; vectorised work needs equally many for every size."""
+    """Count the calls of Python and C functions in `action`; in vectorised code, the count is independent of sizes."""
     count = 0
 
     def seen(_: object, event: str, __: object) -> None:

@@ -1,15 +1,14 @@
-"""One step of backward Euler, solved in integers of 512 fractional bits to check certificates.
+"""One step of backward Euler, solved in fixed-point numbers with 512 fractional bits to check certificates.
 
-From a System and the state before a step, this module poses the step's program again in fixed-point numbers, without
-rounding. For given sets (sticking terms, slipping terms with their directions, active limits) the optimality conditions
-are the linear system
+From a System and the state before a step, this module poses the step's program again, without rounding. For given sets
+(sticking terms, slipping terms with their directions, active limits), the optimality conditions are the linear system
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
 which is refined, with factors in double precision, until its residual is below 1e-60. Sets change by a primal-dual
 active set method (by single pivots, Murty 1974, if it cycles) until every inequality holds to 1e-48 in the units of the
-step, in which K's diagonal and the largest force have size one. With given weights a solution of the conditions is
-*the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), it is one of possibly several solutions.
+step, in which K's diagonal and the largest force have size one. With given weights, a solution of the conditions is
+*the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), other solutions may exist.
 
 Units are powers of two: d = 2^a D d^, with D_i = 2^-e and K_ii 2^(-2e) of size one. Energies are 2^(2a) times the
 energies of the scaled program.
@@ -75,14 +74,14 @@ class Matrix:
         return Matrix(self.columns, self.rows, self.entries, self.shape[::-1])
 
     def whole(self):
-        """Return the dense matrix."""
+        """Return the dense matrix of fixed-point numbers."""
         out = np.zeros(self.shape, dtype=object)
         for i, j, v in zip(self.rows, self.columns, self.entries, strict=True):
             out[i, j] += int(v)
         return out
 
     def dense(self):
-        """Return the matrix in doubles."""
+        """Return the dense matrix of doubles."""
         out = np.zeros(self.shape)
         np.add.at(out, (self.rows, self.columns), floats(self.entries))
         return out
@@ -101,7 +100,7 @@ def _multiply(A, B):
 
 
 def _project_out(K, N):
-    """Return P K P, where P projects along the columns of N; the rounded K is not exactly singular."""
+    """Return P K P, where P projects along the columns of N: rounding has left K N only nearly zero."""
     gram = [[int(v) for v in row] for row in _multiply(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
@@ -156,7 +155,7 @@ class Step:
     lam: np.ndarray
     p: np.ndarray
     unit: int
-    """a"""
+    """the exponent a"""
     K: Matrix
     slip_sets: np.ndarray
     acts: np.ndarray
@@ -265,7 +264,7 @@ def _scale_rows(matrix):
 
 
 def _choose_unit(load, before, drag, d, power):
-    """Return the exponent a of a step's size."""
+    """Return the exponent a of the unit of a step."""
     sizes = [np.ldexp(load, power), np.ldexp(before, -power), drag, np.ldexp(d, -power)]
     top = max(np.abs(x).max(initial=0.0) for x in sizes)
     return int(np.frexp(top)[1])
@@ -310,7 +309,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _find_parallel_rows(self):
-        """Return (norm term, limit, ratio of the rows) for each pair that reads one unknown, as at corners."""
+        """Return (norm term, limit, ratio of the rows) for each pair of rows with one and the same unknown."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)
@@ -326,7 +325,7 @@ class _Conditions:
         ]
 
     def _release_terms(self, slips, acts, pairs):
-        """Mark terms as slipping if an active limit moves them: sticking may contradict the limit."""
+        """Mark terms as slipping if an active limit prescribes their slip: such terms cannot stick."""
         slips = slips.copy()
         for i, j, ratio in pairs:
             slip = (ratio * int(self.e[j]) >> BITS) - int(self.b[i])

@@ -14,7 +14,7 @@ TIMES = np.linspace(0.0, 1.0, 4)
 
 
 def random_scene(seed):
-    """Return a scene with a load that turns and a bound with zeros, a mesh, and the kind of friction."""
+    """Return a scene (its load rotates, its friction bound is zero in places), a mesh, and the kind of contact."""
     rng = np.random.default_rng(seed)
     family, n = FAMILIES[rng.integers(5)], int(rng.integers(2, 4))
     count = int(rng.integers(1, 4))

@@ -3,17 +3,17 @@
 An answer is the final displacement with energies, losses and certificates at all instants, or the class and message of
 an error. Two answers agree if they differ by no more than both certificates allow.
 
-Let e_m = (certificate + rounding) of step m, times the energy norm that it refers to: the error of the step m alone,
-given the state before it. A step with given friction and two-sided contact is a proximal map, which is nonexpansive in
-the energy norm: errors add up. One-sided contact couples normal and tangential forces, by Dundurs' beta <= 1/2 of an
-elastic body, and friction that follows pressure or slip returns a part q < 1 of an error to the step. A step then
-enlarges an error by a factor of at most (1 - beta^2)^(-1/2) / (1 - q), about 3 for q = 0.6. With `GROWTH` = 4 in these
-cases, and 1 in all others,
+Let e_m be the absolute certificate of step m, rounding included: it bounds the error of step m alone, given the state
+before it. A step with given friction and two-sided contact is a proximal map, which is nonexpansive in the energy norm:
+errors add up. One-sided contact couples normal and tangential forces, by Dundurs' beta <= 1/2 of an elastic body, and
+friction that depends on pressure or slip feeds a part q < 1 of an error back into the step. A step then enlarges an
+error by a factor of at most (1 - beta^2)^(-1/2) / (1 - q), about 3 for q = 0.6. With `GROWTH` = 4 in these cases, and 1
+in all others,
 
     delta_n = sum over m <= n of GROWTH^(n - m) (e_m + e'_m) + ROUNDING * (largest energy norm)
 
-bounds |u_n - u'_n|_a, and |E_n - E'_n| <= delta_n (|u_n|_a + |u'_n|_a) / 2. The norm |.|_a is that of strains, which
-ignores rigid motions: where a body floats, its place is not unique.
+bounds |u_n - u'_n|_a, and |E_n - E'_n| <= delta_n (|u_n|_a + |u'_n|_a) / 2. The norm |.|_a depends on strains only, not
+on rigid motions: the place of a floating body is not unique.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import vemcvx as vx
 from vemcvx.cli.terminal import limit_log
 
 GROWTH = 4.0
-"""Factor by which a step may pass on the error of the step before, with one-sided contact or a law of friction."""
+"""Largest factor by which a step enlarges the error of the step before, with one-sided contact or a law of friction."""
 ROUNDING = 1e-10
 """Allowed rounding error, relative to the largest energy norm: a hundredth of the requested accuracy."""
 LOSS = 30.0
@@ -60,7 +60,7 @@ class FrozenAnswer:
 
 
 def answer(run):
-    """Return the answer of run(), and its history, or None where it was refused."""
+    """Return the answer of run() and its history, which is None if the run was refused."""
     with warnings.catch_warnings(), limit_log(0):
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:

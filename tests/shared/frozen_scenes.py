@@ -4,8 +4,8 @@
 and draws use public names of vemcvx only, so that scenes stay the same while the package changes. Scenes cover the
 plane and (one in seven) space; materials of all kinds and units; all supports; two bodies with an interface; bodies
 held by friction and contact alone; unilateral, compliant and bilateral contact, gaps that move, contact on two sides;
-Tresca's, Coulomb's and slip-weakening friction, friction by direction, moving ground; loads that reverse, hold and
-vanish; dashpots; starts from zero and settled.
+Tresca's, Coulomb's, slip-weakening and anisotropic friction, moving ground; loads that reverse, stay constant and
+vanish; dashpots; starts from zero and from a settled state.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import vemcvx as vx
 from vemcvx.effects import Contribution, Friction, Law
 
 TAG = 56
-"""Second part of the seeds, different from the seeds of other random families of the tests."""
+"""Second number of all seeds here; other random scenes of the tests have another number."""
 COUNT = 2000
 ANSWERS = Path(__file__).with_name("frozen_scenes.npz")
 FAMILIES = ("squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex", "hanging")
@@ -31,7 +31,7 @@ SPACE_FAMILIES = ("cubes", "cubes", "tetrahedra", "prisms", "voronoi3")
 
 @dataclass
 class FrozenScene:
-    """A scene, its mesh, its instants, its initial state, and the kinds of things in it."""
+    """A scene, its mesh, its instants, its initial state, and the kinds of its effects and settings."""
 
     seed: int
     effects: list
@@ -99,7 +99,7 @@ class _Draw:
         return things[int(self.rng.integers(len(things)))]
 
     def note(self, kind):
-        """Choose a kind and keep its name."""
+        """Record a kind and return it."""
         self.kinds.add(kind)
         return kind
 
@@ -237,7 +237,7 @@ class _Draw:
         )
 
     def by_direction(self):
-        """Return options of friction by direction; the ratio of bounds, and `bound` or `coefficient`, are constant."""
+        """Return a direction of anisotropic friction, and the ratio of the bound across to the bound along it."""
         angle = self.rng.uniform(0, 3)
         return (float(np.cos(angle)), float(np.sin(angle)), 0.1), self.rng.uniform(0.3, 1.5)
 

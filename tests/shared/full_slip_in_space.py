@@ -59,7 +59,7 @@ def scene(poisson=0.3, pulled=False):
 
 
 def energy_error(history, lam):
-    """Return the relative energy error of Pi u at the last instant, by four quadrature points per tetrahedron."""
+    """Return the relative energy error of Pi u at the last instant, from four quadrature points per tetrahedron."""
     mesh = history.mesh
     rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
     cell = cell_of_corner(mesh.cell_offsets)[cell_of_corner(rows)]

@@ -15,16 +15,16 @@ import vemcvx as vx
 
 ROOT = Path(vx.__file__).parent.parent
 MEMORY = 2 * 2**30
-"""Bytes that a process may use. It may reserve four times as many: some readers reserve memory and do not use it."""
+"""Bytes that a process may use. It may reserve four times as much: some readers reserve memory that they do not use."""
 SECONDS = 30
-"""CPU seconds for a batch of files; a sound file takes milliseconds. The limit by the clock is ten times larger."""
+"""CPU seconds for a batch of files; an undamaged file takes milliseconds. The wall-clock limit is ten times larger."""
 
 STRANGE = (b"1000000000000", b"-1", b"nan", b"inf", b"1e400", b"99999999999999999999", b"", b"\xff\xfe", b"300000000")
 READER = textwrap.dedent(
     """
     import sys, warnings
     from pathlib import Path
-    if sys.platform == "linux":  # Elsewhere memory is not limited, and the clock alone ends a reader that hangs.
+    if sys.platform == "linux":  # Other systems do not limit memory; only the wall clock ends a reader that hangs.
         import resource
         resource.setrlimit(resource.RLIMIT_AS, (4 * int(sys.argv[1]),) * 2)
         resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]),) * 2)

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def same(one, other):
-    """Return True if two objects are equal to the bit, with types and order of names, down to their parts."""
+    """Return True if two objects and all their parts are equal to the last bit, in type, and in the order of names."""
     if isinstance(one, np.ndarray):
         equal = isinstance(other, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
         return equal and one.tobytes() == other.tobytes()

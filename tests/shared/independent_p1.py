@@ -6,9 +6,9 @@ This module does not use the package. A step of backward Euler is the convex pro
               + sum_j k_j/2 (n_j.u - gap_j)_+^2           s_i = t_i.(u - u_prev)
     subject to  E u = h,   n_j.u <= gap_j,
 
-which Clarabel solves to 1e-13. On the sets of its answer the optimality conditions are solved again as a dense linear
-system, and all inequalities are checked. Coulomb's friction is a fixed point of such programs, w = mu p; each program
-begins with the sets of the previous one.
+which Clarabel solves to 1e-13. On the sets of Clarabel's answer, the optimality conditions are solved again as a dense
+linear system, and all inequalities are checked. Coulomb's friction is a fixed point of such programs, w = mu p; each
+program begins with the sets of the previous program.
 
 Signs: normals point out of the body, and tangents are normals rotated by +90 degrees. Friction exerts the nodal force
 -lam t on the body, and the obstacle exerts -p n.
@@ -74,7 +74,7 @@ class NotPolished(AssertionError):
 class Rows:
     """Directions at nodes: row i is direction_i . u(node_i), with its length, the integral of phi_i.
 
-    Between bodies row i is direction_i . (u(node_i) - u(partner_i)).
+    Between bodies, row i is direction_i . (u(node_i) - u(partner_i)).
     """
 
     nodes: np.ndarray
@@ -165,7 +165,7 @@ class Body:
         """Set an orthotropic material in plane stress, with axis 1 at an angle from x."""
         compliance = np.array([[1 / E1, -nu12 / E1, 0], [-nu12 / E1, 1 / E2, 0], [0, 0, 1 / G]])
         c, s = np.cos(angle), np.sin(angle)
-        # Stresses along the axes are `turn` times stresses along x, y; strains (with 2 e_xy), its inverse transpose.
+        # `turn` maps stresses along x, y to stresses along the axes; its inverse transpose maps strains (with 2 e_xy).
         turn = np.array([[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]])
         law = np.linalg.inv(turn) @ np.linalg.inv(compliance) @ np.linalg.inv(turn).T
         self.K = self.K + self._matrix(anisotropic, **{f"c{i}{j}": law[i, j] for i in range(3) for j in range(3)})
@@ -276,7 +276,7 @@ class Body:
         return self
 
     def rub(self, side, bound=None, coefficient=None, integrated=False):
-        """Add friction on a side: a bound(x, y, t), or a coefficient(x, y) of the pressure of its obstacle."""
+        """Add friction on a side: bound(x, y, t), or coefficient(x, y) times the pressure of the obstacle there."""
         rows = self._free(self.rows(side, tangents=True))
         x, y = self.points[rows.nodes].T
 
@@ -437,8 +437,8 @@ class March:
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._solve_program(before, s, t, self.bounds(t, before.p))
-        # The first guess is the pressures under very large friction. Friction from the pressures of the last step might
-        # not hold a body that only friction holds.
+        # The first pressures are those under very large friction. With the pressures of the last step, friction might
+        # be too small for a body that only friction holds.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._solve_program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
@@ -450,7 +450,7 @@ class March:
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
     def _solve_program(self, before, s, t, bounds, near=None):
-        """Solve a convex program; begin with the sets of the state `near`, or else with Clarabel's."""
+        """Solve a convex program; begin with the sets of the state `near`, or of Clarabel's answer."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)
@@ -484,7 +484,7 @@ class March:
                 rules.append(rigid)
         for tolerance in (1e-13, 1e-11, 1e-9):
             names = "tol_gap_abs", "tol_gap_rel", "tol_feas"
-            # Clarabel may fail, or stop a digit before 1e-13; polishing corrects its answer.
+            # Clarabel may fail, or stop at ten times the tolerance; polishing corrects its answer.
             with warnings.catch_warnings(), contextlib.suppress(cp.SolverError):
                 warnings.simplefilter("ignore")
                 cp.Problem(cp.Minimize(cost), rules).solve(

@@ -110,7 +110,7 @@ def _check_steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # Further multipliers, after those of the program, belong to nodes that supports drag.
+        # The multipliers behind those of the program belong to nodes that supports drag along the contact boundary.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -176,7 +176,7 @@ def _requested_accuracy(drawn):
 
 
 def _solve_error(drawn, system):
-    """Return the relative error of energies and work from solves with K: cond(K) times a unit, at most the accuracy."""
+    """Return the relative error of energies and work due to solves with K: ROUNDED cond(K), at most the accuracy."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
@@ -202,10 +202,10 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution for the answer's weights, if these obey the law of its pressures.
+    """Return the distance from the exact solution for the answer's weights; infinity if they do not obey the law.
 
-    With large coefficients a step may have several solutions. An answer that solves the step with its weights is one of
-    them, perhaps not the one that active sets found.
+    With large coefficients, a step may have several solutions. An answer that solves the step with its own weights is
+    one of these solutions, perhaps not the one that `exact_steps` finds.
     """
     norms, now = exact.system.norms, float(t.times[n])
     w, lawful = t.weights[n][: norms.count], norms.weights_under(now, t.pressures[n])
@@ -221,7 +221,7 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 def _check_ledger(posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    A residual r and a friction gap change the balance by r . d + gap, with |r . d| <= error |d|_K. Products round.
+    A residual r and a friction gap change the balance by r . d + gap, with |r . d| <= error |d|_K.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

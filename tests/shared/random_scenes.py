@@ -1,8 +1,8 @@
 """Random scenes on which accuracy targets are tested: blocks that are pulled, pressed and released.
 
-Young's modulus varies over six decades, Poisson's ratio up to .4 (linear triangles lock beyond). Loads and friction are
-proportional to the stiffness. In six cases of ten the load reverses; in one of three contact is unilateral and friction
-Coulomb's.
+Young's modulus varies over six decades, and Poisson's ratio from 0 to 0.4 (linear triangles lock for larger ratios).
+Loads and friction are proportional to the stiffness. In six of ten scenes, the load reverses; in one of three, contact
+is unilateral, with Coulomb's friction.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def declared_scene(seed):
     """Return a declared scene and its initial state.
 
     Scenes are blocks of random stiffness and Poisson's ratio. Each has one feature that steps, nodes or quadrature
-    points may miss: heat that varies in space and time, a bump of the obstacle, a patch of the bound, a bound that
+    points may miss: heat that varies in space and time, a bump of the obstacle, friction on a small patch, a bound that
     drops for a moment under a constant load, Coulomb's law under a load that reverses, a body that only friction holds,
-    a load that reverses between two steps, or a smooth load.
+    a load that reverses between two instants, or a smooth load.
     """
     rng = np.random.default_rng(1000 + seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)

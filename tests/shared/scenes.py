@@ -11,7 +11,7 @@ import vemcvx as vx
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
 SEEDED = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex", "hanging")
-"""Families from which random scenes were first drawn; tests depend on these seeds."""
+"""Families of random scenes; a new name here would change the scenes of all seeds."""
 OF_TRIANGLES = ("triangles",)
 """Families of linear triangles, which lock near incompressibility and need no stabilisation."""
 
@@ -50,7 +50,7 @@ any_family = mostly_long("family", FAMILIES, "voronoi")
 
 
 def paper_load(course):
-    """Return the traction of the paper's Section 4 with course(t) in place of t."""
+    """Return the traction of Section 4 of the paper (Feng, Han, Huang), with course(t) in place of t."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
@@ -59,7 +59,7 @@ def paper_load(course):
 
 
 def paper_scene(course=lambda t: t, bound=4.0, quadrature="nodes"):
-    """Return the scene of the paper's Section 4."""
+    """Return the scene of Section 4 of the paper (Feng, Han, Huang)."""
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),
         vx.Clamp(on="right"),
@@ -80,7 +80,7 @@ def cyclic(t):
 
 
 def drawn(family, seed):
-    """Return the family drawn from `SEEDED`, or for one seed in eight a family added later, if there is one."""
+    """Return the family, or, for one seed in eight, a family that is not in `SEEDED`, if there is one."""
     added = [name for name in FAMILIES if name not in SEEDED]
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 
@@ -91,7 +91,7 @@ def rotation(angle):
 
 
 def moved(mesh, matrix, shift=0.0):
-    """Return the mesh, and all its names, with points multiplied by a matrix and shifted."""
+    """Return the mesh, with its names and data, after points are multiplied by a matrix and shifted."""
     named = {name: part for name, part in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
     kept = {"boundaries": named, "cell_data": mesh.cell_data, "interfaces": dict(mesh.interfaces)}
     return type(mesh)(mesh.points @ np.asarray(matrix).T + shift, mesh.cells, **kept)

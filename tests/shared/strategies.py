@@ -1,7 +1,7 @@
 """Random meshes, materials, loads, bounds and systems, for hypothesis.
 
-Hypothesis draws what describes a failure (family, moduli, scales, courses); numpy makes large arrays from a drawn seed.
-Small seeds and zeros come first, so failures shrink to simple cases.
+Hypothesis draws the few values that describe a failure (family, moduli, scales, courses, seed); numpy makes large
+arrays from the seed. Small seeds and zeros come first, so failures shrink to simple cases.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class Case:
         return scaled
 
     def march(self, solver, check=True):
-        """Return the trajectory from zero, where the load is zero."""
+        """Return the trajectory from the state zero; the load is zero at the first instant."""
 
         def row(t):
             return int(np.searchsorted(self.times, t))

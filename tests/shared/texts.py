@@ -1,4 +1,4 @@
-"""The texts of the project, README.md, CONTRIBUTING.md and the pages of the site, and their parts."""
+"""The texts of the project (README.md, CONTRIBUTING.md, the pages of the site), and functions that return parts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 SITE = ROOT / "docs"
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 PAGES = sorted({*SITE.rglob("*.md")} - {SITE / "README.md"})
-"""The written pages; the site builder makes pages of lessons, problems and the reference."""
+"""The written pages; the site builder makes the pages of lessons, problems and the reference."""
 TEXTS = [README, CONTRIBUTING, *PAGES]
 
 

@@ -60,7 +60,7 @@ UNITS = {{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}}
 
 @pytest.fixture(scope="module")
 def ran():
-    """The app, run once with the initial values of its controls."""
+    """Return the results of a run of the app with the initial values of its controls."""
     return live_page._run()
 
 
@@ -164,7 +164,7 @@ def test_an_exported_page_is_one_file_and_opens_at_the_given_step(tmp_path, monk
     ("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (1, ["pressure"]), (0, [])]
 )
 def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
-    """Pictures of stick and slip need friction; there is no hysteresis without a course of the load."""
+    """Pictures of stick and slip need friction; the picture of hysteresis needs a course of the load."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
     monkeypatch.setenv(live_page.GIVEN, "")  # monkeypatch restores it at the end
     monkeypatch.chdir(tmp_path)
@@ -197,7 +197,7 @@ def test_units_of_a_problem_file_are_on_every_axis_and_errors_name_its_line(ran,
 
 @pytest.mark.long
 def test_letters_are_large_and_labels_complete(ran):
-    """Letters have 12 px in a picture of 346 px, the smallest width in a window of 420 px."""
+    """Letters have at least 12 px if a picture is 346 px wide, its smallest width in a window of 420 px."""
     app = ran[0]
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)

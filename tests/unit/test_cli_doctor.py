@@ -1,4 +1,4 @@
-"""`vemcvx doctor` lists packages and solvers, and names those that do not work."""
+"""`vemcvx doctor` lists packages and solvers, and marks packages and solvers that do not work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies of revolution: patch tests, Lame's tube, a press fit, and what is refused."""
+"""Bodies of revolution: patch tests, Lame's tube, a press fit, and refusals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from vemcvx.effects import Contribution, Material
 from vemcvx.vem import Space, moduli_of_revolution, stiffness
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "nonconvex", "hanging")
-MU = 1.0 / 2.6  # of young = 1, poisson = .3
+MU = 1.0 / 2.6  # for young = 1, poisson = .3
 FIELDS = {  # displacement (u_r, u_z) of points, and the body force that balances its stresses
     "u_r = r": (lambda x: np.column_stack([x[:, 0], 0.0 * x[:, 0]]), None),
     "u_z = z": (lambda x: np.column_stack([0.0 * x[:, 0], x[:, 1]]), None),
@@ -34,7 +34,7 @@ def test_fields_of_constant_strain_are_exact_at_any_radius(family, inner):
         held = vx.PrescribedDisplacement(lambda x, t, u=u: 1e-3 * u(x), on="boundary")
         loads = [] if force is None else [vx.BodyForce(lambda x, t, f=force: 1e-3 * np.array(f(x, t)))]
         history = vx.simulate(vx.Scene(steel(), held, *loads), mesh, [0.0, 1.0], initial="equilibrium")
-        # The relative error grows with the condition of K, about 1e3 here.
+        # The relative error grows with the condition number of K, about 1e3 here.
         assert np.abs(history.displacement[-1] - exact).max() <= 1e-11 * np.abs(exact).max()
 
 
@@ -61,13 +61,13 @@ def tube(mesh, poisson):
 
 @pytest.mark.parametrize("poisson", [0.3, 0.4999])
 @pytest.mark.parametrize("family", ["squares", "voronoi", "hexagons"])
-def test_lames_tube_has_order_one_in_energy_and_does_not_lock(family, poisson):
+def test_lames_tube_has_errors_of_first_order_and_does_not_lock(family, poisson):
     errors = []
     for n in (8, 32):
         mesh = getattr(vx.meshes, family)(n, box=((1.0, 2.0), (0.0, 0.5)))
         history = tube(mesh, poisson)
         exact = lame(mesh.points[:, 0], 10.0, 1.0, 2.0, 1000.0, poisson)
-        # Half the work of the pressure over the full turn; the error in the energy norm is the root of the difference.
+        # The energy is half the work of the pressure over the full turn; the square root of its error is of order h.
         energy = 0.5 * 10.0 * (2.0 * np.pi * 1.0 * 0.5) * lame(1.0, 10.0, 1.0, 2.0, 1000.0, poisson)
         errors.append(np.sqrt(abs(history.energy[-1] / energy - 1.0)))
         assert np.allclose(history.force(vx.Pressure)[-1], [2.0 * np.pi * 1.0 * 0.5 * 10.0, 0.0], rtol=1e-12)
@@ -82,7 +82,7 @@ def test_lames_tube_has_order_one_in_energy_and_does_not_lock(family, poisson):
 
 @pytest.fixture(scope="module")
 def press_fit():
-    """Return the run in which a hub is shrunk on a shaft by .002 and then pushed off, with one long interface."""
+    """Return the history of a hub that is shrunk onto a shaft by .002 and then pushed off, with one long interface."""
     shaft, hub = (vx.meshes.squares((4, 40), box=((r, r + 1.0), (0.0, 20.0))) for r in (1.0, 2.0))
     mesh = vx.meshes.bodies({"hub": hub, "shaft": shaft})
     scene = vx.Scene(
@@ -95,15 +95,15 @@ def press_fit():
     return vx.simulate(scene, mesh, [0.0, 1.0, 1.5, 2.0])
 
 
-def test_a_hub_is_pushed_off_by_the_friction_of_the_pressure_by_lame(press_fit):
-    # Both parts have the same moduli: p = E d / (b (C + D)), C + D of the radii 1, 2, 3 (Lame, plane stress).
+def test_the_force_that_pushes_a_hub_off_is_the_friction_under_lames_pressure(press_fit):
+    # Both parts have the same moduli: p = E d / (b (C + D)) in plane stress (Lame), with C, D from the radii 1, 2, 3.
     pressure = 1000.0 * 2e-3 / 2.0 / ((4.0 + 1.0) / (4.0 - 1.0) + (9.0 + 4.0) / (9.0 - 4.0))
     push = 0.2 * pressure * 2.0 * np.pi * 2.0 * 20.0
     assert press_fit.reaction("hub.bottom")[-1, 1] == pytest.approx(push, rel=0.01)
     assert press_fit.contact.slip_count[-1] == len(press_fit.contact.nodes)
 
 
-def test_files_keep_a_body_of_revolution_and_carry_the_radius(press_fit, tmp_path):
+def test_files_keep_bodies_of_revolution_and_contain_the_radii(press_fit, tmp_path):
     folder = press_fit.write(tmp_path / "run")
     again = vx.read_history(folder)
     assert again.is_axisymmetric
@@ -133,7 +133,7 @@ def test_refusals_say_that_the_body_is_one_of_revolution(subject, press_fit):
         REFUSED[subject](press_fit)
 
 
-def test_the_axis_is_held_and_needs_radii_that_are_not_negative():
+def test_the_axis_is_held_radially_and_negative_radii_are_refused():
     scene = vx.Scene(steel(), vx.Symmetry(on=["left", "bottom"]), vx.Pressure(1e-3, on="right"))
     history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="equilibrium")
     assert history.displacement[-1, :, 0] == pytest.approx(-0.7e-3 * history.mesh.points[:, 0], abs=1e-15)

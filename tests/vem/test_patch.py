@@ -22,7 +22,7 @@ def compute_strain(plane):
 
 @mostly_long("plane, stabilisation", [("strain", "shear"), ("stress", "unit")])
 def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
-    """u . n is prescribed on the left, contact with friction of bound zero is below, a traction is on the right."""
+    """Prescribe u . n on the left, contact and friction of bound zero on the bottom, and a traction on the right."""
     mesh = small(family, 4, box=((0, 1.5), (0, 1)))
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane, stabilisation=stabilisation),
@@ -40,7 +40,7 @@ def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
 
 
 def test_a_sheared_body_between_prescribed_displacements_and_tractions(family):
-    """u = a + G x is prescribed on two sides, its traction sigma n on the other two, of which one is inclined."""
+    """Prescribe u = a + G x on two sides, and its traction sigma n on the other two, one of which is inclined."""
     mesh = small(family, 4)
     points = mesh.points + 0.25 * mesh.points[:, 1:] * [1.0, 0.0]
     mesh = vx.PolygonMesh(points, mesh.cells, boundaries={k: v for k, v in mesh.boundaries.items() if k != "boundary"})

@@ -10,7 +10,7 @@ import stabilisation_spectrum as lesson
 import vemcvx as vx
 
 CLOSE = 0.04
-"""Largest relative error of energies by linear elements on the graded mesh, as measured on rectangles."""
+"""Largest relative error, measured on rectangles, of energies that linear elements on the graded mesh give."""
 
 
 def make_rectangle(a, b):
@@ -32,11 +32,11 @@ def test_size_place_and_direction_do_not_matter():
 
 
 def test_nu_changes_only_ratios_with_the_dilatation():
-    """S / a_mu does not depend on nu; with the dilatation inside the cell the ratio decreases like 1 / lambda."""
+    """S / a_mu does not depend on nu; the ratio of S to the energy with dilatation decreases like 1 / lambda."""
     rows = [lesson.spectrum(lesson.hexagon(1), poisson) for poisson in (0.3, 0.499, 0.499999)]
     assert np.ptp([row[0] for row in rows]) == 0.0
     assert np.ptp([row[1] for row in rows]) == 0.0
-    # lambda grows a thousandfold between the last two.
+    # From the second row to the third, lambda grows a thousandfold.
     assert rows[1][2] / rows[2][2] == pytest.approx(1000, rel=0.02)
 
 
@@ -54,7 +54,7 @@ def test_triangles_have_no_ratio():
 
 
 def test_short_edges_cost_a_logarithm():
-    """1 / (least ratio) grows by the same amount per decade, and the greatest ratio is bounded."""
+    """1 / (least ratio) grows by the same amount per decade of the edge length; the greatest ratio is bounded."""
     ratios = [1e-2, 1e-3, 1e-4, 1e-5]
     found = np.array([lesson.spectrum(lesson.square_without_corner(ratio)) for ratio in ratios])
     growth = np.diff(1 / found[:, 0])
@@ -63,7 +63,7 @@ def test_short_edges_cost_a_logarithm():
 
 
 @pytest.mark.long
-def test_the_chart(tmp_path):
+def test_the_chart_is_drawn(tmp_path):
     rows = lesson.chart()
     assert [name for name, *_ in rows if "aspect" in name][-1] == "aspect ratio 100, hexagon"
     lesson.draw(rows, tmp_path / "chart.png")

@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, order, and one a^h in the stiffness, the budget and the nodal distance."""
+"""User-defined stabilisations: patch test, order, one form a^h in the stiffness, the budget and the nodal distance."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def test_errors_are_of_first_order():
 
 
 @pytest.mark.long
-def test_the_diagonal_with_the_volume_locks():
-    """At nu = .49999 its error exceeds that of the default by a third; the deviatoric part has the default's error."""
+def test_the_d_recipe_locks_unless_it_is_deviatoric():
+    """At nu = .49999, its error exceeds the default's error by a third; with `deviatoric`, it equals this error."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
@@ -55,7 +55,7 @@ def test_the_diagonal_with_the_volume_locks():
 
 
 def test_energies_of_the_hourglass_of_a_square():
-    """(1, -1, 1, -1) has 8 mu in the boundary form and 4 max(mu, (lam + 3 mu) / 4) in the D-recipe."""
+    """(1, -1, 1, -1) has the energy 8 mu in the boundary form, and 4 max(mu, (lam + 3 mu) / 4) in the D-recipe."""
     mesh = vx.PolygonMesh([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], [[0, 1, 2, 3]])
     u = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
     for stabilisation, energy in ((OWN[0], 8 * MU), (OWN[1], LAM + 3 * MU), (OWN[2], 4 * MU), ("shear", 8 * MU)):
@@ -71,7 +71,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_one_form():
-    """The nodal distance w has the square w'Aw on two materials, and the budget compares the energies itself."""
+    """The square of the nodal distance of w is w'Aw on two materials; the budget itself checks that energies agree."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)
@@ -90,7 +90,7 @@ def test_the_stiffness_the_budget_and_the_nodal_distance_have_one_form():
 
 
 @pytest.mark.long
-def test_files_keep_weights_of_vertices_but_no_classes(tmp_path):
+def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
     """The distance from a history that was read is the distance from the same history in memory."""
     mesh = small("voronoi", 3)
     for name in ("unit", own.Boundary()):
@@ -106,7 +106,7 @@ def test_files_keep_weights_of_vertices_but_no_classes(tmp_path):
 
 
 class Softer(vx.Elasticity):
-    """A material whose stiffness has another form than its moduli."""
+    """A material whose stiffness has another stabilisation than the material declares."""
 
     def contribute(self, space):
         ours = super().contribute(space)
@@ -115,7 +115,7 @@ class Softer(vx.Elasticity):
 
 
 @pytest.mark.long
-def test_budgets_with_another_form_are_refused():
+def test_budgets_for_a_stiffness_with_another_form_are_refused():
     scene = vx.Scene(Softer(YOUNG, POISSON), vx.Clamp(on="left"), vx.Traction((0.3, 0.1), on="right"))
     history = vx.simulate(scene, small("voronoi", 3), [0.0, 1.0], initial="settled")
     with pytest.raises(vx.SceneError, match=r"has the energy .*by the moduli .*must agree"):
@@ -168,7 +168,7 @@ def test_the_budget_is_the_sum_over_edges_of_its_formula():
 
 @pytest.mark.long
 def test_bounds_hold_whatever_the_stabilisation():
-    """Bounds are for the elastic energy a: intervals of the energy and of the potential meet those of a finer mesh."""
+    """Bounds hold for the elastic energy a: intervals of energy and potential overlap the intervals of a finer mesh."""
     fine = vx.error_bound(simulate_bar("shear", vx.meshes.squares(16)), step=1)
     for stabilisation in ("unit", *OWN):
         bound = vx.error_bound(simulate_bar(stabilisation, small("voronoi", 4)), step=1)
@@ -179,7 +179,7 @@ def test_bounds_hold_whatever_the_stabilisation():
 
 
 class Wrong(vx.Stabilisation):
-    """A form that a function of mu times the identity returns."""
+    """A stabilisation whose form is a given function of mu times the identity."""
 
     def __init__(self, change):
         self.change = change
@@ -221,7 +221,7 @@ class Springs(vx.Stabilisation):
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["prisms", "cubes", "voronoi3"])
 def test_stabilisations_in_space(family):
-    """Solutions pass the patch test, w has the energy w'Aw, and v - Pi v half of the default energy."""
+    """Check the patch test, the energy w'Aw of w, and that v - Pi v has half of the default energy."""
     mesh = vx.meshes.SPACE_FAMILIES[family](2)
 
     def linear(x, t):

@@ -23,7 +23,7 @@ def make_polygon(*points):
 
 
 def test_the_whole_boundary_satisfies_the_theorem_of_gauss(family):
-    """int n ds = 0 and int x . n ds = 2 |Omega|; lengths of nodes add up to the perimeter."""
+    """int n ds = 0 and int x . n ds = 2 |Omega|; nodal lengths add up to the perimeter."""
     space = make_space(family)
     part = space.part("boundary", "test")
     midpoints = space.mesh.points[part.sides].mean(axis=1)
@@ -70,7 +70,7 @@ def test_overlapping_names_count_edges_once_in_any_order():
 
 
 def test_short_edges_on_an_inclined_side_make_no_corners():
-    """Rounding rotates an edge of 1e-12 by about 1e-4; its nodes still have one normal, that of the long edges."""
+    """Rounding rotates an edge of length 1e-12 by about 1e-4; its nodes have only the normal of the long edges."""
     direction = np.array([np.cos(0.3), np.sin(0.3)])
     on_side = [s * direction for s in (0.0, 0.5, 0.5 + 1e-12, 1.0)]
     space = make_polygon(*on_side, (0.0, 1.0))
@@ -91,7 +91,7 @@ def test_sides_at_angles_below_42_degrees_are_a_curve(degrees):
 
 
 def test_normals_of_a_regular_polygon_are_radial():
-    """Cosines are those of half the angle between its sides."""
+    """`cosines` are the cosines of half the angle between two sides."""
     corners = [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 13)[:-1]]
     rows = Space(make_polygon(*corners).mesh).part("boundary", "test").node_normals
     assert len(rows.nodes) == 12
@@ -100,8 +100,8 @@ def test_normals_of_a_regular_polygon_are_radial():
 
 
 @pytest.mark.parametrize("turns", [(0.1, 0.1), (0.1, 0.3), (0.02, 0.5)])
-def test_normals_between_unequal_sides_are_those_of_the_circle_through_them(turns):
-    """The error is of the third power of the angles, and 1e-4 of the angles, because very short sides count less."""
+def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_nodes(turns):
+    """The error is O(angle^3) plus a small part of the angles, because very short sides have smaller weights."""
     angles = np.array([-0.5 * np.pi - turns[0], -0.5 * np.pi, -0.5 * np.pi + turns[1]])
     mesh = make_polygon(*np.column_stack([np.cos(angles), np.sin(angles)]), (0, 3)).mesh
     rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < -0.5)).part("base", "test").node_normals
@@ -111,7 +111,7 @@ def test_normals_between_unequal_sides_are_those_of_the_circle_through_them(turn
 
 
 def test_normals_of_a_sphere_are_radial():
-    """The nodes are at random distances on the sphere, which has triangles (Max 1999)."""
+    """The nodes of the triangles are at random places on the sphere; normals are weighted as in Max (1999)."""
     points = np.random.default_rng(3).normal(size=(150, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     cells = [[*triangle, len(points)] for triangle in ConvexHull(points).simplices]

@@ -28,7 +28,7 @@ def evaluate_monomials(x):
 
 
 def integrate(corners):
-    """Integrate the monomials over a polygon: triangles with the origin, by the midpoints of their sides."""
+    """Integrate the monomials over a polygon: sum triangles with the origin, each by the midpoints of its sides."""
     a, b = corners, np.roll(corners, -1, axis=0)
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return area @ (evaluate_monomials(0.5 * a) + evaluate_monomials(0.5 * b) + evaluate_monomials(0.5 * (a + b))) / 3
@@ -65,7 +65,7 @@ def test_quadrature_is_exact_for_degree_two_with_points_inside_cells_of_any_shap
 
 @pytest.mark.parametrize("name", [*FAMILIES, *SOLIDS])
 def test_vertices_share_the_force_on_a_cell_equally(name):
-    """Each vertex of K carries |K| f(centroid) / n of an affine force."""
+    """Each of the n vertices of a cell K carries |K| f(centroid) / n of an affine force f."""
     mesh = small(name, 4) if name in FAMILIES else solid(name, 2, BOX)
     (offsets, nodes), expected = mesh.cell_nodes, np.zeros(mesh.points.shape)
     count = np.diff(offsets)

@@ -42,7 +42,7 @@ def assemble(mesh, stabilisation="shear"):
 
 
 def with_points(mesh, points):
-    """Return the mesh with other points, which need not satisfy its checks."""
+    """Return the mesh with other points, without checks."""
     return type(mesh).unchecked(points, *(getattr(mesh, name) for name in mesh.ARRAYS[1:]))
 
 
@@ -61,7 +61,7 @@ def test_matrices_are_symmetric_to_the_bit_and_rigid_modes_are_their_kernel(mesh
         assert K.has_canonical_format
         assert is_identical(K, K.T.tocsr())
         values, count = np.linalg.eigvalsh(K.toarray()), motions.shape[1]
-        floor = 10 * K.shape[0] * EPS * values[-1]  # of a backward stable eigenvalue solver
+        floor = 10 * K.shape[0] * EPS * values[-1]  # rounding of a backward stable eigenvalue solver
         assert count == (3 if mesh.points.shape[1] == 2 else 6)
         assert np.abs(values[:count]).max() < floor
         assert values[count] > 1e-5 * values[-1]
@@ -69,7 +69,7 @@ def test_matrices_are_symmetric_to_the_bit_and_rigid_modes_are_their_kernel(mesh
 
 
 def test_linear_displacements_have_the_forces_of_their_stresses_and_tractions(mesh):
-    """K p = sum over cells of |K| sigma : eps(Pi v) with moduli that jump; uniform stresses balance their tractions."""
+    """v'Ku = sum over cells E of |E| sigma : eps(Pi v), with moduli that jump; uniform stresses balance tractions."""
     space, (lam, mu), dim = Space(mesh), draw_moduli(mesh), mesh.points.shape[1]
     (a, b), slope = COMPONENTS[dim], SLOPE[:dim, :dim]
     strain, u = 0.5 * (slope + slope.T), mesh.points @ slope.T + [0.2, -0.1, 0.3][:dim]
@@ -120,7 +120,7 @@ def test_triangles_and_tetrahedra_are_linear_finite_elements(dim):
 
 
 def compute_by_formula(mesh, tau):
-    """Compute (3.13) by basis functions, with Pi from its three conditions by 6 x 6 systems."""
+    """Compute the matrix (3.13) of the paper; three conditions, a 6 x 6 system, determine Pi of basis functions."""
     K = np.zeros((2 * mesh.n_nodes,) * 2)
     for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *draw_moduli(mesh), tau, strict=True):
         x = mesh.points[cell] - mesh.points[cell].mean(axis=0)
@@ -129,7 +129,7 @@ def compute_by_formula(mesh, tau):
         normal, length = np.column_stack([chord[:, 1], -chord[:, 0]]), np.linalg.norm(chord, axis=1)
 
         def moments(v, normal=normal, length=length):
-            """Integrate the strain and the rotation over K, and the field over dK, for v linear on edges."""
+            """Integrate strain and rotation over the cell, and the field over its boundary, for v linear on edges."""
             mean = 0.5 * (v + np.roll(v, -1, axis=0))
             d = np.einsum("ia,ib->ab", mean, normal)
             return np.array([d[0, 0], d[1, 1], d[0, 1] + d[1, 0], d[1, 0] - d[0, 1], *(length @ mean)])
@@ -149,7 +149,7 @@ def compute_by_formula(mesh, tau):
 
 
 @pytest.mark.parametrize("stabilisation", ["shear", "unit"])
-def test_matrices_are_those_of_the_paper(family, stabilisation):
+def test_matrices_agree_with_the_formula_of_the_paper(family, stabilisation):
     mesh = small(family, 2)
     mu = draw_moduli(mesh)[1]
     expected = compute_by_formula(mesh, 2 * mu if stabilisation == "shear" else np.ones_like(mu))
@@ -191,7 +191,7 @@ def test_numbering_does_not_matter(family):
 
 
 def test_lambda_adds_one_constraint_per_cell():
-    """It multiplies the mean divergence only, and leaves the stabilisation unchanged."""
+    """lambda multiplies the mean divergence only, and leaves the stabilisation unchanged."""
     mesh = small("squares", 2)
     lam, mu = draw_moduli(mesh)
     volumetric = stiffness(Space(mesh), lam + 1e6, mu) - stiffness(Space(mesh), lam, mu)
@@ -201,8 +201,8 @@ def test_lambda_adds_one_constraint_per_cell():
 @pytest.mark.parametrize(
     ("family", "n", "most"), [("squares", 4, 2), ("triangles", 8, 5), ("hexagons", 12, 101), ("tetrahedra", 4, 31)]
 )
-def test_translates_of_equal_moduli_share_their_local_matrix(family, n, most):
-    """The sum is exactly that of separate matrices; corners are exact where widths are powers of two."""
+def test_translated_cells_of_equal_moduli_share_their_local_matrix(family, n, most):
+    """The sum equals the sum of separate matrices to the bit; widths that are powers of two are exact."""
     mesh = getattr(vx.meshes, family)(n)
     lam, mu = np.full(mesh.n_cells, 1.7), np.full(mesh.n_cells, 0.6)
     mu[5] = 0.9
@@ -223,7 +223,7 @@ def test_translates_of_equal_moduli_share_their_local_matrix(family, n, most):
 
 
 def test_cells_that_differ_in_the_last_bit_have_separate_matrices():
-    """Sums over such rows may be equal, but sums of their bits are not."""
+    """The numbers of such rows may have equal sums, but the bits of these numbers have not."""
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + EPS, 2.0 - 2 * EPS]] * 40)
     rows = rows[np.random.default_rng(0).permutation(80)]
     some, same = distinct([rows])
@@ -243,7 +243,7 @@ FACES = {
 
 @pytest.mark.parametrize("name", FACES)
 def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
-    """sum a_i = A, sum a_i x_i = A c and sum b_i = A nu, also on nonconvex faces."""
+    """sum a_i = A, sum a_i x_i = A c, sum b_i = A nu, with area A, centroid c, normal nu, also on nonconvex faces."""
     flat = np.array(FACES[name], dtype=float)
     after = np.roll(flat, -1, axis=0)
     cross = flat[:, 0] * after[:, 1] - after[:, 0] * flat[:, 1]
@@ -263,7 +263,7 @@ def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
         assert a == pytest.approx(area / n, rel=1e-14)
     places, shares = group.quadrature()
     assert shares[0].sum(axis=1) == pytest.approx(a, rel=1e-14)
-    # Quadrature sums basis functions that reproduce linear functions.
+    # The basis functions at quadrature points reproduce linear functions.
     reproduced = shares[0].sum(axis=0)[:, None] * (places[0] - origin)
     assert shares[0].T @ (points - origin) == pytest.approx(reproduced, abs=1e-13)
 

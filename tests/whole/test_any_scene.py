@@ -1,4 +1,4 @@
-"""A thousand random scenes: true errors are within certificate plus floor, and all errors are of vemcvx.
+"""A thousand random scenes: a true error is at most certificate plus rounding floor; exceptions are those of vemcvx.
 
 A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.run_and_judge`` runs and judges it.
 """
@@ -24,7 +24,7 @@ DEFAULT, ALL = (29, 33, 37, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *ra
 def judge_all(seeds, most_refused):
     """Judge the scenes of all seeds, and report their faults together.
 
-    The exact reference must answer 95 % of the steps; the scene in which it misses most steps does not count. In scene
+    The exact reference must solve 95 % of the steps. The scene with the most unsolved steps does not count: in scene
     251, for example, friction is 1e-28 of the loads.
     """
     faults, refused, steps, unknown = [], Counter(), 0, []
@@ -82,7 +82,7 @@ def test_the_judge_finds_forces_that_do_not_balance():
 
 
 def test_exact_steps_are_exact():
-    """The answer of two springs between a wall and friction is a fraction."""
+    """Two springs between a wall and a node with friction have rational displacements."""
     system = vx.System(
         np.array([[3.0, -1.0], [-1.0, 2.0]]),
         lambda t: np.array([5.0, 1.0]) * t,

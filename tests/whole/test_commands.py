@@ -1,7 +1,7 @@
 """Every command in README, CONTRIBUTING, the pages of the site and the lessons is run, in new environments.
 
-Commands are indented lines and texts in backquotes that begin with a program; tests/whole/test_site.py runs console
-blocks. A command is run word for word, unless `HOW` says how to run it and `NOT_RUN` why it is not run.
+Commands are indented lines and texts in backquotes that begin with the name of a program; tests/whole/test_site.py runs
+console blocks. `HOW` has replacements for some commands, and `NOT_RUN` the commands that are not run.
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ NOT_RUN = {
     ".ci/kernels": "it takes two hours",
     "python3 -m venv --system-site-packages": "it needs the system's PETSc; tests/linear/test_petsc.py runs with it",
     'pip install ".[petsc]"': "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's",
-    "python problems/gallery.py NAME": "NAME is that of a new problem; test_problem_pictures.py draws all there are",
-    "python -m pytest -k bricks": "test_contributing.py adds the family of meshes, and runs the tests of it",
+    "python problems/gallery.py NAME": "NAME is a new problem; test_problem_pictures.py draws every existing problem",
+    "python -m pytest -k bricks": "test_contributing.py adds the family of meshes, and runs its tests",
 }
 """Commands that are not run, and the reasons."""
 
@@ -173,7 +173,7 @@ def run(command, folder, env, addopts=""):
 @pytest.mark.slow
 @pytest.mark.parametrize("env", ["main", "docs", "app", "all"])
 def test_commands_of_the_texts_run(checkout, env):
-    # Other environments are beside the checkout, so that tools do not find their files in it.
+    # The other environments are beside the checkout: tools that search the checkout must not find their files.
     folder = ".venv" if env == "main" else f"../venv-{env}"
     if env != "main":
         made = run(f"python3 -m venv {folder}", checkout, "none")

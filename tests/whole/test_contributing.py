@@ -1,4 +1,4 @@
-"""Follow the recipes of CONTRIBUTING.md and its pages word for word: an effect, a family of meshes, a solver."""
+"""Follow the recipes of CONTRIBUTING.md and of the pages it links: an effect, a family of meshes, a solver."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# 
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["mine.py"]}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
 ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
-"""A recipe has a page with a file, whose first line is its path, and a line of code. CONTRIBUTING.md shows the two
-entries in tests that a new effect needs."""
+"""The page of a recipe shows a file, whose first line is its path, and then the line of code that adds it to the
+package. CONTRIBUTING.md shows the two entries in tables of tests that a new effect needs."""
 
 
 def test_contributing_lists_packages_in_order():
@@ -37,7 +37,7 @@ def test_contributing_lists_packages_in_order():
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Return a function that adds the file of a recipe to the package for one test, and returns its names."""
+    """Return a function that adds the file of a recipe to the package for one test, and returns the new names."""
 
     def make(path):
         name = path.removesuffix(".py").replace("/", ".")
@@ -83,7 +83,7 @@ def test_the_law_on_the_page_is_in_its_problem_file():
 
 
 def test_a_bed_of_springs_is_normal_compliance():
-    """The method `contribute` of the page takes the place of that of `NormalCompliance`."""
+    """The method `contribute` on the page replaces the method of `NormalCompliance`."""
     known = dict(vars(importlib.import_module("vemcvx.effects.contact")))
     exec(dedent(BED), known)
     beds = vx.NormalCompliance, type("Bed", (vx.NormalCompliance,), {"contribute": known["contribute"]})
@@ -96,7 +96,7 @@ def test_a_bed_of_springs_is_normal_compliance():
 
 
 def cases_of(code, **modules):
-    """Return name -> case of the suite in a test file, with modules that it may import."""
+    """Return name -> case of the suite in the code of a test file, which may import `modules` (name -> source)."""
     known = {"np": np, "vx": vx}
     with pytest.MonkeyPatch.context() as patch:
         for name, source in modules.items():
@@ -124,7 +124,7 @@ def test_a_family_of_meshes_in_one_file_and_a_line_passes_the_patch_test(made, m
     for name, family in made("vemcvx/meshes/families/bricks.py").items():
         monkeypatch.setitem(vx.meshes.FAMILIES, name, family)
     mesh = vx.meshes.FAMILIES["bricks"](4, box=((0.0, 1.5), (-1.0, 0.0)))
-    # The constructor checks the cells, which the family does not.
+    # The constructor of PolygonMesh checks the cells; the family does not.
     assert vx.PolygonMesh(mesh.points, mesh.cells).n_cells == mesh.n_cells == 26
     assert set(mesh.boundaries) == {"left", "right", "bottom", "top", "boundary"}
     assert mesh.areas.sum() == pytest.approx(1.5, rel=1e-14)

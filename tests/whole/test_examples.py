@@ -18,7 +18,7 @@ FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_of_docstrings_run(name, tmp_path, monkeypatch):
-    """An example has `np` and `vx`, and its files are written to a folder of its own."""
+    """An example may use `np` and `vx`; its files are written to a temporary folder."""
     monkeypatch.chdir(tmp_path)
     names = {"np": np, "vx": vx}
     assert doctest.testmod(importlib.import_module(name), extraglobs=names, optionflags=FLAGS).failed == 0

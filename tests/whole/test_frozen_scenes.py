@@ -1,4 +1,4 @@
-"""Two thousand random scenes against the stored answers of an earlier commit: tests/shared/frozen_scenes.py.
+"""Two thousand random scenes against the stored answers of an earlier commit; see tests/shared/frozen_scenes.py.
 
 A failure names the seed of the scene: ``frozen_scenes.draw(seed)`` builds it.
 """
@@ -15,7 +15,7 @@ DEFAULT = range(12)
 MORE_REFUSALS = 0.02
 """Largest increase of the fraction of refused scenes."""
 OTHER_ANSWERS = 0.02
-"""Largest fraction of scenes with a new solution, which friction that depends on the answer may have."""
+"""Largest fraction of scenes with another solution than before: with a law of friction, a step may have several."""
 
 
 def join_words(seeds):
@@ -34,7 +34,7 @@ def check(seeds):
     unclear = {seed: words for seed, words in judgement.messages.items() if not (words.endswith(".") and " " in words)}
     assert not unclear, f"errors without a sentence:\n{join_words(unclear)}"
     assert len(judgement.other) <= OTHER_ANSWERS * len(seeds), join_words(judgement.other)
-    # One scene may be refused anew, even if it is a large fraction of few scenes.
+    # One newly refused scene is allowed, even if few scenes are judged.
     more, allowed = judgement.refused.total() - judgement.refused_before.total(), max(1.0, MORE_REFUSALS * len(seeds))
     assert more <= allowed, f"{more} more refusals, allowed are {allowed:g}:\n{join_words(judgement.newly_refused)}"
     return judgement

@@ -38,14 +38,14 @@ def load(t):
     ],
     ids=["load", "weights", "limits", "damped"],
 )
-def test_a_system_may_return_one_buffer_for_all_instants(system):
+def test_functions_of_a_system_may_return_one_buffer_for_all_instants(system):
     fresh, same = (vx.march(system(wrap), TIMES) for wrap in (lambda f: f, reuse_buffer))
     assert np.abs(fresh.state[-1]).max() > 0.1
     for name in ("state", "multipliers", "pressures", "energy", "work", "dissipated", "gap"):
         np.testing.assert_array_equal(getattr(same, name), getattr(fresh, name))
 
 
-def test_a_scene_may_return_one_buffer_for_all_instants():
+def test_functions_of_a_scene_may_return_one_buffer_for_all_instants():
     def scene(wrap):
         parts = (e for e in paper_scene() if not isinstance(e, (vx.Traction, vx.TrescaFriction)))
         bound = wrap(lambda x, t: 1.0 + t + 0 * x[:, 0])

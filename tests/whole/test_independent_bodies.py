@@ -2,7 +2,7 @@
 
 A stack has two or three bodies of triangles, on which virtual elements are linear elements. Moduli vary over two
 decades, gaps move, and friction between bodies is Tresca's or Coulomb's. The lowest body is clamped, or on springs and
-a moving obstacle; the uppermost body is moved, or pressed and pulled while only friction holds it.
+a moving obstacle. The uppermost body has a prescribed motion, or is pressed and pulled while only friction holds it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def stack_boxes(rng):
 
 
 def draw(seed):
-    """Return a scene, its mesh, and the other program."""
+    """Return a scene, its mesh, and the bodies for the independent program."""
     rng = np.random.default_rng(seed)
     names, mesh, other = stack_boxes(rng)
     young, poisson = 10 ** rng.uniform(1, 3, len(names)), rng.uniform(0, 0.4, len(names))
@@ -40,7 +40,7 @@ def draw(seed):
     soft, free = young.min(), rng.random() < 0.3
     effects += support_lowest(rng, soft, other)
     effects += load_uppermost(rng, soft, names[-1], other, free)
-    # Clarabel fails if friction of both laws holds bodies without other supports.
+    # Clarabel fails if only friction holds a body, by Coulomb's law at one joint and by Tresca's at another.
     laws = np.full(len(other.joined), rng.random()) if free else rng.random(len(other.joined))
     for joint, law in zip(other.joined, laws, strict=True):
         effects += join(rng, soft, joint, other, free=free, coulomb=law < 0.5)
@@ -63,7 +63,7 @@ def support_lowest(rng, soft, other):
 
 
 def load_uppermost(rng, soft, name, other, free):
-    """Return a motion to and fro of the uppermost body, or, if it is free, a pressure and a pull below its friction."""
+    """Return a motion to and fro of the uppermost body; if it is free, a pressure, and a pull that friction bears."""
     down, aside, rate = rng.uniform(0.01, 0.03), rng.uniform(0.005, 0.03), rng.uniform(5, 9)
     if not free:
 
@@ -88,7 +88,7 @@ def load_uppermost(rng, soft, name, other, free):
 
 
 def join(rng, soft, joint, other, *, free, coulomb):
-    """Return one-sided contact, with a moving gap unless bodies are free, and friction."""
+    """Return one-sided contact and friction; the gap moves unless bodies are free."""
     size, rate = (0.0 if free else rng.uniform(0, 0.01)), rng.uniform(3, 9)
 
     def gap(x, y, t):
@@ -106,7 +106,7 @@ def join(rng, soft, joint, other, *, free, coulomb):
 
 
 def contact_forces(result, other):
-    """Return the nodal forces (S, n, 2) of walls and friction on the first body of each joint or at the obstacle."""
+    """Return the nodal forces (S, n, 2) of contact and friction, at joints the forces on the first of both bodies."""
     found = np.zeros_like(result.forces)
     for parts, values, sign in (
         ([wall[0] for wall in other.obstacles], result.pressures, -1.0),
@@ -137,7 +137,7 @@ def assert_agreement(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("seed", [0, 3, 12, 25])
 def test_stacks_agree_with_independent_programs(seed):
-    """In stack 25 the middle one of three bodies slides under the friction of intermediate Coulomb programs."""
+    """In stack 25, Coulomb's fixed point passes through friction bounds that are too small to hold the middle body."""
     assert_agreement(seed)
 
 
@@ -145,7 +145,7 @@ def test_stacks_agree_with_independent_programs(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("chunk", range(6))
 def test_many_stacks_agree(chunk):
-    """The other program may fail for two of twenty stacks; it failed for 4 of 240."""
+    """The independent program may fail for 2 of the 20 stacks of a chunk; it failed for 4 of 240 stacks."""
     failed = []
     for seed in range(100 + 20 * chunk, 120 + 20 * chunk):
         try:

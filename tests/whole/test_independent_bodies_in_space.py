@@ -1,7 +1,7 @@
 """Two bodies of tetrahedra against an independent program (scikit-fem, cvxpy, Clarabel) and against GetFEM.
 
-On tetrahedra virtual elements are linear elements. Both bodies have the same triangles at the joint, so every node of
-the joint exists twice; its weight is a third of the areas of its triangles. The lower body is clamped, and the upper
+On tetrahedra, virtual elements are linear elements. Both bodies have the same triangles at the joint, so every node of
+the joint exists twice; its weight is a third of the area of its triangles. The lower body is clamped, and the upper
 body is moved. The independent program has a moving gap and Tresca's friction. GetFEM (Debian: python3-getfem, perhaps
 for the system's Python only) has Coulomb's friction between nodes; it assembles its own matrix and applies Newton's
 method to an augmented Lagrangian.
@@ -28,7 +28,7 @@ TIMES = [0.0, 0.2, 0.5, 0.7, 1.0]
 
 
 def top(x, t):
-    """Return a motion down and around."""
+    """Return the displacement of the top, which is pressed down, moved along a curve and rotated."""
     moved = np.array([0.05 * np.sin(5 * t), 0.04 * t, -0.02 - 0.03 * np.sin(3 * t)]) * min(1.0, 4 * t)
     return np.tile(moved, (len(x), 1)) + 0.02 * t * x[:, [1, 0, 2]] * [1, -1, 0]
 
@@ -38,7 +38,7 @@ def gap(x, t):
 
 
 def solve_independently(points, cells, faces, body):
-    """Return displacements (S, n, 3) of the program with doubled nodes, from the triangles of the joint."""
+    """Return displacements (S, n, 3) of the independent program; `faces` are the joint's triangles on both bodies."""
     n = len(points)
     K = sp.csr_matrix((3 * n, 3 * n))
     for number in range(2):
@@ -47,7 +47,7 @@ def solve_independently(points, cells, faces, body):
         basis = skfem.Basis(local, skfem.ElementVector(skfem.ElementTetP1()))
         form = linear_elasticity(*lame_parameters(YOUNG[number], POISSON[number]))
         inner = sp.coo_matrix(form.assemble(basis))
-        # scikit-fem numbers the components of one node after the other.
+        # scikit-fem numbers the unknowns node by node.
         order = (3 * mine[:, None] + np.arange(3)).ravel()
         K = K + sp.csr_matrix((inner.data, (order[inner.row], order[inner.col])), shape=K.shape)
     first, second = faces
@@ -165,13 +165,13 @@ def has_getfem():
 
 
 def push_aside(x, t):
-    """Return a motion that presses the upper block in, tilts it and pushes it aside."""
+    """Return a motion that presses the upper block down, tilts it and pushes it aside."""
     return t * np.column_stack([0.02 + 0 * x[:, 0], 0.01 * x[:, 0], -0.005 - 0.04 * x[:, 0] + 0.01 * x[:, 1]])
 
 
 @pytest.mark.skipif(not Path(PEER).exists(), reason="there is no Python of the system")
 @pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.slow)])
-def test_coulomb_s_law_between_bodies_is_that_of_getfem(n, tmp_path):
+def test_coulomb_s_law_between_bodies_agrees_with_getfem(n, tmp_path):
     if not has_getfem():
         pytest.skip("GetFEM is not installed")
     laws = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(FRICTION, on="lower|upper")

@@ -1,10 +1,10 @@
 """Every kind of scene against independent programs: scikit-fem, cvxpy, Clarabel.
 
-On triangles virtual elements are linear elements, so both programs have the same discrete solution. They agree to 1e-8
-in displacement, traction, pressure, reactions, energy, work and loss, over steps with reversals; see
+On triangles, virtual elements are linear elements, so both programs have the same discrete solution. They agree to 1e-8
+in displacement, traction, pressure, reactions, energy, work and dissipation, over steps with reversals; see
 :mod:`independent_p1`.
 
-A scene is a tuple of parts. A part is a pair: an effect of the package, and a function that adds the same to the
+A scene is a tuple of parts. A part is a pair: an effect of the package, and a function that adds the same effect to the
 independent body. Supports come before contact, and contact before friction.
 """
 
@@ -88,7 +88,7 @@ def constant(value):
     return lambda *_: value
 
 
-# Parts that depend on the mesh or occur in one scene
+# Parts that depend on the mesh or occur in one scene only
 
 
 def heat():
@@ -219,7 +219,7 @@ SLOW = ("soft floor", "guided")
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):
-    """Return vectors (S, n, 2): sums of values times directions of rows, per length of the row or not."""
+    """Return nodal vectors (S, n, 2): sums of values times directions of rows, divided by lengths if `per_length`."""
     out, column = np.zeros((len(values), n, 2)), 0
     for rows, *_ in rows_of:
         part = values[:, column : column + len(rows.nodes)] / (rows.lengths if per_length else 1.0)
@@ -233,7 +233,7 @@ def compare(scene, other, mesh, times):
     mine, theirs = vx.simulate(scene, mesh, times, solver=vx.Newton(accuracy=1e-10)), March(other).run(times)
     contact, floor = mine.contact, other.rows("bottom")
     at = np.searchsorted(floor.nodes, contact.nodes)
-    # The pressure is the component across the floor of all nodal forces except friction.
+    # The pressure comes from the vertical component of all nodal forces except friction.
     across = theirs.forces + sum_at_nodes(other.rubs, theirs.lam, other.n, per_length=False)
     pairs = {
         "displacement": (mine.displacement, theirs.displacement),
@@ -264,7 +264,7 @@ def assert_agreement(name, n, times):
         add(other)
     found, theirs = compare(vx.Scene(*(effect for effect, _ in parts)), other, mesh, times)
     assert {quantity: error for quantity, error in found.items() if not error <= AGREE} == {}
-    # The scene must change: friction rows slip at some instants only, and walls touch.
+    # The set of slipping rows must change, and some node must touch an obstacle.
     assert not other.rubs or len({tuple(row) for row in theirs.slipping}) > 1
     assert not other.obstacles or theirs.touching.any()
 

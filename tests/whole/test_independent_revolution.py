@@ -18,8 +18,8 @@ LOOSE = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided c
 
 
 @skfem.BilinearForm
-def of_full_turn(u, v, w):
-    """Return the integrand in (r, z), with the hoop strain u_r / r."""
+def integrand(u, v, w):
+    """Return the integrand of the stiffness in (r, z), with the hoop strain u_r / r."""
     r = w.x[0]
     volumes, hoops = (div(u) + u[0] / r) * (div(v) + v[0] / r), u[0] * v[0] / r**2
     return TURN * r * (w.lam * volumes + 2 * w.mu * (ddot(sym_grad(u), sym_grad(v)) + hoops))
@@ -30,7 +30,7 @@ class Ring(Body):
 
     def elastic(self):
         lam = YOUNG * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
-        self.K = self._matrix(of_full_turn, lam=lam, mu=YOUNG / 2 / (1 + POISSON))
+        self.K = self._matrix(integrand, lam=lam, mu=YOUNG / 2 / (1 + POISSON))
 
     def rows(self, side, tangents=False):
         found = super().rows(side, tangents)
@@ -42,7 +42,7 @@ class Ring(Body):
 
 
 def load(x, y, t, inner=0.0, lift=1.5):
-    """Return a traction that pulls radially, to and fro, and presses, except near the rim."""
+    """Return a traction that pulls radially to and fro, and presses down, but lifts near the rim."""
     r, pull = x - inner, {0.0: 0.0, 0.5: 2.0, 1.0: -1.5, 1.5: 0.5}[t]
     return pull * r, -(1 + t) * np.minimum(2 * t, 1) * (1.2 - lift * r)
 
@@ -52,7 +52,7 @@ def bound(x, y, t, inner=0.0):
 
 
 def press(mesh, inner, lift, *more, plane="axisymmetric"):
-    """Return the run of a body on a rough floor, from which it lifts at the rim."""
+    """Simulate a body on a rough floor, from which its rim lifts."""
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane),
         vx.Traction(vector(partial(load, inner=inner, lift=lift)), on="top"),
@@ -64,7 +64,7 @@ def press(mesh, inner, lift, *more, plane="axisymmetric"):
 
 
 def differences(inner, n):
-    """Return relative differences from linear triangles: displacement, pressures, energy, loss, force of the floor."""
+    """Return differences from linear triangles: displacement, pressures, energy, dissipation, force of the floor."""
     mesh = vx.meshes.triangles(n, box=((inner, inner + 1.0), (0.0, 0.5)))
     ours, other = press(mesh, inner, 1.5), Ring(mesh.points, np.array(list(mesh.cells)))
     other.elastic()
@@ -94,7 +94,7 @@ def test_steps_agree_with_linear_triangles_to_second_order(inner):
 @LOOSE
 @pytest.mark.parametrize("family", ["squares", pytest.param("voronoi", marks=pytest.mark.long)])
 def test_a_ring_of_large_radius_is_in_plane_strain(family):
-    """Results per circumference differ from plane strain by O(1 / r)."""
+    """Results per unit of circumference differ from plane strain by O(1 / r)."""
     make, guide = vx.meshes.FAMILIES[family], vx.PrescribedDisplacement(0.0, on="left", direction=(1.0, 0.0))
     plane, off = press(make(6, box=((0.0, 1.0), (0.0, 0.5))), 0.0, 0.8, guide, plane="strain"), []
     for r in (1e3, 1e4):

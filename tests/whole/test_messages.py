@@ -62,7 +62,7 @@ def quote_error(call, known):
 
 
 def read_errors():
-    """Return call -> its lines in the file."""
+    """Return call -> its error: the lines below it in the file."""
     parts = {}
     for line in FILE.read_text().splitlines():
         if line in CALLS:

@@ -1,4 +1,4 @@
-"""A prompt or a notebook shows a result on one screen, whatever its size."""
+"""At a prompt and in a notebook, a result of any size fits on one screen."""
 
 import xml.etree.ElementTree as ET
 from functools import cache

@@ -1,4 +1,4 @@
-"""Changes of an array after it was passed in change nothing."""
+"""The package copies its arguments: an array that is changed after a call changes no result."""
 
 from __future__ import annotations
 

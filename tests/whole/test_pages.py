@@ -1,4 +1,4 @@
-"""The written pages of the site: their Python runs, and their links, files and constants exist."""
+"""The written pages of the site: their Python code runs, links and files exist, and values of constants are right."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_links_and_files_of_a_text_exist(path):
 
 @pytest.mark.parametrize("path", PAGES, ids=name)
 def test_headings_follow_in_order(path):
-    """One title, and no level is skipped."""
+    """A page has one title, and skips no level of headings."""
     if path.stem == "changes":
         assert path.read_text() == "```{include} /CHANGELOG.md\n```\n"
         return
@@ -60,7 +60,7 @@ def test_headings_follow_in_order(path):
 
 
 def test_no_sentence_of_twelve_words_occurs_twice():
-    """A text that needs a sentence of another text includes it."""
+    """A text that needs a sentence of another text includes it by a directive."""
     said = Counter()
     for path in TEXTS:
         text = re.sub(r"\s+", " ", prose(path.read_text()))

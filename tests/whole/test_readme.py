@@ -33,7 +33,7 @@ def assert_same_numbers(said, printed):
             assert float(found) == pytest.approx(float(written), abs=1e-6)
 
 
-def test_commands_are_single_lines_of_which_ci_runs_one():
+def test_both_commands_are_single_lines_and_ci_runs_the_second():
     commands = re.findall(r"^ {4}(python3 -m venv .*)$", TEXT, re.MULTILINE)
     assert len(commands) == 2
     assert "vemcvx run" in commands[0]

@@ -1,4 +1,4 @@
-"""The source distribution contains and runs its tests; the citation names this version."""
+"""The source distribution is complete, and its tests run; the citation names this version."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_the_source_distribution_has_every_file(unpacked):
 
 
 @pytest.mark.slow
-def test_the_source_distribution_runs_its_tests(unpacked):
+def test_tests_of_the_source_distribution_run(unpacked):
     environment = {**os.environ, "PYTHONPATH": str(unpacked)}
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *PART]
     done = subprocess.run(command, cwd=unpacked, env=environment, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""The site: every public name and problem file is in it; it is built without a warning, and loads no other host."""
+"""The site: every public name and problem file is in it; it is built without a warning, and needs no other host."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_problem_has_statement_picture_and_command(name):
 def test_gallery_pages_name_the_tests_of_a_problem():
     found = gallery.find_tests()
     assert any("::test_a_cylinder_presses_as_hertz_says" in line for line in found["hertz_contact"])
-    # Tests of these problems pose them again, or use the file outside of a test function.
+    # Tests of these two problems define the scene again, or load the file outside of test functions.
     assert set(problem_files()) - set(found) <= {"frictional_hysteresis", "missed_reversal"}
 
 
@@ -157,7 +157,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_whole_site_is_built_without_a_warning(site):
-    """The command checks links, anchors, alternative texts, headings, and loaded files."""
+    """`find_faults` checks links, anchors, alternative texts, headings, and loaded files."""
     from generator import checks
 
     assert checks.find_faults(site) == []
@@ -198,8 +198,8 @@ def served(site):
 
 
 @pytest.mark.slow
-def test_pages_are_legible_in_a_browser_and_load_no_other_host(served, tmp_path):
-    """At 1280 and 380 pixels, light and dark, formulas are rendered, pages fit the window, and words have contrast."""
+def test_pages_are_legible_in_a_browser_and_load_nothing_from_other_hosts(served, tmp_path):
+    """In wide and narrow windows and both themes, formulas are rendered, pages fit, and words have contrast."""
     from selenium.webdriver.support.wait import WebDriverWait
 
     with start_browser(tmp_path) as browser:
@@ -220,7 +220,7 @@ def test_pages_are_legible_in_a_browser_and_load_no_other_host(served, tmp_path)
         logged = [json.loads(line["message"])["message"] for line in browser.get_log("performance")]
         sent = [one["params"]["request"]["url"] for one in logged if one["method"] == "Network.requestWillBeSent"]
         assert len([url for url in sent if url.startswith(served)]) > 100
-        # Pages of the browser itself are chrome://.
+        # Addresses of the browser's own pages begin with chrome://.
         assert [url for url in sent if not url.startswith((served, "data:", "blob:", "chrome"))] == []
         browser.get("data:text/html,<p style='color:gray99;color:%23999'>faint</p>")
         assert len(browser.execute_script(FAINT)) == 1

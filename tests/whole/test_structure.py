@@ -77,7 +77,7 @@ def nodes(path, kind):
 
 @cache
 def parse(path):
-    """Return all syntax nodes of a file; the garbage collector would only traverse them."""
+    """Return all syntax nodes of a file, without the garbage collector, which would traverse them in vain."""
     gc.disable()
     found = list(ast.walk(ast.parse(path.read_text())))
     gc.enable()
@@ -85,7 +85,7 @@ def parse(path):
 
 
 def list_imports(path, checking=True, late=True):
-    """Yield the modules that a file imports, with those for type checking, and those in functions."""
+    """Yield the modules that a file imports; `checking` includes imports for types, `late` imports in functions."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}
@@ -102,7 +102,7 @@ def list_imports(path, checking=True, late=True):
 
 @cache
 def imports():
-    """Return module -> modules of ours that it imports; of `LATE` only imports at the top of the file."""
+    """Return module -> modules of the package that it imports; modules in `LATE` count imports at their top only."""
     found = {name: list_imports(path, name not in LATE, name not in LATE) for name, path in modules().items()}
     return {name: set(others) & set(modules()) - {name} for name, others in found.items()}
 
@@ -134,7 +134,7 @@ def test_imports_of_modules_are_not_circular():
 
 
 def test_imports_of_folders_are_not_circular():
-    """Folders include those inside packages, such as `meshes/io`; a module at the top is a folder of its own."""
+    """A folder inside a package, such as `meshes/io`, counts as a folder, and so does a top module."""
 
     def folder(name):
         return name if modules()[name].name == "__init__.py" else name.rpartition(".")[0] or name
@@ -183,7 +183,7 @@ def test_folders_keep_their_lines(folder):
     paths = top if folder == "top" else [*(ROOT / folder).rglob("*.py")]
     paths += [ROOT / "base" / "canvas.py"] if folder == "plots" else []
     lines, most = sum(len(path.read_text().splitlines()) for path in paths), (LINES | {"top": TOP})[folder]
-    assert lines <= most, f"{folder} has {lines} lines, {most} are decided: cut some, or raise it by what is new"
+    assert lines <= most, f"{folder} has {lines} lines, {most} are allowed: cut some, or raise the number"
 
 
 def test_tests_keep_their_lines():
@@ -232,7 +232,7 @@ def test_tests_of_internals_are_in_tests_unit():
 
 def test_names_of_functions_hide_no_modules():
     for name, path in modules().items():
-        # In `plots` every file has one function with the name of the file.
+        # In `plots`, every file has one function with the name of the file.
         if path.name == "__init__.py" and name != "vemcvx.plots":
             package = __import__(name, fromlist=["_"])
             hidden = [

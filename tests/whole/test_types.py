@@ -1,4 +1,4 @@
-"""A typed script of a user: strict mypy and pyright accept it and find mistakes in it, and it runs."""
+"""A typed script of a user: it runs, and strict mypy and pyright accept it and find mistakes that are added to it."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ NUMBER = 4 * math.e / math.pi
 
 
 def read_walks():
-    """Return title -> {file: function}; a walk may begin like the walk before it, "down to" a file."""
+    """Return title -> {file: function}; a walk with "down to FILE" begins like the walk before it, up to this file."""
     text = (ROOT.parent / "CONTRIBUTING.md").read_text()
     block = re.search(r"### Walks\n.*?```text\n(.*?)```", text, flags=re.DOTALL)[1]
     found, hops = {}, []
@@ -49,7 +49,7 @@ def make_finder(number):
 
 
 def trace(run, has=None, since=None):
-    """Return the functions that have a number among arguments, locals or results: (file, name) in order of time."""
+    """Return (file, name) of the functions with a number among arguments, locals or results, in the order of calls."""
     seen, here, has = {}, [since is None], has or make_finder(NUMBER)
 
     def profile(frame, event, answer):
@@ -90,7 +90,7 @@ def simulate(given, **options):
 
 
 def trace_bound_to_cone(folder):
-    conic.list_installed()  # cvxpy is imported, and not traced
+    conic.list_installed()  # imports cvxpy before the trace begins
     return trace(lambda: simulate(scene(bound=varying), solver=vx.Clarabel(), condense=False), since="step")
 
 
@@ -109,7 +109,8 @@ def trace_accuracy_to_step(folder):
 
 
 def trace_displacement_to_file(folder):
-    given = scene(bound=3.0)  # One node slips: if the bound were a power of two, the loss would be the same number.
+    # One node slips: if the bound were a power of two, `make_finder` would find the dissipation, too.
+    given = scene(bound=3.0)
     history = simulate(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
     return trace(lambda: simulate(given).write(folder), make_finder(largest), since="StepProgram.rounding_floor")
@@ -124,7 +125,7 @@ WALKS = {
 }
 """Title -> function that traces a run."""
 RECORD = "effects/effect.py"
-"""A file of records, which hold functions and matrices."""
+"""The file of records that hold functions and matrices; a trace does not find numbers in them."""
 
 
 def test_every_walk_is_traced():

@@ -41,7 +41,7 @@ EXCEPTIONS = {
 
 
 def is_wing(name):
-    """Return True if a dotted name leads into a wing."""
+    """Return True if a dotted name is a wing or lies in a wing."""
     return name.split(".")[1:2] != [] and name.split(".")[1] in WINGS
 
 

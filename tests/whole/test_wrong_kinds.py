@@ -1,6 +1,6 @@
-"""Arguments of a wrong kind are errors of vemcvx that name the argument, and damaged files are errors in a sentence.
+"""Arguments of a wrong kind raise errors of vemcvx that name them, and damaged files raise errors with a sentence.
 
-Every parameter of every public callable receives the values of `WRONG`; new names are included without a change here.
+Every parameter of every public callable receives the values of `WRONG`, including callables that are added later.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ WRONG = {
     **{name: (lambda f=function: f) for name, function in FUNCTIONS.items()},
 }
 ANY_FUNCTION = {"Norms.places", "Limits.places", "Kernel.in_words"}
-"""Functions that are called for messages only."""
+"""Parameters whose functions are called for messages only."""
 
 MESH, CUBE = vx.meshes.squares(1), vx.meshes.cubes(1)
 STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
@@ -93,7 +93,7 @@ def load(t):
 
 
 def run(made):
-    """Simulate a scene with an effect, which takes the place of the effect of its kind."""
+    """Simulate a scene in which an effect replaces the effect of the same kind."""
     beside = {
         vx.TrescaFriction: (HELD, GRIPPED[0]),
         vx.CoulombFriction: (HELD, vx.UnilateralContact("bottom")),
@@ -151,15 +151,15 @@ USES = {
 }
 OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
-"""Records that runs and solvers return: `tests/whole/test_contributing.py` tests answers of solvers."""
+"""Records that runs and solvers return; they are not tested here."""
 LEFT = {"progress", "stream", "folder", "effects"}
-"""Parameters that take any function or a place for files."""
+"""Parameters that accept any function, or a path of output, or are tested by other tests."""
 METHODS = (
     *(MESH.with_boundary, MESH.with_boundaries, MESH.refine, MESH.extruded, CUBE.with_boundary, CUBE.refine),
     *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table, HISTORY.along),
 )
 SEEDED = {"distorted", "hanging", "voronoi", "prisms", "voronoi3"}
-"""Families of random meshes; others take any `seed`."""
+"""Families of random meshes; all others accept any `seed`."""
 FAMILIES = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
 CALLABLES = (
     *(thing for name in vx.__all__ if callable(thing := getattr(vx, name)) and not inspect.isabstract(thing)),
@@ -171,7 +171,7 @@ CALLABLES = (
 
 
 def use(called, made):
-    """Use the result of a callable in a run, which checks arguments that are checked late."""
+    """Use the result of a callable in a run, where some of its arguments are first checked."""
     if called in USES:
         USES[called](made)
     elif isinstance(made, vx.Effect):
@@ -199,13 +199,13 @@ def list_places():
 
 PLACES = dict(list_places())
 EVERY = len(WRONG)
-"""By default each place receives one value; together the places receive all of them."""
+"""By default, each parameter receives one wrong value, and all parameters together receive every value."""
 
 
 @pytest.mark.long
 def test_the_arguments_in_given_are_valid():
     for called, given in {called: given for called, given, _ in PLACES.values()}.items():
-        # The others need a file, an interface between bodies, and more than one cell.
+        # These callables need a file, an interface between bodies, and more than one cell.
         if called not in (vx.read_program, vx.Pretension, vx.Rigid):
             use(called, called(**given))
 
@@ -266,8 +266,8 @@ def write_files(folder):
 
 @pytest.mark.parametrize("count", [pytest.param(10, marks=pytest.mark.long), pytest.param(250, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["history", "program", "mesh"])
-def test_damaged_files_are_errors_in_a_sentence_or_read(kind, count, tmp_path):
-    """Another process reads the files: none crashes it, hangs or takes all memory."""
+def test_damaged_files_are_read_or_raise_errors_with_a_sentence(kind, count, tmp_path):
+    """Another process reads the files: no file crashes it, stops it for ever or fills the memory."""
     rng, paths = np.random.default_rng(count), []
     for valid in write_files(tmp_path)[kind]:
         for k in range(count):

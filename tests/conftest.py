@@ -72,7 +72,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every long test also `slow`, and every other test `quick` unless it is slow or its file is in `LONGER`.
 
-    A case marked `slow` of a test marked `long` loses the mark `long`.
+    If a test is marked `long` and one of its cases `slow`, this case loses the mark `long`.
     """
     for item in items:
         if item.get_closest_marker("slow"):

@@ -254,7 +254,7 @@ def test_invalid_bodies_are_refused():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """Give a body a cell datum with its own name, too, which is valid if all values are one."""
+    """Give a body a cell datum with the body's name, too, which is valid if all values are one."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})

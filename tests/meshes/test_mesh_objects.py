@@ -121,7 +121,7 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
     assert_same(mesh, convert(back))
 
 
-def test_stiffness_and_load_on_triangles_of_scikit_fem_are_those_of_its_linear_elements():
+def test_stiffness_and_load_on_triangles_agree_with_linear_elements_of_scikit_fem():
     """Compare at free unknowns; compare the nodes in contact with the nodes of the floor that are not held."""
     flat = make_skfem_mesh(skfem.MeshTri)
     mesh = convert(flat)

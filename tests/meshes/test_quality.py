@@ -22,7 +22,7 @@ def make_polygon(n, aspect=1.0):
 
 
 def test_regular_polygons_have_the_quality_of_closed_forms():
-    """Compare the ball of radius cos(pi / n) with the diameter: 2 for even n, 2 cos(pi / 2n) for odd n."""
+    """Divide the radius cos(pi / n) of the ball by the diameter: 2 for even n, 2 cos(pi / 2n) for odd n."""
     for n in (3, 4, 5, 6, 7, 12, 40):
         h = 2.0 if n % 2 == 0 else 2 * np.cos(np.pi / (2 * n))
         found = make_polygon(n).quality()
@@ -32,7 +32,7 @@ def test_regular_polygons_have_the_quality_of_closed_forms():
 
 @pytest.mark.parametrize("a", [1.0, 3.0, 10.0, 1e4])
 def test_boxes_have_the_quality_of_closed_forms(a):
-    """Compare with half the shortest side over the diagonal, and with the shortest side over the diagonal."""
+    """Compare `star` with half the shortest side over the diagonal, and `edge` with twice this ratio."""
     for make, box in ((vx.meshes.squares, [(0, a), (0, 1)]), (vx.meshes.cubes, [(0, a), (0, 1), (0, 2 * a)])):
         mesh = make((1,) * len(box), box)
         diagonal = np.linalg.norm(np.diff(box, axis=1))

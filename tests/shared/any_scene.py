@@ -69,7 +69,7 @@ class _Draw:
 
     def __init__(self, seed):
         self.seed, self.rng = seed, np.random.default_rng([seed, 20])
-        self.belts = np.random.default_rng([seed, 42])  # Separate: scenes on still ground stay the same.
+        self.belts = np.random.default_rng([seed, 42])  # A second generator leaves all other draws as they are.
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)

@@ -19,7 +19,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Extend values on outlines of cells to the triangles inside, (c, n, 20), at least energy minus work of forces."""
+    """Extend values on outlines of cells to the triangles inside, (c, n, 20), so that the potential energy is least."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -52,7 +52,7 @@ def energy_distance(circle, one, other):
 
 
 def compute_enriched_values(pair):
-    """Yield the nodal values of v + w for each chunk of cells: v conforms, and w is the enrichment inside the cells."""
+    """Yield nodal values of v + w for each chunk of cells: w enriches the conforming displacement v inside cells."""
     for one in pair.circle.forms:
         yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
 
@@ -124,7 +124,7 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 
 
 def enriched_bound(pair):
-    """Return a bound of |u - v - w|_a without springs, for the solution u and the enriched displacement v + w."""
+    """Return a bound of |u - v - w|_a in scenes without springs: u is the solution, v + w the enriched displacement."""
     A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.law_defect))
 
@@ -132,8 +132,8 @@ def enriched_bound(pair):
 def beside_refined(coarse, part, most=20_000):
     """Return |v - v_f - w_f|_a for a step from rest, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
 
-    The index f denotes the finer run. Its mesh is refined where its bound is large, until the bound is at most `part`
-    of the error of the coarse run, or the mesh has more than `most` cells.
+    v_f and its enrichment w_f belong to the finer run. Its mesh is refined where its bound is large, until the bound is
+    at most `part` of the error of the coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

@@ -22,7 +22,7 @@ import vemcvx as vx
 from vemcvx.effects import Contribution, Friction, Law
 
 TAG = 56
-"""Second number of all seeds here; other random scenes of the tests have another number."""
+"""Second number of each seed; it differs from the number in the seeds of other random scenes."""
 COUNT = 2000
 ANSWERS = Path(__file__).with_name("frozen_scenes.npz")
 FAMILIES = ("squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex", "hanging")
@@ -330,7 +330,7 @@ def draw(seed):
 
 @dataclass
 class Judgement:
-    """Outcomes of scenes by seed: different answers in words, and refusals."""
+    """Outcomes of scenes, by seed: differences in words, and refusals."""
 
     wrong: dict = field(default_factory=dict)
     """seed -> faults, where answers must agree"""

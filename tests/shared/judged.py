@@ -110,7 +110,7 @@ def _check_steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # The multipliers behind those of the program belong to nodes that supports drag along the contact boundary.
+        # After the multipliers of the program come multipliers of nodes that supports drag along the contact boundary.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -275,7 +275,7 @@ def _check_balance(posed, history, verdict):
         u, f = history.displacement[n].ravel(), posed.force(float(times[n]))
         sprung = np.zeros_like(f) if posed.springs is None else posed.springs @ u
         total = history.forces[n].ravel() + f - sprung
-        # The forces that cancel include those of dashpots.
+        # The forces of dashpots are among the forces that cancel each other.
         blur = abs(posed.A) @ np.abs(u) + np.abs(f) + np.abs(history.forces[n].ravel())
         if posed.system.damping is not None:
             before = np.abs(history.displacement[n - 1].ravel())
@@ -283,4 +283,4 @@ def _check_balance(posed, history, verdict):
         for name, m in zip(("x", "y", "moment"), motions, strict=True):
             left, size = abs(float(m.ravel() @ total)), float(np.abs(m.ravel()) @ blur)
             if left > ROUNDED * size:
-                verdict.faults.append(f"balance: step {n}: forces and loads leave {left:.3e} in {name}, of {size:.3e}")
+                verdict.faults.append(f"balance: step {n}: forces and loads sum to {left:.3e} in {name}, of {size:.3e}")

@@ -44,9 +44,9 @@ MARKS = {"voronoi": (), "hanging": pytest.mark.long}
 few_families = pytest.mark.parametrize(
     "family", [pytest.param(name, marks=MARKS.get(name, pytest.mark.slow)) for name in FAMILIES]
 )
-"""For longer tests that depend on cells through the stiffness matrix only, which is tested on every family."""
+"""Families for longer tests that depend on cells only through the stiffness matrix, which is tested on every family."""
 any_family = mostly_long("family", FAMILIES, "voronoi")
-"""For longer tests that every family must pass."""
+"""Families for longer tests that every family must pass."""
 
 
 def paper_load(course):

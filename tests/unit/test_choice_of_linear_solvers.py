@@ -1,4 +1,4 @@
-"""The choice of linear solvers, with packages missing and with small limits."""
+"""The choice of linear solvers if packages are missing, and with small limits."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("subject", REFUSED)
-def test_refusals_say_that_the_body_is_one_of_revolution(subject, press_fit):
+def test_refusals_name_the_body_of_revolution(subject, press_fit):
     with pytest.raises(vx.SceneError, match=f"{subject}: found a body of revolution"):
         REFUSED[subject](press_fit)
 
@@ -171,7 +171,7 @@ def test_springs_on_the_axis_have_no_area():
 
 @dataclass(frozen=True)
 class Own(vx.effects.MaterialLaw):
-    """Lame's constants lam = mu = 1, as a user would write them."""
+    """A user-defined material with Lame's constants lam = mu = 1."""
 
     plane: str = "axisymmetric"
     moduli_of: Callable = moduli_of_revolution
@@ -185,7 +185,7 @@ class Own(vx.effects.MaterialLaw):
         return "Own: lam = mu = 1"
 
 
-def test_a_material_of_ones_own_is_that_of_the_package():
+def test_a_user_defined_material_agrees_with_the_material_of_the_package():
     mesh, rest = (
         vx.meshes.voronoi(4, box=((0.0, 1.0), (0.0, 1.0))),
         (vx.Symmetry(on="bottom"), vx.Pressure(1e-3, on="top")),

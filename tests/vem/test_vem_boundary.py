@@ -1,4 +1,4 @@
-"""Parts of the boundary: normals, lengths of nodes, corners, curves, names."""
+"""Parts of the boundary: normals, nodal lengths, corners, curves, names."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def judge_all(seeds, most_refused):
 
 @cache
 def run_known_scene():
-    """Return a scene in which bodies slip on two sides and obstacles press, and its history."""
+    """Return a scene in which the body slips on two sides and obstacles press on it, and its history."""
     drawn = draw(83)
     return drawn, run(drawn)
 

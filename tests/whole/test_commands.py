@@ -108,7 +108,7 @@ HOW = {
 }
 NOT_RUN = {
     "vemcvx app [FILE]": "same as `vemcvx app`",
-    "vemcvx app": "it serves a page until it is ended; tests/unit/test_cli_app.py opens it in a browser",
+    "vemcvx app": "it serves a page until it is stopped; tests/unit/test_cli_app.py opens it in a browser",
     "vemcvx show": "the name of a command, which is run with a file",
     "vemcvx cost": "the name of a command, which is run with a file",
     "vemcvx compare": "the name of a command, which is run with a file",
@@ -116,7 +116,7 @@ NOT_RUN = {
     "vemcvx app FILE": "same as `vemcvx app`",
     "meshio convert a.vtk a.vtu": "same as `meshio convert a.xyz a.vtu`",
     "vemcvx run FILE --mesh two.msh": "it is tested with files of two bodies in tests/cli",
-    ".ci/run": "it runs all default tests, and is what continuous integration runs",
+    ".ci/run": "it runs all default tests; continuous integration runs it",
     ".ci/kernels": "it takes two hours",
     "python3 -m venv --system-site-packages": "it needs the system's PETSc; tests/linear/test_petsc.py runs with it",
     'pip install ".[petsc]"': "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's",

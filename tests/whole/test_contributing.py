@@ -56,7 +56,7 @@ def made(tmp_path, monkeypatch):
     return make
 
 
-def test_an_effect_in_one_file_and_a_line_has_its_closed_form(made):
+def test_an_effect_in_one_file_and_one_line_has_the_solution_in_closed_form(made):
     """A bar on rollers between a fixed end and springs whose support moves by U t: u = k U t / (M + k) (1 - x)."""
     Robin = made("vemcvx/effects/robin.py")["Robin"]
     k, young, poisson, U = 3.0, 10.0, 0.3, 0.01
@@ -120,7 +120,7 @@ def test_an_effect_of_forty_lines_passes_the_suite_first_time(case):
     EFFECT[case]()
 
 
-def test_a_family_of_meshes_in_one_file_and_a_line_passes_the_patch_test(made, monkeypatch):
+def test_a_family_of_meshes_in_one_file_and_one_line_passes_the_patch_test(made, monkeypatch):
     for name, family in made("vemcvx/meshes/families/bricks.py").items():
         monkeypatch.setitem(vx.meshes.FAMILIES, name, family)
     mesh = vx.meshes.FAMILIES["bricks"](4, box=((0.0, 1.5), (-1.0, 0.0)))

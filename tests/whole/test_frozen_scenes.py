@@ -26,7 +26,7 @@ def check(seeds):
     """Check the scenes of all seeds against their stored answers, and return the judgement."""
     judgement = frozen_scenes.judge(seeds)
     assert not judgement.wrong, (
-        f"{len(judgement.wrong)} answers outside both certificates:\n{join_words(judgement.wrong)}"
+        f"{len(judgement.wrong)} answers differ by more than both certificates:\n{join_words(judgement.wrong)}"
     )
     assert not judgement.crashed, (
         f"errors of other classes than VemcvxError: {judgement.crashed}\n{join_words(judgement.messages)}"
@@ -36,7 +36,7 @@ def check(seeds):
     assert len(judgement.other) <= OTHER_ANSWERS * len(seeds), join_words(judgement.other)
     # One newly refused scene is allowed, even if few scenes are judged.
     more, allowed = judgement.refused.total() - judgement.refused_before.total(), max(1.0, MORE_REFUSALS * len(seeds))
-    assert more <= allowed, f"{more} more refusals, allowed are {allowed:g}:\n{join_words(judgement.newly_refused)}"
+    assert more <= allowed, f"{more} more refusals, {allowed:g} are allowed:\n{join_words(judgement.newly_refused)}"
     return judgement
 
 

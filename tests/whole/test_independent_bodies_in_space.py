@@ -78,7 +78,7 @@ def solve_independently(points, cells, faces, body):
 
 
 def simulate_blocks(n, contact, steps=TIMES, moved=top):
-    """Return our history of two blocks, and the nodes (k, 4) of all tetrahedra."""
+    """Return the history of two blocks, and the nodes (k, 4) of all tetrahedra."""
     lower = vx.meshes.tetrahedra(n)
     upper = vx.meshes.tetrahedra(n, box=((0, 1), (0, 1), (1, 2)))
     mesh = vx.meshes.bodies({"lower": lower, "upper": upper})

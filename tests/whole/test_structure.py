@@ -102,7 +102,7 @@ def list_imports(path, checking=True, late=True):
 
 @cache
 def imports():
-    """Return module -> modules of the package that it imports; modules in `LATE` count imports at their top only."""
+    """Return module -> modules of the package that it imports; for modules in `LATE`, imports at the file's top."""
     found = {name: list_imports(path, name not in LATE, name not in LATE) for name, path in modules().items()}
     return {name: set(others) & set(modules()) - {name} for name, others in found.items()}
 

@@ -151,9 +151,9 @@ USES = {
 }
 OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
-"""Records that runs and solvers return; they are not tested here."""
+"""Records that runs and solvers return: `tests/whole/test_contributing.py` tests answers of a solver."""
 LEFT = {"progress", "stream", "folder", "effects"}
-"""Parameters that accept any function, or a path of output, or are tested by other tests."""
+"""Parameters that are not tested: any function, paths of output, and the effects of a scene."""
 METHODS = (
     *(MESH.with_boundary, MESH.with_boundaries, MESH.refine, MESH.extruded, CUBE.with_boundary, CUBE.refine),
     *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table, HISTORY.along),
@@ -267,7 +267,7 @@ def write_files(folder):
 @pytest.mark.parametrize("count", [pytest.param(10, marks=pytest.mark.long), pytest.param(250, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["history", "program", "mesh"])
 def test_damaged_files_are_read_or_raise_errors_with_a_sentence(kind, count, tmp_path):
-    """Another process reads the files: no file crashes it, stops it for ever or fills the memory."""
+    """Another process reads the files: no file crashes it, makes it hang or fills the memory."""
     rng, paths = np.random.default_rng(count), []
     for valid in write_files(tmp_path)[kind]:
         for k in range(count):

@@ -19,7 +19,7 @@ kinds = pytest.mark.parametrize("kind", INEXACT)
 @kinds
 @mostly_long("tolerance", [0.5, 1e-4, 1e-12], 1)
 def test_energies_of_inexact_solves_are_upper_bounds(kind, tolerance):
-    """The tolerance 0.1 of the solve and the bound of the spectrum increase the energy by less than half."""
+    """The bound exceeds the energy by less than half: energies are solved to 0.1, and the spectrum is bounded."""
     system = pose_scene(paper_scene(), small("voronoi", 14)).system
     exact, inexact = SuperLU().factorise(system.K), kind(tolerance).factorise(system.K, system.near_kernel)
     smooth, rough = system.force(1.0), np.random.default_rng(4).normal(size=system.n)

@@ -36,7 +36,7 @@ def test_steps_use_one_thread_and_restore_the_number_of_threads():
     assert list_threads() == {2}
 
 
-def test_threads_other_than_the_main_thread_change_nothing():
+def test_other_threads_than_the_main_thread_leave_the_number_of_threads():
     seen = []
 
     def enter():

@@ -148,7 +148,7 @@ def test_n_is_the_number_of_cells_across_the_shortest_side_in_space(family):
 
 
 @mostly_long("family", EVERY, "voronoi", "hanging", "tetrahedra", "voronoi3")
-def test_a_size_gives_the_mesh_of_equally_many_cells_in_any_unit(family):
+def test_meshes_given_by_size_and_by_number_are_equal_in_any_unit(family):
     for unit in (1.0, 1e-3) if family in FAMILIES else (1.0,):
         box = [(0.0, 40.0 * unit), (-10.0 * unit, 0.0), (0.0, 20.0 * unit)][: find_dimension(family)]
         sized, counted = EVERY[family](size=5.0 * unit, box=box), EVERY[family](2, box)

@@ -75,7 +75,7 @@ def test_invalid_rings_and_grades_are_refused():
 
 
 @pytest.mark.parametrize("family", [cubes, tetrahedra])
-def test_widths_grow_by_one_factor(family):
+def test_widths_grow_by_a_constant_factor(family):
     box, counts, grades = ((-1.0, 1.0), (0.0, 3.0), (2.0, 2.5)), (5, 4, 1), (16.0, 0.125, 3.0)
     mesh, equal = family(counts, box, grade=grades), family(counts, box)
     for axis, (count, grade) in enumerate(zip(counts, grades, strict=True)):

@@ -437,8 +437,7 @@ class March:
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._solve_program(before, s, t, self.bounds(t, before.p))
-        # The first pressures are those under very large friction. With the pressures of the last step, friction might
-        # be too small for a body that only friction holds.
+        # Begin with the pressures under very large friction: those of the last step might be too small to hold a body.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._solve_program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):

@@ -221,7 +221,8 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 def _check_ledger(posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    A residual r and a friction gap change the balance by r . d + gap, with |r . d| <= error |d|_K.
+    z is the displacement minus the gap, and c the compliance. A residual r and a duality gap of friction change the
+    balance by r . d + gap, with |r . d| <= error |d|_K.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

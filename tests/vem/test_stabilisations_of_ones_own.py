@@ -70,7 +70,7 @@ WOOD = vx.Orthotropic(young=(1000.0, 10.0), poisson=0.3, shear=2.0, angle=0.3, s
 STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
-def test_the_stiffness_the_budget_and_the_nodal_distance_have_one_form():
+def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
     """The square of the nodal distance of w is w'Aw on two materials; the budget itself checks that energies agree."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)

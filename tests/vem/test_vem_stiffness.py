@@ -166,13 +166,13 @@ def test_rotated_bodies_have_rotated_matrices(mesh):
     assert find_largest(assemble(with_points(mesh, mesh.points @ turn.T)) - R @ K @ R.T) < 1e-12 * find_largest(K)
 
 
-def test_distance_from_the_origin_changes_no_bit(mesh):
+def test_distance_from_the_origin_changes_no_bit_of_the_matrix(mesh):
     """Points on a grid of 2^-20 are shifted by 2^20 without rounding."""
     points = np.round(mesh.points * 2**20) / 2**20
     assert is_identical(assemble(with_points(mesh, points)), assemble(with_points(mesh, points + 2.0**20)))
 
 
-def test_units_change_no_bit(mesh):
+def test_units_that_are_powers_of_two_change_no_bit(mesh):
     (lam, mu), dim, factor = draw_moduli(mesh), mesh.points.shape[1], 2.0**-40
     K = assemble(mesh)
     assert is_identical(assemble(with_points(mesh, factor * mesh.points)), factor ** (dim - 2) * K)

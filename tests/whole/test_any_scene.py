@@ -1,4 +1,4 @@
-"""A thousand random scenes: a true error is at most certificate plus rounding floor; exceptions are those of vemcvx.
+"""A thousand random scenes: true errors are at most certificate plus rounding floor; all exceptions are VemcvxErrors.
 
 A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.run_and_judge`` runs and judges it.
 """

@@ -119,7 +119,7 @@ NOT_RUN = {
     ".ci/run": "it runs all default tests; continuous integration runs it",
     ".ci/kernels": "it takes two hours",
     "python3 -m venv --system-site-packages": "it needs the system's PETSc; tests/linear/test_petsc.py runs with it",
-    'pip install ".[petsc]"': "it builds PETSc, which takes an hour; tests/linear/test_petsc.py runs with the system's",
+    'pip install ".[petsc]"': "it builds PETSc for an hour; tests/linear/test_petsc.py runs with the system's PETSc",
     "python problems/gallery.py NAME": "NAME is a new problem; test_problem_pictures.py draws every existing problem",
     "python -m pytest -k bricks": "test_contributing.py adds the family of meshes, and runs its tests",
 }

@@ -1,4 +1,4 @@
-"""The examples in docstrings of the package: each runs, and prints what its docstring says."""
+"""The examples in docstrings of the package: each runs, and prints the output that its docstring shows."""
 
 from __future__ import annotations
 

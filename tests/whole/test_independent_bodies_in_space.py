@@ -169,7 +169,7 @@ def push_aside(x, t):
     return t * np.column_stack([0.02 + 0 * x[:, 0], 0.01 * x[:, 0], -0.005 - 0.04 * x[:, 0] + 0.01 * x[:, 1]])
 
 
-@pytest.mark.skipif(not Path(PEER).exists(), reason="there is no Python of the system")
+@pytest.mark.skipif(not Path(PEER).exists(), reason="the system has no Python")
 @pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.slow)])
 def test_coulomb_s_law_between_bodies_agrees_with_getfem(n, tmp_path):
     if not has_getfem():

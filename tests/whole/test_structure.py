@@ -61,7 +61,7 @@ LATE = {"vemcvx.meshes.mesh"}
 
 @cache
 def modules():
-    """Return name -> path of every module; the name of a package is that of its __init__.py."""
+    """Return name -> path of every module; the path of a package is its __init__.py."""
     found = {}
     for path in sorted(ROOT.rglob("*.py")):
         parts = ("vemcvx", *path.relative_to(ROOT).with_suffix("").parts)

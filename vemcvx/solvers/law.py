@@ -8,6 +8,7 @@ fixed at the values that the law has for the pressure and slip of this solution.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -97,20 +98,24 @@ class Weights:
             return
         if norms.reads_rates:
             slip = slip / self.k if self.k > 0.0 else np.zeros_like(slip)
-        w, own = (norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in (None, slip))
-        w, own = (np.where(weights == np.inf, 0.0, weights) for weights in (w, own))
         rate = 0.0 if softening is None else softening
-        change = np.abs(own - w) if norms.sloped else w - own - rate * slip
-        off = change - SAME * (np.maximum(own, w) + rate * (self.past + slip))
-        if (off > 0).any():
-            i = int(np.argmax(off))
-            raise SceneError(
-                f"friction: at {norms.name(i)} the slip {slip[i]:.6g} of the step to t = {self.t:.6g} changes the "
-                f"weight from {w[i]:.6g} to {own[i]:.6g}. With a slope, a law may not depend on this slip. "
-                "A softening must be the largest decrease per slip, or None if it is unknown."
-            )
+        slips = [fraction * slip for fraction in SLIP_FRACTIONS]
+        weights = [norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in slips]
+        for (s, w), (more, own) in pairwise(zip(slips, (np.where(w == np.inf, 0.0, w) for w in weights), strict=True)):
+            change = np.abs(own - w) if norms.sloped else w - own - rate * (more - s)
+            off = change - SAME * (np.maximum(own, w) + rate * (self.past + more))
+            if (off > 0).any():
+                i, what = int(np.argmax(off)), "slip rate" if norms.reads_rates else "slip"
+                raise SceneError(
+                    f"friction: at {norms.name(i)}, in the step to t = {self.t:.6g}, the {what} {more[i]:.6g} instead "
+                    f"of {s[i]:.6g} changes the weight from {w[i]:.6g} to {own[i]:.6g}. With a slope, a law may not "
+                    f"depend on this slip. A softening must be the largest decrease per {what}, or None if it is "
+                    "unknown."
+                )
 
 
+SLIP_FRACTIONS = 0.0, 0.25, 0.5, 0.75, 1.0, 2.0
+"""Multiples of the slip of a step at which a law is checked."""
 MOST_EVALUATIONS = 200
 """Largest number of evaluations of a law in the search for one slip of each term."""
 

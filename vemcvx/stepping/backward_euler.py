@@ -420,7 +420,8 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
     If the jump is rounding compared with later loads, the run begins after the jump. With damping an unbalanced load
-    sets the body in motion, so that every given state is accepted.
+    sets the body in motion, so that every given state is accepted. So is the end of a run with friction that depends on
+    slip rates: friction at this instant depends on the rate of the run's last step.
     """
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)
@@ -431,7 +432,8 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
             "initial: found 'settled', a state at rest, in which the dashpots of VelocityContact bear no force. Give a "
             "state, such as None (zero): with dashpots every state may begin a run."
         )
-    if run.system.is_viscous and not rests:
+    moves = run.system.is_viscous or (run.system.reads_rates and isinstance(initial, Continued))
+    if moves and not rests:
         return given
     settled = settle_from(run, given, run.check and (rests or isinstance(initial, Balanced)))
     if rests:

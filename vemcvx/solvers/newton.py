@@ -397,7 +397,7 @@ def apply_law_to_answer(
 ) -> tuple[Floats, Floats, Floats]:
     """Return increments d and forces lam and p that obey the law: held rows do not move, lam is w s/|s| at slips."""
     operators, sets = program.operators, system.sets
-    d, point = correct_answer(delassus, program, point, system)
+    d, point = correct_answer(delassus, program, point, system, law)
     if operators.own_columns is not None:
         of_terms, of_limits = operators.own_columns
         stick, act = np.repeat(sets.stick, operators.block), sets.act & (operators.compliance == 0)
@@ -414,7 +414,7 @@ def apply_law_to_answer(
 
 
 def correct_answer(
-    delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem
+    delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Point]:
     """Correct increments and forces once, and return the increments and the point.
 
@@ -428,7 +428,8 @@ def correct_answer(
     d = d + operators.factor.solve(left)
     off, n = delassus.u * delassus.excess(program, d, p), directions(lam, lengths(lam))
     s = delassus.split(off)[0]
-    other = np.append(s - sets.along[:, None] * n, np.zeros_like(p))
+    along = sets.along if law.reads_slip else np.einsum("ij,ij->i", s, n)
+    other = np.append(s - along[:, None] * n, np.zeros_like(p))
     z = system.solve(np.append(system.P @ np.where(sets.held, off, other), delassus.N.T @ left))
     if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # The sets do not hold the body.
         return d, point

@@ -46,7 +46,7 @@ LINES = {"program": 2_243, "solvers": 1_463, "stepping": 1_822, "linear": 939, "
 LINES |= {"exchange": 707, "testing": 1_042, "cli/collection": 1_140}
 LINES |= {"bound": 3_274, "results": 2_859, "estimate": 2_288, "plots": 2_112}
 LINES |= {"cost": 682, "cli": 3_712}
-LINES |= {"meshes": 6_970, "meshes/io": 1_396, "vem": 2_765}
+LINES |= {"meshes": 6_957, "meshes/io": 1_396, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_825
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""

@@ -39,8 +39,6 @@ from vemcvx.meshes.checks.plane import CheckedMesh, lay_flat, list_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from vemcvx.meshes.quality import Quality
 
 
@@ -137,17 +135,6 @@ class Mesh(ABC):
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
         """Return areas or volumes, and centroids."""
-
-    @abstractmethod
-    def plot(
-        self,
-        values: str | ArrayLike | None = None,
-        ax: Axes | None = None,
-        *,
-        displacement: ArrayLike | None = None,
-        **style: Any,
-    ) -> Axes:
-        """Draw the mesh."""
 
     @cached_property
     def _outer_sides(self) -> Ints:

@@ -1,14 +1,14 @@
 """Laws of friction: weights that depend on the answer of a step, w = W(t, p, past, slip).
 
-Tresca's friction bound is given. Other bounds depend on the forces p of the limits (Coulomb: w = mu p), on slips before
-the step, on the slip of the step, or on its slip rate |s|/k, with the length k of the step. The answer of a step then
-solves a convex program, whose weights are evaluated at the answer's own pressure and slip. The certificate holds for
-this program, "for the given friction".
+In Tresca's law the weights are given. In other laws they depend on the forces p of the limits (Coulomb: w = mu p), on
+slips before the step, on the slip s of the step, or on its rate |s|/k, with the length k of the step. The answer of a
+step then solves a convex program whose weights are evaluated at the pressure and slip of this answer. The certificate
+holds for this program; its kind is called "for the given friction".
 
 If weights do not depend on p, and do not fall as the slip of the step grows (`softening` = 0), the step itself is a
-convex program: its terms are phi(|s|), phi(r) = int_0^r w, in place of w |s|. The certificate is then a bound, because
-the gap of the given friction is at least the gap of this program. Proof, for one term with w = w(|s|), |lam| <= w: the
-conjugate is phi*(|lam|) = sup_r (|lam| r - phi(r)), attained at some r <= |s|, so that
+convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w. The certificate is then a bound,
+because the gap for the given friction is at least the gap of this program. Proof. Consider one term, with w = w(|s|)
+and |lam| <= w. Its conjugate phi*(|lam|) = sup_r (|lam| r - phi(r)) is attained at some r <= |s|, so that
 
     phi(|s|) + phi*(|lam|) - lam . s = int_r^|s| (w(q) - |lam|) dq + |lam||s| - lam . s <= w |s| - lam . s.  QED
 """
@@ -44,12 +44,12 @@ class Law:
         True if weights of an effect depend on normal forces. This requires one-sided contact on the same boundary. If
         False, p is an empty array.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative of weights that do not depend on the slip of the step; at kinks, the derivative towards larger p.
+        The derivative dw/dp (at kinks, towards larger p) of weights that do not depend on the slip of the step.
     slips : bool
         True if weights depend on slips, before the step or in it. If False, `past` and `slip` are empty arrays in an
         effect, and zeros in a system.
     rates : bool
-        True if `slip` is the slip rate of the step, |slip| / k, length per time; zero at the initial instant. Then
+        True if `slip` is the slip rate, |slip| over the duration of the step; it is zero at the initial instant. Then
         `softening` is the largest decrease of weights per unit of this rate.
 
     Examples

@@ -77,7 +77,7 @@ class PrescribedSlip(Effect):
     value : number, or callable f(x, t) -> (m,)
         The slip along the tangent (n rotated by +90 degrees), length, evaluated at t_n. Positive slip is right-lateral:
         seen from either side, the other side moves to the right. So the sign does not depend on which body is first. In
-        space, a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
+        space, `value` is a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact. At shared nodes, the slips of parts must agree.
 
@@ -144,8 +144,8 @@ class UnilateralContact(Effect):
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along n in the undeformed state, length; it may change in time. A negative gap is an
-        overlap (interference, press fit) by which the body is pressed back: from the start with ``initial="settled"``,
-        or over time if the gap falls from zero.
+        overlap (interference, press fit): the obstacle presses the body back by it. This happens at the first instant
+        with ``initial="settled"``, or gradually if the gap falls from zero.
 
     Examples
     --------
@@ -209,7 +209,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # On a curve, a node moves by d / cos if its edges move out by d; its pressure along n has the factor cos, too.
+        # If the edges at a node move outwards by d, the node moves by d / cosine. Its force has the factor cosine, too.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -221,19 +221,19 @@ class NormalCompliance(Effect):
 class VelocityContact(Effect):
     """Contact in velocities: the body does not approach the obstacle, or a dashpot resists while it approaches.
 
-    Without `damping`, Signorini's condition in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With it, the normal damped
-    response p = damping (u'.n)_+ (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and
-    Viscoplasticity*, 2002, on normal damped response). In a step of length k, u' is (u - u_prev) / k, so that the
-    response is a compliant limit on the increment, with the compliance k / damping. `history.dissipated` includes the
-    work of the dashpots. With `damping`, every initial state is admissible, as with Viscosity.
+    Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
+    pressure is the normal damped response p = damping (u'.n)_+ (Han and Sofonea, *Quasistatic Contact Problems in
+    Viscoelasticity and Viscoplasticity*, 2002). In a step of length k, u' is (u - u_prev) / k. So the response is a
+    compliant limit on the increment, with the compliance k / damping. `history.dissipated` includes the work of the
+    dashpots. With `damping`, every initial state is admissible, as with Viscosity.
 
     Parameters
     ----------
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     damping : number or callable f(x) -> (m,), optional
-        Pressure per velocity, > 0: force per length^2 times time (and unit thickness), in space per length^3. By
-        default the body cannot approach.
+        Pressure per velocity, > 0: force times time per length^2 (and unit thickness); in space, force times time per
+        length^3. By default the body cannot approach.
 
     Examples
     --------
@@ -294,17 +294,17 @@ class TrescaFriction(Effect):
         The nodal weights: w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
-        then depends on pressure, and is certified as with CoulombFriction. A step may be refused if a node opens with
-        friction but closes without, because the solver alternates. False: g everywhere. None (default): g everywhere,
-        with a warning if friction acts where contact is open.
+        then depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes
+        without it, the solver alternates, and the step may be refused. False: g everywhere. None (default): g
+        everywhere, with a warning if friction acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
         Friction acts against the slip of the body relative to the obstacle. Only the motion of the obstacle
         along the boundary counts. For an obstacle that moves along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` acts against slip along this vector (its part along the surface), and
-        `across` against slip across it. Friction lies in the ellipse with these two semi-axes, and slip is normal to
-        the ellipse (:mod:`vemcvx.effects.effect`).
+        Friction by direction, in space: `bound` limits friction along this vector, `across` friction perpendicular to
+        it. Only the part of the vector along the surface counts. Friction lies in the ellipse with these two semi-axes,
+        and slip is normal to the ellipse (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 
@@ -421,7 +421,7 @@ class CoulombFriction(Effect):
         Friction by direction, in space, as for TrescaFriction; `coefficient` acts against slip along this vector.
     across : number, or callable f(x, t) -> (m,), optional
         The coefficient across `direction`, >= 0; its ratio to `coefficient` must not change in time. `cap` limits
-        friction along the direction; the limit across it has the same ratio.
+        friction along the direction; across it, the limit is `cap` times this ratio.
 
     Examples
     --------
@@ -459,16 +459,16 @@ class CoulombFriction(Effect):
 class SpeedFriction(Effect):
     """Friction whose bound depends on the speed of slip: |friction| <= bound(|s| / k) in a step of length k.
 
-    If the bound does not fall with the speed, every step is a convex program with one solution, and its certificate is
-    a bound. If it falls, steps may have several solutions, and jump: a warning compares `softening` with the stiffness
-    of the body, and the certificate is "for the given friction". For existence see Han and Sofonea (*Quasistatic
-    Contact Problems in Viscoelasticity and Viscoplasticity*, 2002) on bilateral contact with slip dependent friction.
+    If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
+    bounds the error. If `bound` falls, a step may have several solutions, or jump. A warning then compares `softening`
+    with the stiffness of the body, and the certificate is "for the given friction". For existence see Han and Sofonea
+    (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002), slip dependent friction.
 
     Parameters
     ----------
     bound : callable f(speed) -> (m,)
-        The friction bound at speeds (m,) >= 0, length per time; force per length (and unit thickness), in space per
-        area, >= 0.
+        The friction bound, >= 0, force per length (and unit thickness), in space per area. The speeds (m,) are >= 0,
+        length per time.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     softening : number, optional

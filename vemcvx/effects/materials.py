@@ -151,7 +151,7 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
 #
 # A free strain s in all three directions of space, blocked in the plane, causes the stress -b s in the plane. In space
 # and in plane strain (s is then blocked in all directions) b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress
-# b = 2 (lam + mu) = E / (1 - nu), with the reduced lam. In plane strain the stress across the plane is
+# b = 2 (lam + mu) = E / (1 - nu), with the reduced lam. In plane strain the out-of-plane stress is
 # sigma_zz = lam (e_xx + e_yy) - b s.
 STABILISATIONS = ("shear", "unit")
 
@@ -169,8 +169,8 @@ class Elasticity(_Elastic):
     plane : {"strain", "stress", "axisymmetric"}, optional
         The state of a plane body; "strain" by default. It must be left out for bodies in space. "axisymmetric" is a
         body of revolution about the axis x = 0: the mesh is its half section, x is the radius and y the axial
-        coordinate. Nodes on the axis are held radially. **All forces, works and energies are those of the full turn**;
-        tractions, pressures and friction bounds are forces per area, a `PointLoad` is the force on the whole circle,
+        coordinate. Nodes on the axis are held radially. **All forces, works and energies refer to the full turn**.
+        Tractions, pressures and friction bounds are forces per area. A `PointLoad` is the force on the whole circle,
         and the radial component of a resultant is the sum of radial forces around the turn.
         `history.out_of_plane_stress` is the hoop stress.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
@@ -234,7 +234,7 @@ class Elasticity(_Elastic):
 
 # Orthotropic linear elasticity (Lekhnitskii 1963; Jones 1999, chapter 2).
 #
-# In the axes 1, 2 of the material (3 across the plane) the strains are e = S sigma with
+# In the axes 1, 2, 3 of the material the strains are e = S sigma with
 #
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
@@ -243,8 +243,8 @@ class Elasticity(_Elastic):
 # e = Q eps for vectors. The row of Q for e_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for eps_ij. So
 # the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
 #
-# A plane body is a body in space with axis 3 across the plane. Plane strain (e_3 = 0) uses the rows of C in the plane,
-# and the row of zz gives the stress across it. In plane stress (sigma_3 = 0) S and C have no coupling to axis 3.
+# In a plane body, axis 3 is normal to the plane. Plane strain (e_3 = 0) uses the rows xx, yy and xy of C; the row zz
+# gives the out-of-plane stress. In plane stress (sigma_3 = 0) S and C have no coupling to axis 3.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 
@@ -397,11 +397,11 @@ def _words(values: object) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    The form b^h(u', v) is the form of elasticity with `shear` for mu and `volume` for lambda, with the same kind of
-    stabilisation (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
-    chapter 6). Results then depend on step sizes. `history.energy` remains 1/2 a^h(u, u), and `history.dissipated`
-    includes the viscous loss. Forces include viscous forces at the rate of the last step; `stress` is the elastic part.
-    The initial state need not satisfy condition (2.1), because viscous forces restore balance.
+    The form b^h(u', v) is the form of elasticity with `shear` for mu, `volume` for lambda, and stabilisation "shear"
+    (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6). Results
+    then depend on step sizes. `history.energy` remains 1/2 a^h(u, u), and `history.dissipated` includes the viscous
+    loss. Forces include viscous forces at the rate of the last step; `stress` is the elastic part. The initial state
+    need not satisfy condition (2.1), because viscous forces restore balance.
 
     Parameters
     ----------

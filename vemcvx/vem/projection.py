@@ -45,7 +45,7 @@ from vemcvx.vem.tensors import COMPONENTS
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
     """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin.
 
-    |K| = sum_i x_i |K| (G_i)_x is the sum for which the computed gradient of x is exactly one.
+    The area is computed as |K| = sum_i x_i |K| (G_i)_x: then the computed gradient of the function x is exactly one.
     """
     chord = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
     gradients = np.empty_like(corners)
@@ -63,7 +63,7 @@ def boundary_weights(corners: Floats) -> Floats:
 
 
 def tangents_of(normals: Floats) -> Floats:
-    """Return orthonormal tangents of each unit normal, exactly if the normal is an axis.
+    """Return orthonormal tangents of each unit normal; they are exact if the normal is along a coordinate axis.
 
     The tangent in the plane is the normal rotated by +90 degrees: the body is on its left. In space, the first tangent
     is the projection of the axis farthest from the normal, and (t1, t2, n) is right-handed.
@@ -281,7 +281,7 @@ class CellGroup:
         return np.column_stack(columns)
 
     def depth(self, x: Floats) -> Floats:
-        """Return the extent (k,) of the body across the plane at points x (k, dim) in the cells."""
+        """Return the thickness (k,) of the body at points x (k, dim) in the cells: one, also in space."""
         return np.ones(len(x))
 
     def load_shares(self) -> Floats:
@@ -314,10 +314,10 @@ class CellGroup:
 
 # Polyhedral cells: the projection Pi from integrals over faces.
 #
-# With the b_{f,i}, outward for the cell, and a_{f,i} of a node and a face (see `FaceGroup`), Gauss' theorem gives
+# Let b_{f,i} (outward for the cell) and a_{f,i} be b_i and a_i of node i on face f, as above. Gauss' theorem gives
 #
 #     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
-#     w_i = sum_f a_{f,i} / |dK|,
+#     w_i = sum_f a_{f,i} / |dK|.
 #
 # The mean over the surface determines the constant of Pi, like the mean over the outline in the plane. All quantities
 # are homogeneous in the coordinates, and on a tetrahedron Pi v = v.
@@ -332,7 +332,7 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices, with sums over faces: their rounding depends on the numbering."""
+        """The arrays that determine local matrices; the rounding of sums over faces depends on the numbering."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:
@@ -374,8 +374,8 @@ def second_moments(about: Floats) -> Floats:
 # are exact. u_r = r and u_z = z have exact strains. (Axisymmetric virtual elements: L. L. Yaw, arXiv:2312.01559, 2023.)
 #
 # A rotation about the centroid, u_r = z - z_c, has no mean hoop strain. So the energy also contains the variation of
-# the hoop strain: Pi u_r - e_tt r is linear, its integral vanishes, and with the second moments M of the cell
-# about its centroid
+# the hoop strain within the cell. Pi u_r - e_tt r is linear, and its integral vanishes. With the second moments M of
+# the cell about its centroid, and the radius r_c of the centroid,
 #
 #     2 mu int r (Pi u_r / r - e_tt)^2 dA  ~  2 mu g'M g / r_c,     g = grad Pi u_r - e_tt grad r.
 #
@@ -409,7 +409,7 @@ class RingGroup(CellGroup):
         return 2.0 * np.pi * x[:, 0]
 
     def load_shares(self) -> Floats:
-        """Return the means (c, n) of Pi phi_i over each cell: then a body force f / r is exact for constant f."""
+        """Return the means (c, n) of Pi phi_i over each cell: loads f / r with constant f are then exact."""
         (areas, g), w = self.gradients(), self.boundary_means()
         arms = self.centres - np.einsum("ci,cia->ca", w, self.corners)
         return w + np.einsum("cia,ca->ci", g, arms) / areas[:, None]
@@ -466,7 +466,7 @@ def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]
 
 
 def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[Floats, Floats]:
-    """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all pairs of a cell and its node, computed in batches."""
+    """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all pairs of a cell and one of its nodes, in batches."""
     b, a = np.empty((len(mesh.face_vertices), 3)), np.empty(len(mesh.face_vertices))
     for start in range(0, mesh.n_faces, 4 * CHUNK_SIZE):  # A face needs a quarter of the memory of a cell.
         some = np.arange(start, min(start + 4 * CHUNK_SIZE, mesh.n_faces))

@@ -68,3 +68,39 @@ def test_a_block_without_springs_creeps_at_a_constant_speed():
         run = vx.simulate(support.scene(spring=0.0), support.mesh(3), np.linspace(0.0, support.REST, 6))
     assert support.measure_sinking(run) == pytest.approx(support.sinking(run.times, 0.0), rel=1e-12)
     assert run.contact.pressure[1:] == pytest.approx(support.WEIGHT * support.HEIGHT)
+
+
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()])
+def test_other_solvers_move_a_disc_below_a_pad_at_rest(solver):
+    """In the first step the disc moves, and all forces are balanced up to rounding."""
+    times = brake.times(20)
+    found, exact = (
+        vx.simulate(brake.scene(), brake.mesh(2), times, initial="settled", solver=one) for one in (solver, None)
+    )
+    assert found.certified.max() < 1e-6
+    assert brake.measure_friction(found) == pytest.approx(brake.measure_friction(exact), rel=1e-4, abs=1e-6)
+
+
+def test_a_run_with_friction_by_speed_goes_on_where_another_one_ended():
+    mesh, times = brake.mesh(2), brake.times(20)
+    whole = vx.simulate(brake.scene(), mesh, times, initial="settled")
+    first = vx.simulate(brake.scene(), mesh, times[:11], initial="settled")
+    second = vx.simulate(brake.scene(), mesh, times[10:], initial=first)
+    assert second.displacement == pytest.approx(whole.displacement[10:], rel=1e-9, abs=1e-12)
+    assert second.dissipated[-1] == pytest.approx(whole.dissipated[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize(("problem", "effect"), [(brake, "SpeedFriction on bottom"), (support, "VelocityContact")])
+def test_there_is_no_error_budget_of_rates(problem, effect):
+    run = vx.simulate(problem.scene(), problem.mesh(2), problem.times(5), initial=getattr(problem, "initial", None))
+    for ask in (vx.error_budget, lambda history: vx.error_bound(history, step=-1)):
+        with pytest.raises(vx.SceneError, match=f"there is no estimate for .*{effect}"):
+            ask(run)
+
+
+def test_a_bound_that_rises_and_falls_again_is_refused_without_softening():
+    """The bound at the speed of the disc is higher than at rest, but the bound falls before."""
+    scene = brake.scene().without(vx.SpeedFriction)
+    humps = vx.SpeedFriction(lambda speed: 0.8 + 0.5 * np.sin(4 * speed), on="bottom", ground=lambda x, t: (t, 0.0))
+    with pytest.raises(vx.SceneError, match="the slip rate .* changes the weight from"):
+        vx.simulate(scene.with_(humps), brake.mesh(2), brake.times(20), initial="settled")

@@ -229,9 +229,10 @@ def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
 
 def check_estimable(posed: PosedScene, subject: str) -> None:
     """Raise SceneError if there is no estimate."""
-    if posed.system.damping is not None:
+    if posed.system.damping is not None or posed.obstacles.rates.any():
         raise SceneError(
-            f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
+            f"{subject}: there is no estimate for scenes with Viscosity or VelocityContact; compare meshes and steps "
+            "of your own choice."
         )
     if posed.supports.amplitudes:
         loose = ", ".join(support.subject for support in posed.supports.given if support.patterns is not None)

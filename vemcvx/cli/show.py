@@ -120,9 +120,10 @@ def _terms(operators: Operators) -> str:
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
     """Return the kind of certificate in words, with the ratio of softening to stiffness if slip weakens friction."""
-    if norms is None or norms.law is None:
+    if norms is None or norms.is_monotone:
         return "a bound"
     found = softening_ratio(operators, norms.softening)
     if found is None or found[0] == 0.0:
         return FOR_GIVEN
-    return f"{FOR_GIVEN}; softening over stiffness is {found[0]:.2g}: below 1 a step has one solution"
+    most = "the length of a step, it" if norms.reads_rates else "1 a step"
+    return f"{FOR_GIVEN}; softening over stiffness is {found[0]:.2g}: below {most} has one solution"

@@ -15,7 +15,7 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
-from vemcvx.base.arrays import Floats, part, power_of_two
+from vemcvx.base.arrays import Floats, lengths, part, power_of_two
 from vemcvx.base.errors import SolverFailed, VemcvxError
 from vemcvx.linear import Factor
 from vemcvx.program.operators import Operators
@@ -180,8 +180,14 @@ class ScaledSolver:
 
     def length(self, program: StepProgram) -> float:
         """Return the length alpha of a step; one if its data vanish."""
-        size = program.size / np.sqrt(self.kappa)
-        if self.operators.kernel is not None:  # A floating body moves as far as the ground that carries it.
+        # Slips that supports or ground force on a term move a body by no more than the weight of the term can.
+        operators = program.operators
+        forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
+        drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(
+            np.where(flexible > 0, flexible, np.inf)
+        )
+        size = max(program.size, float(drawn.max(initial=0.0))) / np.sqrt(self.kappa)
+        if operators.kernel is not None:  # A floating body moves as far as the ground that carries it.
             size = max(size, np.abs(program.b).max(initial=0.0))
         return float(power_of_two(size)) if size > 0 else 1.0
 

@@ -59,7 +59,7 @@ from vemcvx.linear.default import one_thread
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, energy_norm
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import Answer, StepProgram, has_diverged
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver, choose_solver
 from vemcvx.solvers.law import Weights
@@ -140,6 +140,8 @@ class PosedStep:
         guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
             answer = solve(program, gap, *guess, *([] if law is None else [law]))
+            if has_diverged(answer.d):
+                raise SolverFailed(f"{self.run.solver.name}: its answer diverged, because nothing holds the body.")
             if law is not None:
                 slip = lengths(program.slip(program.feasible(answer.d)))
                 law.check_slip(answer.p, slip)

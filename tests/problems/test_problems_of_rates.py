@@ -104,3 +104,9 @@ def test_a_bound_that_rises_and_falls_again_is_refused_without_softening():
     humps = vx.SpeedFriction(lambda speed: 0.8 + 0.5 * np.sin(4 * speed), on="bottom", ground=lambda x, t: (t, 0.0))
     with pytest.raises(vx.SceneError, match="the slip rate .* changes the weight from"):
         vx.simulate(scene.with_(humps), brake.mesh(2), brake.times(20), initial="settled")
+
+
+def test_friction_by_speed_in_the_air_is_reported():
+    scene = brake.scene().without(vx.BilateralContact, vx.Pressure).with_(vx.UnilateralContact(on="bottom", gap=1.0))
+    with pytest.warns(vx.SceneWarning, match="SpeedFriction on bottom: 100% of all friction work is done in the air"):
+        vx.simulate(scene, brake.mesh(2), brake.times(20), initial="settled")

@@ -462,7 +462,8 @@ class SpeedFriction(Effect):
     If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
     bounds the error. If `bound` falls, a step may have several solutions, or jump. A warning then compares `softening`
     with the stiffness of the body, and the certificate is "for the given friction". For existence see Han and Sofonea
-    (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002), slip dependent friction.
+    (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002), slip dependent friction. The bound
+    does not depend on pressure; a warning is issued if friction acts where one-sided contact is open.
 
     Parameters
     ----------
@@ -499,7 +500,8 @@ class SpeedFriction(Effect):
 
         law = Law(weights, softening=falls * rows.lengths, rates=True)
         ground = read_ground(self, rows, space.mesh.points[rows.nodes])
-        return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, law=law),))
+        friction = Friction.from_rows(rows, subject, ground=ground, law=law, in_the_air=True)
+        return Contribution(frictions=(friction,))
 
     def describe(self) -> str:
         moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"

@@ -108,5 +108,5 @@ def test_a_bound_that_rises_and_falls_again_is_refused_without_softening():
 
 def test_friction_by_speed_in_the_air_is_reported():
     scene = brake.scene().without(vx.BilateralContact, vx.Pressure).with_(vx.UnilateralContact(on="bottom", gap=1.0))
-    with pytest.warns(vx.SceneWarning, match="SpeedFriction on bottom: 100% of all friction work is done in the air"):
+    with pytest.warns(vx.SceneWarning, match="SpeedFriction on bottom: .* is done in the air"):
         vx.simulate(scene, brake.mesh(2), brake.times(20), initial="settled")

@@ -600,8 +600,8 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     if lost > 1e-6 * total:
         warnings.warn(
             f"{unsettled[0].subject}: {lost / total:.0%} of all friction work is done in the air, where contact is "
-            "open, because its bound does not depend on pressure. In TrescaFriction, set while_closed=True for friction "
-            "only in contact, or while_closed=False if this is intended.",
+            "open, because its bound does not depend on pressure. In TrescaFriction, set while_closed=True for "
+            "friction only in contact, or while_closed=False if this is intended.",
             SceneWarning,
             stacklevel=4,
         )

@@ -373,7 +373,10 @@ def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | 
     w = np.zeros(0) if system.norms is None else system.norms.weights_under(now.t, none, past.slipped[:m])
     _, _, others = evaluate_dragged(system, (now.t, now.t), none, past.slipped[m:])
     weights, nothing = np.append(w, others), np.zeros((run.terms, operators.block))
-    ledger = replace(past, energy=energy(run.condensation, kept, now, none))
+    stored = operators.compliance - system.dashpots
+    depth = np.maximum(operators.D @ kept - now.remaining_gap, 0.0)
+    pressed = np.divide(depth, stored, out=none.copy(), where=stored > 0)
+    ledger = replace(past, energy=energy(run.condensation, kept, now, pressed))
     return State(
         t=now.t,
         y=kept,

@@ -323,7 +323,7 @@ def test_invalid_cracks_are_refused():
         ("left", {"a": [5], "b": [6]}, "there already is a boundary 'left'"),
         ("crack", {"a": [5]}, "sides must map the names of two sides of the crack"),
         ("crack", {"a": [5], "b": [5, 6]}, "cell 5 is on both sides"),
-        ("crack", {"a": [5], "b": [6]}, r"the edge at \(0.5, 0.375\) has a tip at both ends"),
+        ("crack", {"a": [5], "b": [6]}, r"the edge at \(0.5, 0.375\) has a crack tip at both ends"),
         ("crack", {"a": [5], "b": [99]}, "cells of 'b' must be numbers of cells"),
     ):
         with pytest.raises(vx.MeshError, match=subject):

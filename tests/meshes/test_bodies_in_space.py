@@ -235,12 +235,12 @@ def test_invalid_sets_of_bodies_are_refused():
         ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (0, 1)))}, {}, r"near \(1, 1, 0\), or touch there only in"),
         ({"a": a, "b": cubes(1, ((1, 2), (1, 2), (1, 2)))}, {}, r"near \(1, 1, 1\), or touch there only in"),
         ({"a": a, "b": beside}, {}, "'a' and 'b' overlap near"),
-        ({"a": a, "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))}, {}, "are less than 0.001 of the height"),
+        ({"a": a, "b": cubes(1, ((1 + 1e-7, 2), (0, 1), (0, 1)))}, {}, "less than 0.001 of the smallest cell height"),
         ({"a": a, "b": cubes(1, ((1, 1.2), (0, 1), (0, 1)))}, {"tolerance": 0.3}, r"near \(.* move to the same place"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             bodies(meshes, **options)
-    with pytest.raises(vx.MeshError, match=r"the face at \(0\.5, 0\.375, 0\.375\) has a tip at all its nodes"):
+    with pytest.raises(vx.MeshError, match=r"the face at \(0\.5, 0\.375, 0\.375\) has a crack tip at all its nodes"):
         cubes(4).cut("crack", {"a": [21], "b": [22]})
 
 

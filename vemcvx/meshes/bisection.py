@@ -2,10 +2,10 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
-Meth. Eng. 20 (1984), 745-756). This ends, because every cut halves the longest edge of a cell. Among equally long edges
+Meth. Eng. 20 (1984), 745-756). The process ends: every cut halves the longest edge of a cell. Among equally long edges
 the numbers of the end nodes decide, so that neighbours choose the same edge; coinciding nodes at an interface count as
 one, so that both bodies are cut alike. By default every cell is bisected at least three times, once in every direction,
-so its parts have at most an eighth of its volume. Then `tetrahedra(n)` gets the nodes and shapes of `tetrahedra(2 n)`.
+so its parts have at most an eighth of its volume. `tetrahedra(n)` then has the nodes and shapes of `tetrahedra(2 n)`.
 
 *Other cells* are split into one part per vertex. The corners of the parts are vertices, midpoints of edges, centroids
 of faces and the centroid of the cell. Cubes become eight cubes; prisms become prisms. The new faces must be plane.
@@ -77,7 +77,7 @@ class Tetrahedra(NamedTuple):
     corners: Ints  # (n, 4) seen from the fourth, the first three run counter-clockwise
     parts: Ints  # (n, 4) position in the old boundary of the face opposite to each corner; -1 inside
     parents: Ints  # (n,) original cell
-    cuts: Ints  # (n,) number of bisections since then
+    cuts: Ints  # (n,) number of bisections that led from the original cell to this one
 
     @classmethod
     def from_mesh(cls, mesh: PolyhedralMesh) -> Tetrahedra:
@@ -93,7 +93,7 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the corners (n, 2) of the longest edge of each cell; of equal edges, the edge with the highest key."""
+        """Return the corners (n, 2) of the longest edge of each cell; of equal lengths, the highest key decides."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
@@ -163,7 +163,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # the part at a vertex has one quadrilateral in each face there, and one across each edge there
+    # the part at a vertex has one quadrilateral in each face at the vertex, and one across each edge at the vertex
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

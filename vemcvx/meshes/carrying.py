@@ -104,12 +104,12 @@ def middle_places(places: Ints, ends: Ints) -> Ints:
 
 
 def middle_values(ends: Ints, count: int) -> csr_array:
-    """Return the matrix (e, count) from nodal values to their means over the ends (e, 2) of edges."""
+    """Return the matrix (e, count) that maps nodal values to their means over the ends (e, 2) of edges."""
     return csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), count))
 
 
 def centre_values(points: Floats, rows: tuple[Ints, Ints], centres: Floats) -> csr_array:
-    """Return the matrix (c, n_nodes) from nodal values to values at centres (c, dim), exact for linear functions.
+    """Return the matrix (c, n_nodes) that maps nodal values to values at centres, exact for linear functions.
 
     Each centre gets the value of the least-squares linear fit to a row of nodes.
     """

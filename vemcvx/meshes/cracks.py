@@ -95,7 +95,7 @@ def _with_nodes(mesh: AnyMesh, points: Floats, renumber: Callable[[Ints, Ints, I
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
     """Return the new node of each corner, and the old node of each new node; there are `count` old nodes.
 
-    `nodes` has the old node of each corner. `pairs` (k, 2) are corners at one node of a side, joined unless `opened`.
+    `nodes` has the old node of each corner. `pairs` (k, 2) of corners at a node of a side are linked unless `opened`.
     """
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = np.unique(parted)  # each group is identified by its first corner
@@ -123,6 +123,6 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
         at: Floats = mesh.points[origin[row[row >= 0]]].mean(axis=0)
         side, where, size = CRACK_WORDS[mesh.PARTS]
         raise MeshError(
-            f"cut: the {side} at {coordinates(at, 6)} has a tip at {where} and cannot open. A crack "
+            f"cut: the {side} at {coordinates(at, 6)} has a crack tip at {where} and cannot open. A crack "
             f"inside a body must be at least {size}: refine the mesh, or take more cells."
         )

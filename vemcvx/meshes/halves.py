@@ -111,7 +111,7 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
 def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends: Ints) -> Any:
     """Return the mesh of the cells and parts of cells where `side` is negative.
 
-    `rows` are the nodes of all cells with new nodes; in the plane, node n_nodes + k is on the edge ends[k].
+    `rows` are the nodes of all cells, including new nodes; in the plane, node n_nodes + k is on the edge ends[k].
     """
     parents = np.flatnonzero(np.minimum.reduceat(side[rows[1]], rows[0][:-1]) < 0)
     offsets, nodes = rows_in_order(*rows, parents)

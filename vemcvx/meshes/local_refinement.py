@@ -5,7 +5,7 @@ exceptions. The midpoints of a triangle are joined to each other (four similar t
 two midpoints is cut across. A cell that is not star-shaped is refused. Unrefined
 neighbours get the new vertices as hanging nodes, which virtual elements treat like any vertex: no closure is needed.
 
-Grading: cells are marked, too, until no unmarked cell has a side with two hanging nodes.
+Grading: further cells are marked until no unmarked cell has a side with two hanging nodes.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from vemcvx.meshes.quality import largest_balls, walls_of
 # The outline of a cell is straight at hanging nodes; the other vertices are *bends*. Not every bend is a corner. If the
 # midpoints on both sides of an angle of 175 degrees were joined to the centre, the part between them would keep this
 # angle, and so would its parts in all further refinements. So a *corner* is a bend by more than `CORNER_ANGLE`. If a
-# cell has fewer than three such bends, as a polygon with many sides, all bends are corners.
+# cell has fewer than three such bends, like a regular polygon with many sides, all bends are corners.
 #
 # A *side* of a cell is its outline from one corner to the next, nearly always straight. If it is at least `LONG_SIDE`
 # times the diameter of the cell, it is split once: at a vertex near its midpoint if there is one, else at the midpoint
@@ -154,9 +154,9 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
 
 
 def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
-    """Return the corners without corners between short sides, except some that divide long runs of short sides.
+    """Return a mask of the corners that remain if each run of short sides counts as one side, or a long run as several.
 
-    If the turns of a short run, ends included, nearly cancel, the run becomes part of a longer side.
+    If the turns in a short run and at its ends nearly cancel, the run becomes part of a longer side.
     """
     new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
     run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
@@ -255,8 +255,8 @@ def _children(
 ) -> tuple[Ints, Ints, Ints]:
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
-    A part begins at each position `begin` of the outlines, which is the first position of the cell at least. The cells
-    `split` have several parts, `medial` triangles one between their midpoints; `centre` is the centre's node, or -1.
+    A part begins at each position `begin` of the outlines; the first position of a cell is always one. Cells in `split`
+    have several parts; triangles in `medial` have one between their midpoints. `centre` is the centre's node, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)

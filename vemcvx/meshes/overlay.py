@@ -46,7 +46,7 @@ Kind = TypeVar("Kind", bound=Mesh)
 CORNER_FACTOR = 4.0
 """1 / sin(15 degrees), rounded up."""
 COVERAGE_TOLERANCE = 1e-3
-"""Relative difference allowed between the area of a face and the sum of its pieces, from which slivers were dropped."""
+"""Relative difference allowed between the area of a face and the sum of its pieces after slivers are dropped."""
 Rows = tuple[Ints, Ints]
 """Offsets and entries of rows."""
 
@@ -119,7 +119,7 @@ def _join(one: Rows, other: Rows) -> Rows:
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Insert vertices of `sides` that lie on edges of `sides` into these edges wherever they occur in `rows`."""
+    """Insert vertices of `sides` that lie on edges of `sides` into these edges, wherever the edges occur in `rows`."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = np.unique(sides[1])

@@ -12,7 +12,7 @@ centroids use coordinates relative to the first vertex o of each cell (d_i = x_i
     centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
 
 so a mesh far from the origin loses no digits. Without the shift by o, the area of a cell of size 1 at coordinates near
-1e6 would have four digits.
+1e6 would have four correct digits.
 
 Shapely and SciPy's spatial structures are imported where they are used, because their imports take .1 and .3 s.
 """
@@ -38,7 +38,7 @@ def spans(starts: Ints, counts: Ints) -> Ints:
 
 
 def offsets_of(counts: Ints) -> Ints:
-    """Return the offsets at which rows of the given lengths begin, and last the end of the last row."""
+    """Return the offsets at which rows of the given lengths begin, followed by the end of the last row."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
@@ -335,7 +335,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Return signed areas (n_cells,) and centroids (n_cells, 2); the first vertex instead if a cell has no area."""
+    """Return signed areas (n_cells,) and centroids (n_cells, 2); cells without area have their first vertex instead."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -404,6 +404,6 @@ def split_at_vertices(corners: Floats) -> Ints:
     c, n, _ = corners.shape
     if c == 0:
         return np.zeros((0, n - 2, 3), dtype=np.int64)
-    number = np.tile(np.arange(n), c)  # third coordinates, by which corners are found again
+    number = np.tile(np.arange(n), c)  # third coordinates, which identify the corners of the triangles
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))
     return _split_into_triangles(polygons)[0][:, :, 2].astype(np.int64).reshape(c, n - 2, 3)

@@ -78,7 +78,7 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
 
 
 class FaceShapes(NamedTuple):
-    """Areas (n_faces,), unit normals and centroids (n_faces, 3); if the area is 0: zeros and the first vertex."""
+    """Areas (n_faces,), unit normals and centroids (n_faces, 3); without area: normal 0, centroid the first vertex."""
 
     areas: Floats
     normals: Floats
@@ -154,7 +154,7 @@ def angles_seen(arms: Floats) -> Floats:
 
     tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a),
 
-    where a letter is a position or its length
+    where a letter is a position in the products . and x, else its length
     (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
     """
     a, b, c = (arms[..., k, :] for k in range(3))

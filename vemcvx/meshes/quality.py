@@ -16,10 +16,10 @@ If K is convex, rho_K is the radius of the largest inscribed circle (sphere). If
 negative, and star is set to 0. Finding x and rho is a linear program with a row n_e . x + rho <= n_e . a_e for every
 side. HiGHS solves the programs of thousands of cells at once.
 
-By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. On a
-regular hexagon S / a_mu is 1.0 to 1.9, on one stretched ten to one (star .043) .20 to 18, stretched a hundred to one
-.020 to 195: the error is a factor of about the aspect ratio. On squares with a dent (star .01) it is .47 to 9.5. If one
-edge is short, it is .65 to 2.5 at edge .1, and .13 to 2.5 at 1e-4: a logarithm (problems/stabilisation_spectrum.py).
+By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. S / a_mu
+is 1.0 to 1.9 on a regular hexagon, .20 to 18 if it is stretched ten to one (star .043), and .020 to 195 if it is
+stretched a hundred to one: off by about the aspect ratio. On squares with a dent (star .01) it is .47 to 9.5. A short
+edge lowers the least ratio like 1 / |log edge|: to .65 at edge .1, .13 at 1e-4 (problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations

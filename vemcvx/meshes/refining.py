@@ -28,9 +28,9 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     mesh : PolygonMesh or PolyhedralMesh
         Any plane mesh, or a mesh of tetrahedra. Other meshes in space can only be refined globally.
     cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-        Cells to split; tetrahedra at least in two. By default all cells are split, tetrahedra at least in eight. In the
-        plane, further cells are split until no side gets a second hanging node. In space, neighbours of split
-        tetrahedra are split as well, and there are no hanging nodes.
+        Cells to split, tetrahedra into at least two parts. By default all cells are split, tetrahedra into at least
+        eight parts. In the plane, further cells are split until no side gets a second hanging node. In space,
+        neighbours of split tetrahedra are split as well, and there are no hanging nodes.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     Raises
     ------
     MeshError
-        ``cells`` are neither numbers of cells nor one bool per cell; an edge to split is as short as rounding errors;
+        ``cells`` are neither numbers of cells nor one bool per cell; the midpoint of an edge is lost in rounding;
         only some cells of a mesh in space are to be split, and not all cells are tetrahedra; or the parts of a
         polyhedron would have faces that are not plane.
 

@@ -294,7 +294,7 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
         point, edge, cure = "a point or an edge", "faces", "give both bodies the same nodes there"
     return MeshError(
         f"bodies: {a!r} and {b!r} overlap near {coordinates(at, 6)}, or touch there only in {point}, or are less than "
-        f"{NARROW_BETWEEN_BODIES:g} of the height of the lowest cell apart. Move one of them: bodies in contact have "
+        f"{NARROW_BETWEEN_BODIES:g} of the smallest cell height apart. Move one of them: bodies in contact have "
         f"{edge} in common, and a clearance is the gap= of a contact. If both approximate one curve or curved surface, "
         f"{cure}."
     )

@@ -11,7 +11,7 @@ is primal minus dual objective, and
 $$ \textbf{Theorem 1.} \quad \tfrac12 |d - d^*|_K^2 \le \text{gap}. $$
 
 Proof. Write the terms as $h(A d)$ with their conjugates $h^*$. The conjugate of $w |s|$ is 0 for $|\lambda| \le w$. The
-conjugate of $(z_+)^2 / 2c$ is $c p^2 / 2$ for $p \ge 0$ (for $c = 0$, of the bound $z \le 0$, it is 0). With
+conjugate of $(z_+)^2 / 2c$ is $c p^2 / 2$ for $p \ge 0$; if $c = 0$, the conjugate of the bound $z \le 0$ is 0. With
 $v = K^{-1} (g - B' \lambda - D' p)$ the dual value is $G = -\frac12 v' K v - \lambda' b - p' e - \sum c p^2 / 2$,
 the primal value is $P(d) = \frac12 d' K d - g' d + \sum w |s| + \sum z_+^2 / 2c$, and $P(d) - G$ is the gap, because
 $g' d = v' K d + \lambda \cdot B d + p \cdot D d$. $P$ is $K$-strongly convex with minimiser $d^*$, so
@@ -23,8 +23,8 @@ inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinit
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
 The gap is linear in the slip of a sticking term: with $|\lambda| < w$ it is $w |s| - \lambda \cdot s$. A slip of 1e-16
-due to rounding makes a gap of this size, and the bound on the error is the root of the gap, 1e-8. A move $v$ that
-removes the slip enters quadratically:
+due to rounding makes a gap of this size, and the bound on the error is the root of the gap, 1e-8. If a move $v$ removes
+the slip instead, the bound grows only by $2 |v|_K$:
 
 **Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
 parts of norm terms and limits in the gap at $d - v$,
@@ -35,12 +35,12 @@ Proof. $|d - d^*|_K \le |v|_K + |d - v - d^*|_K$. The residual at $d - v$ is $r 
 $\frac12 |d - v - d^*|_K^2 \le \frac12 |r + K v|^2 + T(v)$ by theorem 1, with $|r + K v| \le |r| + |v|_K$; finally
 $\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
 
-The move $v$ removes slips and gaps that count as zero (``StepProgram.zero_levels``). The smaller of both bounds counts.
+The move $v$ removes slips and excesses $z$ that count as zero (``StepProgram.zero_levels``). We take the smaller bound.
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
-The error is bounded by error + error_floor, the roots of twice the gap and of twice the floor. The floor of a condensed
-program covers only the retained unknowns, and not the rounding of S. Stored steps are certified with all unknowns.
+The error is bounded by error + error_floor, the roots of twice the gap and of twice the floor. A condensed program has
+the floor of the retained unknowns, without the rounding of its K. Stored steps are certified with all unknowns.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ BOUND_ROUNDING = 4 * EPS
 to its bound counts as on the bound."""
 
 ROUNDED = 8 * EPS
-"""Rounding of a sum of sixteen terms, relative to their sizes. Smaller parts of loads are dropped."""
+"""Rounding error of a sum of sixteen terms, relative to their sizes. Parts of loads below this fraction are dropped."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -78,7 +78,7 @@ class Certificate(ArrayRecord):
     moved : float
         2 |v|_K of the move v of theorem 2; the other parts are evaluated after the move.
     given_friction : bool
-        True if weights depend on the answer: the bound then holds for the weights at the answer's pressure and slip.
+        True if weights depend on pressures or may fall with slip: the bound then holds for the weights at this answer.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class Certificate(ArrayRecord):
 
     @property
     def at_floor(self) -> bool:
-        """True if rounding accounts for the whole error, so that no smaller one can be requested."""
+        """True if rounding accounts for the whole error, so that no smaller error can be requested."""
         return self.gap <= self.floor
 
 

@@ -44,7 +44,7 @@ MOST_SHAPES = 6
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A force phi (n,) of size one, with xi (n,), tau (m,), and `released` (m,), the retained part of K^{-1} tau."""
+    """A force phi (n,) of size one, with xi (n,), tau (m,), and `released` (m,), the retained part of K^{-1} phi."""
 
     phi: Floats
     xi: Floats
@@ -123,7 +123,7 @@ class Condensation:
 
     `operators` act on the `retained` (m,) unknowns: the dense S, and the rows of norm terms and limits. `full` are the
     operators on all unknowns. Both are equal if the system is not condensed (`whole`): with ``condense=False``, or if
-    the linear solver cannot eliminate. `factor` is the factor of K with the stiffness `anchor` (m,) of anchors.
+    the linear solver cannot eliminate. `factor` is the factor of K plus the stiffness `anchor` (m,) of anchors.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -200,8 +200,8 @@ class Condensation:
     def solve_interior(self, phi: Floats) -> Floats:
         """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns.
 
-        A full solve moves the retained unknowns by x_c; the forces -S x_c move them back to zero. Two such corrections
-        remove rounding.
+        A full solve moves the retained unknowns by x_c; the forces -S x_c move them back to zero. A second correction
+        of this kind removes rounding errors.
         """
         c, inner = self.retained, phi.copy()
         inner[c] = 0.0

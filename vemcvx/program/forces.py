@@ -14,7 +14,7 @@ and W + C is the only property of the body that a step needs. Rows are scaled by
 diagonal, so that tolerances do not depend on the system of units.
 
 If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then also have a component N a, which
-changes s and z by R a, R = A N. Forces must balance on the kernel: `rest` = N'g - R'x = 0. N makes R orthonormal.
+changes s and z by R a, R = A N; we choose N such that R'R = I. Forces balance on the kernel: `rest` = N'g - R'x = 0.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class Delassus:
     """The scaled Delassus operator of the rows of norm terms and limits.
 
     Forces are divided by u (N,), which is constant in a block; slips and gaps are multiplied by u. The attribute `W`
-    (N, N), an array or a LinearOperator, is u (W + C) u, with a diagonal close to one. `N` (n, k) is a basis of K's
-    kernel such that `R` = u A N (N, k) is orthonormal.
+    (N, N), an array or a LinearOperator, is u (A K^{-1}A' + C) u; its diagonal is close to one. `N` (n, k) is a basis
+    of K's kernel such that `R` = u A N (N, k) is orthonormal.
     """
 
     def __init__(self, operators: Operators):
@@ -77,7 +77,7 @@ class Delassus:
 
     @cached_property
     def norm(self) -> float:
-        """An estimate of the largest eigenvalue of W + C: 1.1 times the result of twenty power iterations."""
+        """An estimate of the largest eigenvalue of `W`: 1.1 times the result of twenty power iterations."""
         x = np.random.default_rng(0).standard_normal(len(self.u))  # Ones may be an eigenvector.
         for _ in range(20):
             x = product(self.W, x / max(float(np.linalg.norm(x)), 1e-300))
@@ -123,7 +123,7 @@ def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Float
     """Return u A K^{-1} A' u (N, N) plus the diagonal `yielding` (N,).
 
     The product has double precision: in single precision, terms at their bounds without slip would alternate between
-    stick and slip. If A has too many nonzero columns to form it, it is an operator, and each application takes a solve.
+    stick and slip. If A has too many nonzero columns for an array, an operator is returned, which solves with K.
     """
     rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
     dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None

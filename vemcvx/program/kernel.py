@@ -4,11 +4,11 @@ An example is a body without supports, held by friction, or by its weight on an 
 sum_i w_i |B_i d - b_i| subject to Dd <= e has a solution if no motion Nc gains energy,
 
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \text{ with } D N c \le 0, \quad \text{so that} \quad
-N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0, $$
+N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
-K d* is unique, but d* need not be, so that errors are measured in the seminorm |.|_K. Stiffness added on k unknowns
-(*anchors*) that the motions move makes K positive definite, so that it can be factorised. Newton's method has the
-coordinates c as unknowns (:mod:`vemcvx.program.forces`). Solvers that need a definite K raise NotAccepted.
+K d* is unique, but d* need not be unique, so that errors are measured in the seminorm |.|_K. K can be factorised after
+stiffness is added on k unknowns (*anchors*) that the motions move. Newton's method has coordinates of the motions as
+unknowns (:mod:`vemcvx.program.forces`). Solvers that need a definite K raise NotAccepted.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from vemcvx.linear import Matrix
 from vemcvx.program.certificate import ROUNDED
 
 MAX_CORRECTIONS = 50
-"""Largest number of corrections of unbalanced multipliers; each correction but the last cuts some at their bounds."""
+"""Largest number of corrections of unbalanced multipliers; all but the last cut some of them at their bounds."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ def balance_multipliers(
 ) -> tuple[Floats, Floats]:
     """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance N'g = `push` (k,).
 
-    Corrections are least squares with `weights` (m,) and (r,): a larger weight allows a larger change. Multipliers cut
-    at their bounds then change along the bounds only. `modes` (m * block + r, k) are the motions of the rows. If the
-    load is too large, part of it stays unbalanced.
+    Corrections are least squares with `weights` (m,) and (r,): a larger weight allows a larger change. Multipliers that
+    were cut at their bounds change only along these bounds. `modes` (m * block + r, k) are the motions of the rows. If
+    the load is too large, part of it stays unbalanced.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]

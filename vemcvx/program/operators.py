@@ -45,7 +45,7 @@ symmetric."""
 
 
 def check_symmetric(K: Any, subject: str) -> None:
-    """Raise SceneError unless K is square and Kx = K'x for a random x, at a tenth of the cost of K - K'."""
+    """Raise SceneError unless K is square and Kx = K'x for a random x, which costs a tenth of K - K'."""
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
@@ -222,7 +222,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The columns of the entries of B and of D, if every row has one, not zero, in its own column; else None."""
+        """The columns of the entries of B and D if each row has one nonzero entry, in its own column; else None."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
         single = (np.diff(self.A.indptr) == 1).all() and self.A.data.all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
@@ -252,7 +252,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def compliances(self) -> Floats:
-        """The diagonal (n,) of K^{-1}, with the anchors' stiffness; an estimate if K is sparse."""
+        """The diagonal (n,) of the inverse of `regular`; an estimate if K is sparse."""
         unit = sp.csr_matrix(sp.eye_array(self.K.shape[0]))
         return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimate_energies(unit)
 
@@ -277,7 +277,7 @@ class DenseInverse(Factor):
     """The inverse of a dense K: every run needs its diagonal, and its block at the nonzero columns of A."""
 
     def __init__(self, K: Floats):
-        # LAPACK reads columns: K' = K avoids a copy, and halves the time.
+        # LAPACK reads matrices by columns: passing K' = K avoids a copy, and halves the time.
         upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
         if info > 0:
             raise singular_matrix_error()

@@ -6,7 +6,7 @@
 
 with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown is d, not y, so that d
 keeps all digits if it is tiny compared with y. A *limit* j with compliance c_j = 0 is the bound D_j d <= e_j. A limit
-with c_j > 0 adds a squared positive part, the last sum. Each solver converts these arrays to its own format.
+with c_j > 0 adds a squared positive part to the last sum. Each solver converts these arrays to its own format.
 
 A term of infinite weight always sticks: it is the constraint B_i d = b_i, and lam_i is free.
 """
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     import cvxpy as cp
 
 STILL_TOLERANCE = 1e-9
-"""Fraction of the largest motion of a row below which slips and gaps count as zero."""
+"""Fraction of the largest motion of a row below which slips and excesses count as zero."""
 GAIN_TOLERANCE = 1e-9
 """Smallest gain of a motion, relative to the load, that an interior-point method distinguishes from zero."""
 
@@ -127,7 +127,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm due to g, overlaps, or forced slips of stuck terms; else root of friction work."""
+        """The largest energy norm due to g, overlaps or forced slips of stuck terms; if 0, root of friction work."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -191,7 +191,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c of K's kernel, within limits, with the largest gain; None if no motion has a gain.
+        """Return the motion N c of K's kernel, allowed by the limits, with the largest gain; None if none has a gain.
 
         The gain is g'N c - sum w_i |B_i N c| with |c| <= 1. Below GAIN_TOLERANCE times the load it counts as zero.
         """
@@ -215,10 +215,10 @@ class StepProgram(ArrayRecord):
         return None if c.value is None or not problem.value > GAIN_TOLERANCE else np.asarray(N @ c.value)
 
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return admissible multipliers (m, block) and (r,) of the increments `d`, computing those that are not given.
+        """Return admissible multipliers (m, block) and (r,) of the increments `d`; compute lam or p if it is not given.
 
-        We solve K d = g - B'lam - D'p by least squares, without and with fixing multipliers that the law determines:
-        w s/|s| of slipping terms, (z)_+/c of soft limits, zero of open bounds. The result of smaller gap is returned.
+        We solve K d = g - B'lam - D'p by least squares twice, and return the result of smaller gap. In the second solve
+        the law fixes multipliers: w s/|s| of slipping terms, (z)_+/c of soft limits, zero of open bounds.
         """
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
@@ -233,7 +233,7 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return multipliers of least imbalance at `d`, with given ones fixed; if `lawful`, the law fixes more."""
+        """Return multipliers of least imbalance at `d`, with given lam or p fixed; if `lawful`, the law fixes more."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -292,7 +292,7 @@ class StepProgram(ArrayRecord):
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # If K^{-1} has lost all digits, the energy may be negative. We take its size: zero would hide the error.
+        # If K^{-1} has lost all digits, the energy may be negative. Its absolute value is used: 0 would hide the error.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -307,9 +307,9 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, with a move v that removes slips and gaps that count as zero.
+        """Return the certificate by theorem 2, with a move v that removes slips and excesses that count as zero.
 
-        v keeps slips that contribute less to the gap than |v|_K^2 of the least move that removes them.
+        A slip stays if it contributes less to the duality gap than |v|_K^2 of the least move v that removes it.
         """
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         met, size = operators.compliance * p, lengths(s)
@@ -324,9 +324,9 @@ class StepProgram(ArrayRecord):
         return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return N'r = N'(g - B'lam - D'p) (k,), because N'K = 0, and a bound (k,) on its rounding."""
+        """Return N'r (k,), which is N'(g - B'lam - D'p) because N'K = 0, and a bound (k,) on its rounding."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
-        # Entries of g are sums of larger forces that cancel: their rounding is at least EPS times the largest.
+        # Entries of g are sums of larger forces that cancel: their rounding is at least EPS times the largest entry.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
         return N.T @ self.g - x @ modes, ROUNDED * terms
 
@@ -541,7 +541,7 @@ class SolvedProgram(StepProgram):
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
         rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # Unlike certificates, these bounds include slips and gaps at rounding level.
+        # Unlike certificates, these bounds count slips and gaps that are only rounding.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
         s = np.where(self.stuck[:, None], 0.0, self.slip(d))
         parts = norm_gaps(self.w, lam, s).sum() + limit_gaps(c, p, z).sum()

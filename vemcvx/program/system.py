@@ -88,8 +88,8 @@ class Norms(Rows):
     places : callable i -> str, optional
         The place of term i in words, for messages.
     law : Law, optional
-        Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`); `w` are then the weights while no
-        limit acts.
+        Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`). Programs have these weights instead
+        of `w`.
     ground : callable t -> (m * block,), optional
         The displacement g of the ground, whose motion does work. Slips are relative to the ground: the terms are
         w_i |B_i (y - y_prev) - (g_i - g_i,prev)|.
@@ -149,7 +149,7 @@ class Norms(Rows):
 
     @property
     def softening(self) -> Floats | None:
-        """The largest rate (m,) at which weights fall with slip; None if unknown."""
+        """The largest decrease (m,) of weights per unit of slip or of slip rate; None if unknown."""
         known: Any = None if self.law is None else self.law.softening
         return known
 
@@ -238,7 +238,7 @@ class Limits(Rows):
 
     @property
     def rigid(self) -> Bools:
-        """The limits (r,) that are bounds on positions."""
+        """A mask (r,) of the limits that are bounds on positions."""
         return (self.compliance == 0.0) & ~self.rates
 
     def of_step(self, k: float) -> Limits:
@@ -351,7 +351,7 @@ class System(ArrayRecord):
     K : (n, n) array or sparse matrix
         Symmetric, positive definite; semidefinite if `kernel` is given.
     load : callable t -> (n,)
-        Forces, including minus the Dirichlet force of moving supports.
+        Forces, from which the Dirichlet force of moving supports is subtracted.
     norms : Norms, optional
         Norm terms: friction.
     motion : Motion, optional

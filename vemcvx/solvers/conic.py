@@ -76,7 +76,7 @@ class Setting:
 TIGHT = GapTolerance(TARGET_FRACTION, 1e-14)
 """Tolerance of solvers with one tolerance for both gap and residuals; its meaning differs between solvers."""
 SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
-"""The tolerance TIGHT for solvers that break down below 1e-13."""
+"""The same as TIGHT, but at least 1e-13, for solvers that break down at smaller tolerances."""
 RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
 """Tolerance of OSQP's residuals."""
 
@@ -96,12 +96,12 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("iterative_refinement_enable", False, "refinement doubles the time, and rarely gains digits"),
         Setting("presolve_enable", False, "there is nothing to remove"),
         Setting("equilibrate_enable", False, "programs are scaled already"),
-        Setting("static_regularization_constant", 1e-15, "with 1e-13 1/6 of the paper's steps miss by a factor of 1e6"),
+        Setting("static_regularization_constant", 1e-15, "1/6 of the paper's steps miss by a factor of 1e6 with 1e-13"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
-        # The case is in hard_cases.py: K has one motion without energy, which friction barely prevents.
+        # In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
         Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", Condition.SEMIDEFINITE),
         Setting("iterative_refinement_enable", True, "gains the missing digits", Condition.RETRY),
-        # Examples: fixed points that need the last digits in janssen_silo.py, and the steps in solver_accuracy.py.
+        # Examples: problems/janssen_silo.py, whose fixed points need all digits, and problems/solver_accuracy.py.
         Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", Condition.RETRY),
         Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", Condition.RETRY),
     ),

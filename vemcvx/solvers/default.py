@@ -75,7 +75,7 @@ class AdaptedSolver(Solver):
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
-        """Return the name, and the public attributes that are numbers or strings: equal in every process."""
+        """Return the name, and the public attributes that are numbers or strings: the same text in every process."""
         own = {name: value for name, value in getattr(self._own, "__dict__", {}).items() if name[0] != "_"}
         plain = {name: value for name, value in own.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
@@ -134,9 +134,9 @@ class RunSolver:
     """A solver prepared for a run, under given weights and under laws of friction.
 
     `newton` is the solver itself if it is Newton's method, which solves steps under laws. Other solvers answer programs
-    with given weights. With T(w) the answer for the weights w, a law requires w = law(p(T(w)), |s(T(w))|): in a
-    fixed-point iteration, the next weights come from one Newton step on the active sets of the answer. If these sets
-    are those of the solution, this step gives its weights.
+    with given weights. With T(w) the answer for the weights w, a law requires w = law(p(T(w)), |s(T(w))|). In a
+    fixed-point iteration, the next weights come from one Newton step on the active sets of the answer. If the solution
+    has the same active sets, this step gives the weights of the solution.
     """
 
     solver: Solver
@@ -158,7 +158,7 @@ class RunSolver:
 
     @cached_property
     def second(self) -> RunSolver:
-        """The solver of steps that this one misses: Clarabel in place of Newton's method, else with other settings."""
+        """The solver for a second attempt: Clarabel after Newton's method, else the same solver with other settings."""
         solver = Clarabel() if self.prepared is self.newton else self.solver
         if not isinstance(solver, ThroughCvxpy):
             return self
@@ -194,7 +194,7 @@ class RunSolver:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve a missed step again; return the better answer of Clarabel and of Newton's method from its sets."""
+        """Solve a missed step again; after Clarabel, also try Newton from Clarabel's sets; return the better answer."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:

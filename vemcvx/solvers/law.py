@@ -73,7 +73,7 @@ class Weights:
         return w / self.term_units
 
     def _read(self, slip: Floats) -> Floats | None:
-        """Return what weights depend on: slips (m,) in the step, or their rates; None if they depend on neither."""
+        """Return the argument of the weights: slips (m,) in the step, or their rates; None if weights use neither."""
         if self.norms is None or not self.reads_slip or (self.norms.reads_rates and self.k == 0.0):
             return None
         return slip / self.k if self.norms.reads_rates else slip
@@ -123,8 +123,8 @@ MOST_EVALUATIONS = 200
 def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance: float = 16 * EPS) -> Floats:
     """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law.
 
-    w(p, r) in the direction of a force of this size is its proximal point, and the solution is unique. The search keeps
-    brackets, takes points on secants (Illinois), and ends at an error of `tolerance` times the size.
+    The solution is unique; w(p, r) is then the length of the proximal point of a force of length `size`. The search
+    keeps brackets, takes points on secants (Illinois), and ends at an error of `tolerance` times `size`.
     """
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size

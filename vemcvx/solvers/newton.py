@@ -22,7 +22,7 @@ the last factors, which may be factors of the step before, remove errors due to 
 We stop by the error of the law; unchanged sets are no criterion, because rounding may change sets for ever. If W is an
 operator (iterative linear solvers, very many rows), GMRES solves the system.
 
-Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'free over discs and half-lines, with gradient -off.
+Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
 Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a solution,
 because the set is convex and W positive semidefinite. In space these gradients run after the first active sets; in the
 plane they run when sets recur. Then Newton's method continues. Under given weights the next safeguard resumes where the
@@ -86,7 +86,7 @@ class ActiveSets:
     direction : (m, block) array
         Unit vectors of slips.
     along : (m,) array
-        Lengths of slips in this direction, >= 0.
+        Components of slips along `direction`, >= 0.
     size : (m,) array
         Lengths |q| of the predicted forces.
     """
@@ -100,7 +100,7 @@ class ActiveSets:
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
-        """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), by default `off`."""
+        """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), or those of the point."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
         size, p = lengths(q), delassus.split(point.x)[1]
@@ -220,7 +220,7 @@ class Search:
     def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
         """Return the solution of the step, the last system, and the error of the law, starting on a given system."""
         system = system or self._first_system(point)
-        s, z = self.delassus.split(point.off)  # Open gaps do not measure forces, so that z counts only if positive.
+        s, z = self.delassus.split(point.off)  # Negative z are open gaps, whose size says nothing about forces.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
         seen, swept, cycles, last = set[bytes](), None, 0, np.inf
         while True:
@@ -240,7 +240,7 @@ class Search:
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
-        """Return the system of the sets at a guess without slips. On a floating body all terms stick and limits act."""
+        """Return the system of the sets at a guess, at zero slip; on a floating body all terms stick and limits act."""
         sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
@@ -288,8 +288,8 @@ class Search:
     def _sweep(self, point: Point) -> Point:
         """Return a point nearer to the solution, by projected gradients.
 
-        If K has a kernel, the penalty norm |rest|^2 / 2 is added, with `norm` the norm of W. R is orthonormal: the
-        curvature at most doubles. The multipliers a of the penalty change every SWEEPS_PER_MULTIPLIER steps.
+        If K has a kernel, the penalty `norm` * |rest|^2 / 2 is added, where `norm` is the norm of W. As R is
+        orthonormal, the curvature at most doubles. The multipliers a change every SWEEPS_PER_MULTIPLIER steps.
         """
         delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
         most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
@@ -395,7 +395,7 @@ class PreparedNewton:
 def apply_law_to_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Floats, Floats]:
-    """Return increments d and forces lam and p that obey the law: held rows do not move, lam is w s/|s| at slips."""
+    """Return increments d and forces lam, p that obey the law: held rows rest, lam is w s/|s| on slipping terms."""
     operators, sets = program.operators, system.sets
     d, point = correct_answer(delassus, program, point, system, law)
     if operators.own_columns is not None:

@@ -1,4 +1,4 @@
-"""The base class of solvers: settings that are prepared once for the operators of a run, and then solve each step.
+"""The base class of solvers: settings from which `prepare` makes, once for a run, an object that solves each step.
 
 A solver receives scaled programs (:class:`ScaledSolver`), unless it solves programs in `any_units`. Programs contain no
 mesh and no physics. The caller certifies every answer.
@@ -36,7 +36,7 @@ class Prepared(Protocol):
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         """Solve one scaled step.
 
-        An answer that misses the target is not an error: return the best one, and explain in its `status` why.
+        If the target cannot be reached, return the best answer, and explain in its `status` why; do not raise an error.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class Solver(ABC):
 
     @property
     def advice(self) -> str:
-        """Advice if a run misses its accuracy, besides requesting a lower one."""
+        """The advice to a user whose run misses its accuracy, besides requesting a lower accuracy."""
         return "use vx.Newton()"
 
     @abstractmethod

@@ -15,15 +15,15 @@ in the norm of K + C/k, which is at least the norm of K.
 
 Errors are relative to the largest energy norm of the states so far. A body that moves without contact, or that is
 completely fixed, has no energy: its norm is only rounding, and cannot be a reference. The reference is then the largest
-energy norm that the data could cause, for a load f |K^{-1}f|_K without contact and friction. A state counts as zero if
-its norm is at most accuracy times this reference, or if its norm is rounding.
+energy norm that the data could cause: a load f causes |K^{-1}f|_K without contact and friction. A state counts as zero
+if its norm is at most accuracy times this reference, or if its norm is rounding.
 
 A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. The condition holds
 if and only if one step at times[0] from u_0 returns u_0. If u_0 violates (2.1), its distance from a state that obeys
 (2.1) is at most the jump of this step plus the certified error of the step, in the energy norm. This bound is the
 certificate of step 0. Step maps are nonexpansive: an error of u_0 adds at most this bound to the errors of later
-states. If u_0 is the projection P^h u_0, (3.26), the run begins after this step, unless settle=False. A state that
-obeys (2.1) in the continuum violates (2.1) in V^h by O(h): loads and friction have other quadratures than a(u_0, v).
+states. If a run is given the projection P^h u_0, (3.26), it begins after this step, unless settle=False. If u_0 obeys
+(2.1) in the continuum, P^h u_0 violates (2.1) in V^h by O(h): loads and friction have other quadratures than a(u_0, v).
 
 We do not use the midpoint rule, which also solves one convex program per step. Its states at the instants violate
 (2.1), and it is of first order, like backward Euler, if slips begin inside steps (problems/midpoint_rule.py).
@@ -310,7 +310,7 @@ def march(
     solver : Solver, or object with solve(program, target), optional
         By default the first of Direct, Newton, OSQP and Clarabel that accepts the program.
     initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
-        Zero, given unknowns, K y = load(t_0) without friction, one step from zero at t_0, or as these classes describe.
+        None: zero. Array: these unknowns. "equilibrium": K y = load(t_0), no friction. "settled": one step from zero.
     store : "all", "last", int or sequence of int
         States to store: all, the last, every n-th and the last, or the states of given steps and the last.
     check, condense, linear
@@ -392,7 +392,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The initial state y with K y = `force` (n,) and the kernel part of `near` (n,), then a step if `settle`."""
+    """The initial state y: K y = `force` (n,), with the part of `near` (n,) in K's kernel; then a step if `settle`."""
 
     force: Floats
     near: Floats
@@ -422,8 +422,8 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
     If the jump is rounding compared with later loads, the run begins after the jump. With damping an unbalanced load
-    sets the body in motion, so that every given state is accepted. So is the end of a run with friction that depends on
-    slip rates: friction at this instant depends on the rate of the run's last step.
+    sets the body in motion, so that every given state is accepted. Under a law of slip rates the end of another run is
+    accepted, too: its friction depends on the rate of the last step of that run.
     """
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)

@@ -34,7 +34,7 @@ class Course:
     jumps: tuple[str, ...]  # one sentence for each jump
 
     def find_missed(self, times: Floats) -> Floats:
-        """Return the bends (c,) in steps whose linear interpolant differs from the data by more than a twentieth."""
+        """Return the bends (c,) in steps where linear interpolation misses the data by a twentieth of their size."""
         known = self.values[np.abs(self.times - times[:, None]).argmin(axis=1)]
         lines = np.column_stack([np.interp(self.times, times, datum) for datum in known.T])
         far = np.searchsorted(times, self.times[np.abs(self.values - lines).max(axis=1) > WARNING_FRACTION])
@@ -79,7 +79,7 @@ def inside_steps(times: Floats, bends: Floats) -> Floats:
     """Return the bends that are not instants of steps, without duplicates; each jump contributes both its sides."""
     span = float(times[-1] - times[0])
     inside = np.sort(bends[np.abs(bends[:, None] - times).min(axis=1, initial=np.inf) > JUMP_WIDTH * span])
-    # Two data may bend at the same instant, found twice up to rounding.
+    # If two data bend at the same instant, this instant is found twice, with different rounding.
     return inside[np.diff(inside, prepend=-np.inf) > 1e-13 * span]
 
 
@@ -100,7 +100,7 @@ def _bends(times: Floats, values: Floats) -> Floats:
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
     size, far = np.abs(apart).max(axis=1), np.maximum(np.append(0.0, curved[:-2]), np.append(curved[2:], 0.0))
-    # At a bend the change of slope is eight times the curvature on either side.
+    # At a bend, the change of slope is more than eight times the changes in the intervals beside it.
     j = np.flatnonzero((size * width[1:-1] > BEND_TOLERANCE) & (size > 8.0 * far))
     k = np.abs(apart[j]).argmax(axis=1)
     after = (values[j + 1, k] + slopes[j + 2, k] * width[j + 1] - values[j + 2, k]) / apart[j, k]
@@ -138,5 +138,5 @@ def _jumps(
         apart = np.abs(right - left)
         if apart.max() >= 0.25 * change[j]:
             instants += [a, b]
-            sentences.append(f"the {names[int(np.argmax(apart))]} jumps at t = {b:.9g}; steps do not divide the jump")
+            sentences.append(f"the {names[int(np.argmax(apart))]} jumps at t = {b:.9g}; the jump stays within one step")
     return np.array(instants), tuple(sentences)

@@ -25,7 +25,7 @@ STABLE_RATIO = 0.999
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
     """Raise NotCertified if the state after step `n` misses the solver's accuracy.
 
-    With the default accuracy, an error at the rounding floor is accepted. Raise SceneError if limits contradict each
+    If the user gave no solver, an error at the rounding floor is accepted. Raise SceneError if limits contradict each
     other.
     """
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
@@ -68,7 +68,7 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
-    """Raise SceneError if no displacement meets all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
+    """Raise SceneError if no displacement obeys all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
     from scipy.optimize import linprog  # Importing it takes a fifth of a second.
 
     limits = system.limits
@@ -108,7 +108,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
 
 
 def refuse_floating_rates(system: System) -> None:
-    """Raise SceneError for a body that laws of slip rates hold: its slips are as uncertain as the balance of forces."""
+    """Raise SceneError if a law of slip rates alone holds a body: errors of the forces would change its slips."""
     if system.kernel is not None and system.norms is not None and system.norms.reads_rates:
         raise SceneError(
             "friction: found a law of slip rates, but nothing except friction and contact holds the body against "
@@ -174,7 +174,7 @@ def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[flo
 
 
 def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> None:
-    """Warn if weights may fall so fast with slip that a step, the shortest of the run, has several solutions."""
+    """Warn if weights may fall so fast with slip that the shortest step of the run may have several solutions."""
     softening = norms.softening
     per_slip = None if softening is None else softening / (shortest if norms.reads_rates else 1.0)
     rho, worst = softening_ratio(operators, per_slip) or (0.0, 0)

@@ -10,8 +10,8 @@ work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
            (forces and reactions at the end of the step; the load excludes the Dirichlet force; c is the motion of
            supports along norm terms minus the motion of the ground; g is the remaining gap at y = 0)
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
-identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step, for every balanced answer, z = D^u - e. For bounds
-           p . dz is -p . z_prev >= 0; soft limits subtract the change of c p^2 / 2, and at least c (dp)^2 / 2 is left
+identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanced answer; z = D^u - e. For bounds
+           p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is at least c (dp)^2 / 2
 
 Nodes that supports drag along the contact have a given slip s, the change of c. These nodes do not enter the program.
 They add w |s| to the loss, and as much to the work of the supports, whose reactions balance the friction forces -lam,
@@ -32,8 +32,8 @@ into the response u_m to the supports alone and the rest P z, with m = P'A u_D:
 
     E = 1/2 a(u_m, u_m) + 1/2 z'Kz,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
 
-with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, x_m is solved
-for with K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m.
+with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, x_m solves
+(K + E) x_m = -m with the stiffness E of anchors, and a(u_m, Pv) = -v'E x_m.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class State:
     status: str = ""  # status of the solver
     safeguards: int = 0  # number of calls of a globally convergent method
     full: Floats | None = None  # (n,) all unknowns, after they are recovered and certified
-    velocity: Floats | None = None  # (n,) increments over the length of the step, with dashpots
+    velocity: Floats | None = None  # (n,) increments divided by the length of the step, in runs with damping
     earlier: tuple[float, Floats, Floats] | None = None  # t, lam and p at the beginning of the step
 
     @property
@@ -231,7 +231,7 @@ class State:
 
 
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """Return states without interior unknowns with all unknowns, and with certificates of the full system.
+    """Recover all unknowns of states that lack the interior unknowns, and certify these states on the full system.
 
     Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
     r = load - B'lam - D'p - K y of all unknowns; it is zero if r is only rounding, which the floor covers. If this
@@ -310,7 +310,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
     if condensation.system.reads_rates:
-        between = loss  # The mean rate of a step makes its loss of second order.
+        between = loss  # The loss depends on the mean rate of the step, and is of second order.
     return Ledger(
         energy=energy(condensation, after.y, now, after.p),
         dissipated=past.dissipated + float(loss.sum()) + lost,
@@ -326,7 +326,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
 def losses(before: State, after: State) -> tuple[Floats, Floats]:
     """Return lam . s (terms,) of a step, and the same with weights averaged over both ends of the step.
 
-    lam . s equals w |s| up to rounding, and stays small if the slip of a large weight is rounding.
+    lam . s equals w |s| up to rounding, and stays small if a term with a large weight slips by rounding only.
     """
     w, loss = after.weights, np.maximum(np.einsum("mb,mb->m", after.lam, after.slip), 0.0)
     if np.array_equal(before.bound, w) and np.array_equal(after.bound, w):

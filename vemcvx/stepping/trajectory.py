@@ -145,7 +145,7 @@ class Trajectory(ArrayRecord):
     safeguards : (N + 1,) array of int
         Number of calls of a globally convergent method that replaced a faster one.
     given_friction : (N + 1,) array of bool
-        True if weights depend on the answer: the certificate then holds for weights at the answer's pressure and slip.
+        True if weights depend on pressures or may fall with slip: certificates then hold for weights at the answer.
     unit : (N + 1,) array
         Reference norm of relative errors: the largest energy norm so far, or a norm of the data while all states are
         zero at the requested accuracy (:mod:`vemcvx.stepping.backward_euler`).
@@ -204,7 +204,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def work_second_order(self) -> Floats:
-        """The work (N + 1,) since the initial instant by the energy balance: stored plus dissipated energy."""
+        """The work (N + 1,) by the energy balance: `work_begun` plus the growth of stored and dissipated energy."""
         lost = self.dissipated_second_order
         work: Floats = self.work_begun + self.energy - self.energy[0] + lost - lost[0]
         return work
@@ -219,7 +219,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction" if weights depend on the answer."""
+        """The kind of `certificate`: "bound", or "for the given friction" if `given_friction` is True at an instant."""
         return "for the given friction" if self.given_friction.any() else "bound"
 
     @property

@@ -221,7 +221,7 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
         raise MeshError(
             f"cells {one} and {other} overlap near {coordinates(at, 6)}, or do not fit together "
             "there: a vertex of one lies on an edge of the other but is not its vertex, or there is a gap narrower "
-            f"than {width:.3g}, {SINGLE_EPS:g} of the height of the lowest cell. Give both cells the same vertices, "
+            f"than {width:.3g}, {SINGLE_EPS:g} of the smallest cell height. Give both cells the same vertices, "
             "hanging nodes included, or widen the gap."
         )
 

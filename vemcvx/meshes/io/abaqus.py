@@ -1,4 +1,4 @@
-"""Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists parts not read.
+"""Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists what is not read.
 
 A part is read once for each of its instances, translated and rotated like the instance. A part without an instance is
 read once, unmoved. Sets of the same name in several parts are joined. Each instance has its own numbers of nodes and
@@ -106,7 +106,7 @@ class _Deck:
         if word in ("PART", "ENDPART"):
             self.part = self.spell(options.get("NAME", word)) if word == "PART" else ""
             self.parts |= {self.part: []} if self.part else {}
-        elif self.part and word != "INSTANCE":  # an instance ends a part without an end
+        elif self.part and word != "INSTANCE":  # a part without *END PART ends at the first instance
             self.parts[self.part].append((word, options, lines))
         elif word in ("NSET", "ELSET"):
             self._take_set(word, options, rows)

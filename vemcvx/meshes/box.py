@@ -102,7 +102,7 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
 
 
 def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
-    """Return the width of the last cell over the width of the first for each axis, or raise MeshError."""
+    """Return, for each axis, the ratio of the widths of the last and the first cell, or raise MeshError."""
     given = tuple(grade) if is_list(grade) else (grade,) * dimension
     if len(given) != dimension or not all(is_real(value) and SINGLE_EPS <= value <= 1 / SINGLE_EPS for value in given):
         names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
@@ -189,7 +189,7 @@ T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return the name of a part of the boundary, or of the object that `what` names; raise MeshError if not allowed."""
+    """Return the name of a part of the boundary, or of a `what`; raise MeshError if the name is not allowed."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":

@@ -2,7 +2,7 @@
 
 In the plane, each cell that the line crosses becomes two polygons. There is a new node where the line meets an edge,
 shared by both cells at the edge. To avoid slivers, inner nodes first move onto the line if their distance from it is at
-most `NEAR_FRACTION` times their shortest edge. In space the plane must run along faces: cells are not split.
+most `NEAR_FRACTION` times the shortest edge at the node. In space the plane must run along faces: cells are not split.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def check_interfaces(
 
 
 def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimension: int) -> bool:
-    """Return True if both arrays have the same rows of nodes, with -1 only at the ends of rows in space."""
+    """Return True if both arrays have valid nodes in the same places, in space with -1 only at the ends of rows."""
     if edges.shape != partners.shape or edges.ndim != 2 or not len(edges) or edges.shape[1] < dimension:
         return False
     if edges.dtype.kind not in "iu" or partners.dtype.kind not in "iu":

@@ -125,14 +125,14 @@ def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
     length = np.hypot(edge[:, 0], edge[:, 1])
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
-    # bound for |sine| (times both lengths) up to which the outline is straight, including the rounding of coordinates
+    # the outline counts as straight up to this |sine| times both lengths, which covers the rounding of coordinates
     slack = SINGLE_EPS * length[before] * length + rounding(x) * (length[before] + length)
     bend = _choose_flags((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
 
 
 def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
-    """Return the flags, replaced by ``otherwise`` in cells with fewer than three of them."""
+    """Return the flags, replaced by ``otherwise`` in cells with fewer than three True flags."""
     few = np.add.reduceat(flags.astype(np.int64), offsets[:-1]) < 3
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
@@ -236,7 +236,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres of convex quadrilaterals and arrows (c, 4, 2), exactly equal for every first corner."""
+    """Return the centres of convex quadrilaterals and arrows (c, 4, 2), exactly the same whichever corner is first."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -272,7 +272,7 @@ def _children(
 
 
 def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]:
-    """Split the marked cells (n_cells,), and the cells that would get two nodes on a side."""
+    """Split the marked cells (n_cells,), and the cells that would get two hanging nodes on a side."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     if mesh.interfaces:  # edges of two bodies in one place have one number

@@ -46,7 +46,7 @@ class Sides(NamedTuple):
     """The edges (in space: faces) of the cells of a mesh."""
 
     offsets: Ints
-    vertices: Ints  # in the order of the first cell of the side
+    vertices: Ints  # in the order in which the first cell of the side lists them
     cells: Ints  # (n_sides, 2) first and second cell; the second is -1 on the boundary
 
 
@@ -198,7 +198,7 @@ class Mesh(ABC):
     def boundaries(self) -> Mapping[str, Ints]:
         """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is the whole.
 
-        An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
+        An edge (a, b) runs counter-clockwise around its cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
         The name of an interface stands for the edges of its first body; "boundary" contains the edges of both bodies.
         """
         own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
@@ -260,7 +260,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return positions in the boundary of rows of old node numbers (-1 if not there), and the rows as text."""
+        """Return the positions of rows of old nodes in the boundary (-1 if they are missing), and the rows as text."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -269,7 +269,7 @@ class Mesh(ABC):
         return self._find_parts(offsets, vertices, number), called
 
     def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return positions in the boundary of rows of old nodes, which `number` maps to new; -1 if not there."""
+        """Return the positions of rows in the boundary (-1 if not there); `number` maps their old nodes to new ones."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)
@@ -350,7 +350,7 @@ class Mesh(ABC):
         name : str
             Name of the new interface, and of the boundary that consists of the edges or faces of the first side.
         sides : mapping of str to array_like
-            Names of the two sides -> their cells: numbers or a mask.
+            Name of each side of the crack -> its cells, as numbers or a mask.
 
         Raises
         ------
@@ -363,7 +363,7 @@ class Mesh(ABC):
         return open_crack(self, name, sides)
 
     def quality(self) -> Quality:
-        """Measure the shapes of the cells, (n_cells,): star-shapedness and shortest edges (Assumption 3.3).
+        """Measure the shapes of the cells: star-shapedness and shortest edges, (n_cells,) each (Assumption 3.3).
 
         Warns
         -----
@@ -382,8 +382,8 @@ class Mesh(ABC):
         ----------
         path : str or Path
             The suffix determines the format. A .vtu file can hold any mesh. Files of Gmsh (.msh) can hold triangles and
-            quads, in space tetrahedra, hexahedra, wedges and pyramids, with names of boundaries, and cell data of zeros
-            and ones that mark disjoint sets of cells. ``to("meshio").write(path)`` writes other formats.
+            quads, in space tetrahedra, hexahedra, wedges and pyramids. They keep names of boundaries, and cell data of
+            zeros and ones that mark disjoint sets of cells. ``to("meshio").write(path)`` writes other formats.
 
         Raises
         ------
@@ -410,7 +410,7 @@ class Mesh(ABC):
         Returns
         -------
         meshio.Mesh
-            Each block has polygons with one number of vertices; in space tetrahedra, hexahedra, wedges or pyramids.
+            Each block has polygons with equally many vertices, in space tetrahedra, hexahedra, wedges or pyramids.
             Then come blocks of boundary lines (in space: triangles or quadrilaterals). The cell datum "boundary:<name>"
             is 1 on a named boundary. If blocks permute the cells, the datum "vemcvx:cell" has their original numbers.
         skfem.MeshTri, MeshQuad, MeshTet or MeshHex

@@ -51,8 +51,8 @@ class Quality(Outlined):
     Attributes
     ----------
     star : (n_cells,)
-        Radius divided by cell diameter, of the largest ball such that the cell is star-shaped about all its points; 0
-        if there is none. At most 1/2: a square has .35, a regular hexagon .43, a cube .29.
+        Radius of the largest ball such that the cell is star-shaped about all its points, divided by the cell diameter;
+        0 if there is none. At most 1/2: a square has .35, a regular hexagon .43, a cube .29.
     edge : (n_cells,)
         Length of the shortest edge divided by the cell diameter.
     in_plane : bool
@@ -65,7 +65,7 @@ class Quality(Outlined):
 
     @property
     def poor(self) -> Bools:
-        """Mask (n_cells,) of cells on which the constants grow: star below .05, or in the plane edge below 1e-4."""
+        """Mask (n_cells,) of cells on which the constants grow: star below .05 or, in the plane, edge below 1e-4."""
         poor: Bools = (self.star < LEAST_STAR) | ((self.edge < LEAST_EDGE) & self.in_plane)
         return poor
 

@@ -139,7 +139,7 @@ def join(
 
 
 def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
-    """Return a sentence for each body without an interface: the nearest other body, the distance and place of nodes."""
+    """Return a sentence for each body without an interface, with the nearest body, its distance and the place."""
     joined, said = {body for interface in mesh.interfaces.values() for body in interface.bodies}, {}
     for body in (name for name in meshes if name not in joined):
         gaps = {other: nearest(meshes[other].points, meshes[body].points)[0] for other in meshes if other != body}
@@ -168,7 +168,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return, for each node, the first node within the distance; raise MeshError if two nodes of a body share it."""
+    """Return the first node near each node; raise MeshError if two nodes of one body have the same first node."""
     nodes = np.unique(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -377,7 +377,7 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # a group in a file that contains all cells of the body and has its name
+                continue  # a named set of a file, which became this body
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

@@ -233,7 +233,7 @@ def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return the two cells (of two bodies, if given) that overlap most or fit worst, and a point (2,) there."""
+    """Return two cells (of two bodies if `body` is given) that overlap most or fit worst, and a point (2,) there."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)

@@ -67,7 +67,7 @@ def read_abaqus(path: Path) -> Grid:
 
 
 def _largest(grid: Grid) -> list[str]:
-    """Return the names of sets that no larger set contains, except sets of all cells; of equal sets, the last."""
+    """Return the names of sets that no larger set contains. Sets of all cells do not count; equal sets count once."""
     inner = grid.bounding[0]
     some = {name: x & inner for name, x in grid.sets.items() if (x & inner).any() and not x[inner].all()}
     order = sorted(some, key=lambda name: np.count_nonzero(some[name]))

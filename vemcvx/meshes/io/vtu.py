@@ -142,7 +142,7 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
 
 
 def pack_cells(mesh: Any) -> ElementTree.Element:
-    """Pack the points and cells of a mesh, without boundaries and cell data, once for all files of fields on it."""
+    """Pack the points and cells of a mesh, without boundaries and cell data, to write several files of fields on it."""
     return _pack_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
 
 

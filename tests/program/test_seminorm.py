@@ -97,6 +97,19 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
         vx.simulate(scene, vx.meshes.squares(3), [0.0, 0.5, 1.0], initial="settled")
 
 
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+def test_a_refusal_names_the_forces_along_a_diagonal():
+    """A cube of weight 1 with coefficient 0.3 is pushed along the diagonal of its floor by 0.5, without overflow."""
+    scene = vx.Scene(
+        vx.Elasticity(young=1000.0, poisson=0.3),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+        vx.BodyForce(lambda x, t: np.array([0.5**1.5 * t, 0.5**1.5 * t, -1.0])),
+    )
+    with pytest.raises(vx.SceneError, match=r"a force of 0\.5, and friction.* resists with at most 0\.3: 0\.2 is"):
+        vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
+
+
 @pytest.mark.parametrize(
     ("modes", "norms", "message"),
     [

@@ -53,7 +53,7 @@ class Kernel:
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
         Words for a combination of the motions and its direction; by default the names of the motions in it.
-    moved : (n_u, k) array, optional
+    moved : (n_u, k) or (nodes, components, k) array, optional
         Displacements of all nodes in the motions, if unknowns are not displacements of nodes; by default `modes`.
 
     Examples
@@ -81,7 +81,7 @@ class Kernel:
         object.__setattr__(self, "names", tuple(names))
         if self.moved is not None:
             moved = as_real_array(self.moved, "Kernel: moved", "(n_u, k) displacements, one column per motion")
-            if moved.ndim != 2 or moved.shape[1] != modes.shape[1]:
+            if moved.ndim not in (2, 3) or moved.shape[-1] != modes.shape[1]:
                 raise SceneError(f"Kernel: found moved of shape {moved.shape} for {modes.shape[1]} motions.")
             object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
 
@@ -92,7 +92,8 @@ class Kernel:
 
     def reach(self, c: Floats) -> float:
         """Return the largest displacement of a node in the motion modes @ c."""
-        return float(np.abs((self.modes if self.moved is None else self.moved) @ c).max())
+        field = (self.modes if self.moved is None else self.moved) @ c
+        return float(lengths(field.reshape(len(field), -1)).max())
 
     def name(self, c: Floats) -> str:
         """Return the motion modes @ c in words, with its direction."""

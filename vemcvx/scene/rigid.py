@@ -160,7 +160,8 @@ def floating_motions(
     names = tuple(part.motion(mode) for part, mode in motions)
     named = all(None not in part.bodies for part, _ in motions)
     modes = np.hstack(fields_of)
-    return Kernel(modes, names, partial(describe_combination, motions), supports.P @ modes), named
+    moved = (supports.P @ modes).reshape(len(count), dim, -1)
+    return Kernel(modes, names, partial(describe_combination, motions), moved), named
 
 
 def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:

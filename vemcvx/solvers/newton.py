@@ -48,7 +48,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from vemcvx.base.arrays import Bools, Floats, directions, lengths, onto_discs, whole
 from vemcvx.program.forces import Delassus, Point, build_reflections
 from vemcvx.program.operators import FEATURES, Operators
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import Answer, StepProgram, has_diverged
 from vemcvx.solvers.law import Weights, resolve_slips
 from vemcvx.solvers.solver import Solver
 
@@ -299,6 +299,8 @@ class Search:
                 point = delassus.move(point, np.zeros_like(point.x), norm * point.rest)
                 momentum, ahead, off = 1.0, point.x, point.off + R @ (norm * point.rest)
                 now = off
+            if has_diverged(off):
+                break  # Nothing holds a floating body: its slips grow without limit.
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
             if self.law.is_monotone:

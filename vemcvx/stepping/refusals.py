@@ -90,7 +90,7 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
 
 def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
     """Raise SceneError if no forces of friction and limits balance the load of a step on K's kernel."""
-    kernel, field = condensation.system.kernel, program.find_unbalanced_motion()
+    kernel, norms, field = condensation.system.kernel, condensation.system.norms, program.find_unbalanced_motion()
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
@@ -99,9 +99,10 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     push = float(field @ program.g)
     holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))
     holds = holds if holds > 1e-12 * push else 0.0  # Smaller values are rounding of zero slips.
+    by = "" if norms is None or norms.law is None else ", by the pressures and slips before the step,"
     raise SceneError(
-        f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
-        f"The load pushes it in this motion with a force of {push:.6g}, and friction resists with at most {holds:.6g}: "
+        f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. The load pushes it "
+        f"in this motion with a force of {push:.6g}, and friction{by} resists with at most {holds:.6g}: "
         f"{push - holds:.6g} is missing, and there is no equilibrium. Change the load, raise the bound, add a "
         "support, or move the body by PrescribedDisplacement instead."
     )

@@ -144,8 +144,8 @@ class UnilateralContact(Effect):
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along n in the undeformed state, length; it may change in time. A negative gap is an
-        overlap (interference, press fit): the obstacle presses the body back by it. This happens at the first instant
-        with ``initial="settled"``, or gradually if the gap falls from zero.
+        overlap (interference, press fit). The obstacle presses the body back by this length: at the first instant with
+        ``initial="settled"``, or gradually if the gap falls from zero.
 
     Examples
     --------
@@ -461,8 +461,8 @@ class SpeedFriction(Effect):
 
     If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
     bounds the error. If `bound` falls, a step may have several solutions, or jump. A warning then compares `softening`
-    with the stiffness of the body, and the certificate is "for the given friction". For existence see Han and Sofonea
-    (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002), slip dependent friction. The bound
+    with the stiffness of the body, and the certificate is "for the given friction". For existence under bilateral
+    contact see Han and Sofonea (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002). `bound`
     does not depend on pressure; a warning is issued if friction acts where one-sided contact is open.
 
     Parameters

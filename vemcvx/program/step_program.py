@@ -265,7 +265,7 @@ class StepProgram(ArrayRecord):
             Multipliers of the norm terms, K d = g - B'lam - D'p. They are made admissible
             (:meth:`StepProgram.admissible`), or computed from d (:meth:`StepProgram.multipliers`).
         p : (r,) array, optional
-            Multipliers of the limits, likewise.
+            Multipliers of the limits, made admissible or computed like `lam`.
 
         Returns
         -------

@@ -351,7 +351,7 @@ class System(ArrayRecord):
     K : (n, n) array or sparse matrix
         Symmetric, positive definite; semidefinite if `kernel` is given.
     load : callable t -> (n,)
-        Forces, from which the Dirichlet force of moving supports is subtracted.
+        Forces minus the Dirichlet force of moving supports.
     norms : Norms, optional
         Norm terms: friction.
     motion : Motion, optional

@@ -120,8 +120,8 @@ class Solver(ABC):
         Parameters
         ----------
         operators : Operators
-            The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense, the
-            unknowns are those on which norm terms and limits act. `operators.factor` solves with K.
+            The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense,
+            norm terms or limits act on every unknown. `operators.factor` solves with K.
 
         Returns
         -------
@@ -180,7 +180,7 @@ class ScaledSolver:
 
     def length(self, program: StepProgram) -> float:
         """Return the length alpha of a step; one if its data vanish."""
-        # Slips that supports or ground force on a term move a body by no more than the weight of the term can.
+        # Slips that supports or ground force on a term load the body by at most the weight of the term.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(

@@ -324,7 +324,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
 
 
 def losses(before: State, after: State) -> tuple[Floats, Floats]:
-    """Return lam . s (terms,) of a step, and the same with weights averaged over both ends of the step.
+    """Return the losses lam . s (terms,) of a step, and the losses with the mean weights of both ends of the step.
 
     lam . s equals w |s| up to rounding, and stays small if a term with a large weight slips by rounding only.
     """

@@ -24,7 +24,9 @@ import vemcvx as vx
 from vemcvx.scene import PosedScene, pose_scene
 
 ANSWER, WARNING, REFUSAL = "answer", "answer with a warning", "refuse with an error"
-SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=1e-6), vx.OSQP(accuracy=1e-6))
+ACCURACY = 1e-6
+"""The largest relative error that the solvers below are asked for."""
+SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=ACCURACY), vx.OSQP(accuracy=ACCURACY))
 ROUNDING = 1e-13
 """Relative rounding of closed forms and of the energy norm itself."""
 

@@ -48,6 +48,14 @@ def slide(x, t):
     return vectors(x, lift(x, t), 0.5 * lift(x, t))
 
 
+def viscous(speed):
+    return 0.5 + 0.1 * speed
+
+
+def more_viscous(speed):
+    return 0.6 + 0.1 * speed
+
+
 def weigh(x, t):
     return vectors(x, t * (3 + x[:, 1]), t * (-1 - x[:, 0]))
 
@@ -266,10 +274,10 @@ SAMPLES = {
         others={"coefficient": 0.1, "on": "left", "cap": 0.1, "ground": belt},
     ),
     "SpeedFriction": EffectSample(
-        vx.SpeedFriction(lambda speed: 0.5 + 0.1 * speed, on="bottom"),
+        vx.SpeedFriction(viscous, on="bottom"),
         (STEEL, HELD, PULLED, TOUCHING),
         data={"ground": 2},
-        others={"bound": lambda speed: 0.4 + 0.1 * speed, "on": "left", "softening": 1e-3, "ground": belt},
+        others={"bound": more_viscous, "on": "left", "softening": None, "ground": belt},
     ),
     "VelocityContact": EffectSample(
         vx.VelocityContact(on="bottom"),

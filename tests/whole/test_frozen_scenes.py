@@ -45,7 +45,7 @@ def test_scenes_have_the_stored_answers():
     assert len(judgement.ratios) > 0.9 * len(DEFAULT)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_all_scenes_have_the_stored_answers():
     check(range(frozen_scenes.COUNT))
 

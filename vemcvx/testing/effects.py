@@ -79,7 +79,8 @@ class EffectSample:
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field, another value that changes the answer; an :class:`Other` if this value needs further changes.
+        For every field, another value that changes the answer; an :class:`Other` if this value needs further changes;
+        None for a field that promises a property of others, and changes no answer.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     in_space : bool
@@ -379,6 +380,8 @@ def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
     assert set(sample.others) == set(sample.fields)
     reference = sample.answer(sample.effect, *sample.beside).displacement
     for name, other in sample.others.items():
+        if other is None:
+            continue
         other = other if isinstance(other, Other) else Other(other)
         changed = sample.replace(**{name: other.value, **other.changes})
         found = sample.answer(changed, *sample.beside, *other.beside).displacement

@@ -44,8 +44,8 @@ def fields(history):
         "smallest principal stress": (principal[:, :, -1], centroids),
         "largest slip": (np.linalg.norm(contact.slip, axis=2), nodes),
         f"largest friction per {over}": (np.linalg.norm(contact.traction, axis=2), nodes),
-        f"largest contact pressure per {over}": (contact.pressure, nodes),
-        f"largest recovered contact pressure per {over}": (contact.pressure_recovered, nodes),
+        "largest contact pressure": (contact.pressure, nodes),
+        "largest recovered contact pressure": (contact.pressure_recovered, nodes),
     }
 
 

@@ -452,8 +452,8 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
         slip, friction = np.linalg.norm(contact.slip[row], axis=1), np.linalg.norm(contact.traction[row], axis=1)
         yield "slip", ("largest slip", "length", slip, contact.points)
         yield "friction", (f"largest friction per {over}", unit, friction, contact.points)
-        yield "pressure", (f"largest contact pressure per {over}", unit, contact.pressure[row], contact.points)
-        smooth = f"largest recovered contact pressure per {over}"
+        yield "pressure", ("largest contact pressure", unit, contact.pressure[row], contact.points)
+        smooth = "largest recovered contact pressure"
         yield "pressure_recovered", (smooth, unit, contact.pressure_recovered[row], contact.points)
 
 

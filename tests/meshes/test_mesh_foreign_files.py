@@ -206,6 +206,7 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
         "boundary": [0.5, 1.0],
     }
     assert mesh.cell_data["Iron"].tolist() == [1, 1]
+    assert mesh.cell_data["high.Iron"].tolist() == [0, 1]  # the set of one instance
     assert mesh.cell_data["high"].tolist() == [0, 1]
 
 

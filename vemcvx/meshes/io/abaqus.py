@@ -1,8 +1,8 @@
 """Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists what is not read.
 
 A part is read once for each of its instances, translated and rotated like the instance. A part without an instance is
-read once, unmoved. Sets of the same name in several parts are joined. Each instance has its own numbers of nodes and
-elements.
+read once, unmoved. Sets of the same name in several parts are joined; element sets are also kept for each instance, as
+"Instance.Set". Each instance has its own numbers of nodes and elements.
 """
 
 from __future__ import annotations
@@ -60,7 +60,10 @@ def read_abaqus(path: Path) -> Grid:
     known = {} if deck.numbers.get("", {}).get("ELSET") else deck.numbers
     own = {name: np.isin(every, list(numbers["ELSET"].values())) for name, numbers in known.items() if name}
     grid.bodies = tuple(own or _largest(grid) or grid.sets)
-    grid.sets |= own
+    joined = {name: x for name, x in grid.sets.items() if sum((x & one).any() for one in own.values()) > 1}
+    grid.sets |= own | {
+        f"{of}.{name}": x & one for of, one in own.items() for name, x in joined.items() if (x & one).any()
+    }
     if deck.unread:
         grid.notes = (*grid.notes, f"these parts of the file were not read: {', '.join(dict.fromkeys(deck.unread))}.")
     return grid

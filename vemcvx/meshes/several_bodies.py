@@ -146,8 +146,8 @@ def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
         other, distance = min(gaps.items(), key=lambda gap: gap[1].min())
         said[frozenset((body, other))] = (
             f"{body!r} touches no other body: the nearest nodes, of {other!r}, are {distance.min():.3g} away near "
-            f"{coordinates(meshes[body].points[np.argmin(distance)], 6)}. If they should touch, move one of them, or "
-            "give tolerance=."
+            f"{coordinates(meshes[body].points[np.argmin(distance)], 6)}; sides may be closer. If the bodies should "
+            "touch, move one of them, or give vx.meshes.read a tolerance=."
         )
     return list(said.values())
 

@@ -4,9 +4,10 @@ The block has the displacement of `manufactured_full_slip.py` with another funct
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
-in units of 1e-3 of a length. At t = 0 the block is strained and slips, with friction at its bound. So u_0 = w / 2 is
-not a state of rest. It satisfies (2.1), because loads and friction at the bound balance its stresses. At t = 1/2 the
-block stops. From then on the bound exceeds the friction by b (t - 1/2) with b = `rise`, and all nodes stick.
+where u is in thousandths of the unit of length. At t = 0 the block is strained and slips, with friction at its bound.
+So u_0 = w / 2 is not a state of rest. It satisfies (2.1), because loads and friction at the bound balance its stresses.
+At t = 1/2 the block stops. From then on the bound exceeds the friction by b (t - 1/2) with b = `rise`, and all nodes
+stick.
 
 Runs begin from P^h u_0, (2.11). With an odd number N of steps the block stops in the middle of a step. At the end of
 that step the bound is b / (2 N) too large, and in backward Euler the block slips less in this step than it should: the

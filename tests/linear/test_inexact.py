@@ -19,7 +19,7 @@ kinds = pytest.mark.parametrize("kind", INEXACT)
 @kinds
 @mostly_long("tolerance", [0.5, 1e-4, 1e-12], 1)
 def test_energies_of_inexact_solves_are_upper_bounds(kind, tolerance):
-    """The bound exceeds the energy by less than half: energies are solved to 0.1, and the spectrum is bounded."""
+    """The bound exceeds the energy by less than half: see `IterativeFactor.energy` and `bound_lowest_eigenvalue`."""
     system = pose_scene(paper_scene(), small("voronoi", 14)).system
     exact, inexact = SuperLU().factorise(system.K), kind(tolerance).factorise(system.K, system.near_kernel)
     smooth, rough = system.force(1.0), np.random.default_rng(4).normal(size=system.n)
@@ -34,7 +34,7 @@ def test_energies_of_inexact_solves_are_upper_bounds(kind, tolerance):
 @pytest.mark.long
 @pytest.mark.parametrize("tolerance", [0.1, 1e-4, 1e-8])
 def test_certificates_hold_whatever_the_tolerance(kind, tolerance):
-    """1/2 |u - u*|^2 <= gap after one step, where u* belongs to the exact loads."""
+    """1/2 |u - u*|^2 <= gap after one step, where u* is the answer with a direct factor."""
     scene, mesh = paper_scene(), small("voronoi", 12)
     exact = vx.simulate(scene, mesh, [0.0, 1.0])
     history = vx.simulate(scene, mesh, [0.0, 1.0], linear=kind(tolerance), check=False)
@@ -86,7 +86,7 @@ SCENES = {
 
 @kinds
 @mostly_long("name", SCENES, "bilateral")
-def test_scenes_have_the_steps_and_forces_of_direct_factors(kind, name):
+def test_states_and_forces_agree_with_those_of_a_direct_factor(kind, name):
     scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.cubes(4)
     direct, iterative = (vx.simulate(scene, mesh, TIMES, linear=linear) for linear in (SuperLU(), kind()))
     posed = pose_scene(scene, mesh)

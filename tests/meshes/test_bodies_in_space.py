@@ -136,8 +136,8 @@ def test_a_tolerance_matches_points_rounded_to_seven_digits():
     assert mesh.face_areas[mesh.boundaries["pin|lug"]].sum() == pytest.approx(32 * np.sin(np.pi / 16), rel=1e-7)
 
 
-def test_equal_prisms_of_a_cylinder_match_and_others_are_refused():
-    """Give pin and lug different layers, which match; other sectors, or a rotation by half a sector, do not match."""
+def test_cylinders_of_equal_sectors_match_and_others_are_refused():
+    """Unequal numbers of layers along the axis match; unequal numbers of sectors, or rotated sectors, do not."""
     pin, lug = ring([0.4, 1.0], 16, 2), ring([1.0, 2.0], 16, 3)
     for meshes in ({"pin": pin, "lug": lug}, {"lug": lug, "pin": pin}):
         assert_matched(bodies(meshes), 32 * np.sin(np.pi / 16))

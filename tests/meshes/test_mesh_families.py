@@ -55,7 +55,7 @@ def test_every_function_that_meshes_a_box_is_a_family():
 @mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
-    """Compare sides without tolerance; check cells like cells of users, because families skip these checks."""
+    """Compare sides without tolerance. Build the mesh again by its class, which checks the cells; families do not."""
     (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
@@ -239,7 +239,7 @@ def test_nonconvex_cells_are_not_convex(zigzag):
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
-def test_hanging_nodes_belong_to_both_cells(fraction):
+def test_hanging_nodes_are_vertices_of_larger_cells_too(fraction):
     mesh = meshes.hanging(4, seed=2, fraction=fraction)
     assert mesh.n_cells == 16 + 3 * round(fraction * 16)
     assert any((cross_edges(mesh, cell) == 0.0).any() for cell in mesh.cells) == (fraction == 0.3)
@@ -253,7 +253,7 @@ def measure_edges(mesh):
 
 @mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_requested_number_of_cells(cells):
-    """Make meshes of long boxes, too: short edges between opposite sides must stay, like the corners of the box."""
+    """In long boxes, keep short edges that connect opposite sides, and the corners of the box: do not collapse them."""
     for width, options in ((5.0, {}), (1e-3, {"relaxations": 0, "shortest": 0.1}), (1e3, {"shortest": 0.1})):
         mesh = meshes.voronoi(cells=cells, box=((0.0, width), (0.0, 1.0)), seed=4, **options)
         PolygonMesh(mesh.points, mesh.cells)
@@ -266,7 +266,7 @@ def test_voronoi_makes_the_requested_number_of_cells(cells):
 def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
     mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
     PolygonMesh(mesh.points, mesh.cells)
-    # The default of `shortest` is 0.02; shorter edges stay in triangles and between two sides of the box.
+    # The default of `shortest` is 0.02; shorter edges of triangles or between two sides of the box are kept.
     assert np.quantile(measure_edges(mesh) * 20, 0.01) > 0.02
     assert measure_edges(mesh).min() * 20 > 1e-3
     raw = meshes.voronoi(cells=400, seed=seed, relaxations=0, shortest=0.0)

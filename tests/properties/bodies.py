@@ -21,9 +21,9 @@ CELL = 64
 def stiffness_has_the_rigid_motions_as_kernel(mesh, data, kind):
     """A is symmetric to the bit, A R = 0 for rigid motions R, and A is positive on all other motions.
 
-    Entries have errors of at most CELL eps M_ij; a product with R adds one rounding error per summand. For
-    D^{-1/2} A D^{-1/2}, with unit diagonal, M is all ones and has norm 2N: eigenvalues have errors of at most
-    (CELL + 2N) eps 2N.
+    Entries have errors of at most CELL eps M_ij with M = `majorant(A)`; a product with R adds one rounding error per
+    summand. For D^{-1/2} A D^{-1/2}, where D is the diagonal of A, all entries of M are one and its norm is 2N, with N
+    nodes: eigenvalues have errors of at most (CELL + 2N) eps 2N.
     """
     material = data.draw(materials(mesh))
     material = vx.Elasticity(material.young, material.poisson, material.plane, kind)
@@ -91,7 +91,7 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     Both histories solve one problem up to the rounding of coordinates, Q x = x' (1 + eps). Relative to a cell of
     diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). It changes
 
-    - forces A u and f by kappa eps (M|u| + |f|), and an answer by as much in the norm of forces;
+    - forces A u and f by kappa eps (M|u| + |f|), and u, in the energy norm, by the dual norm of this change of forces;
     - weights w by kappa eps w. With multipliers reduced by the factor 1 - kappa eps, the other answer has the
       additional gap 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
 

@@ -120,7 +120,7 @@ class LinearSolver(ABC):
         Parameters
         ----------
         order : (n,) permutation
-            An order of elimination with little fill. A class that `orders` ignores it.
+            An order of elimination with little fill. Ignored if `orders` is True.
         last : (m,) array
             Numbers of the unknowns of the Schur complement.
 

@@ -260,7 +260,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return the positions of rows of old nodes in the boundary (-1 if they are missing), and the rows as text."""
+        """Return the positions of given edges or faces in the boundary (-1 if absent), and their nodes as text."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -269,7 +269,7 @@ class Mesh(ABC):
         return self._find_parts(offsets, vertices, number), called
 
     def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return the positions of rows in the boundary (-1 if not there); `number` maps their old nodes to new ones."""
+        """Return the positions of edges or faces in the boundary (-1 if absent); `number` maps given nodes to new."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)

@@ -80,7 +80,7 @@ class EffectSample:
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
         For every field, another value that changes the answer; an :class:`Other` if this value needs further changes;
-        None for a field that promises a property of others, and changes no answer.
+        None for a field that only states a property of another field, and so changes no answer.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     in_space : bool

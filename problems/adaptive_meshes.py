@@ -179,7 +179,7 @@ def run_studies(sizes):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
+    parser.add_argument("--small", action="store_true", help="coarser meshes, a run of seconds")
     parser.add_argument("--picture", type=Path, help="where to draw convergence and meshes (PNG)")
     given = parser.parse_args(arguments)
     results = run_studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))

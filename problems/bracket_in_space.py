@@ -16,8 +16,8 @@ Cells of size h(r) at the distance r from an edge make the squared error int r^(
 int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for h = c r^((4 - 2a) / 5): both integrals
 then converge for a > 1/3, and the error is N^(-1/3), as for smooth fields, although cells are as short along the edge
 as across it. For the error e, adaptive meshes need e^(3/a - 3) = e^2.5 times the number of equal cells, up to a
-constant. We measured .20 of the nodes of equal cubes at the error 19 % and .16 at 17 %, although adaptive cells are
-tetrahedra.
+constant. We measured that adaptive meshes need .20 times the nodes of equal cubes at the error 19 %, and .16 times at
+17 %, although their cells are tetrahedra.
 
     vemcvx run problems/bracket_in_space.py --n 16 --steps 1 --plot
 """

@@ -69,7 +69,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the rings, apart by the magnified interference, and the stresses along a radius."""
+    """Draw the deformed rings, which magnified displacements move apart, and the stresses along a radius."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -52,7 +52,7 @@ class History(Results, Outlined):
     acting : BoundaryForces
         The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
     moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells)
-        Lame's lambda (reduced in plane stress) and mu; or, if some cell is anisotropic and in bodies of revolution, the
+        Lame's lambda (reduced in plane stress) and mu. If some cell is anisotropic, and in bodies of revolution: the
         upper triangle of the elastic matrix, row by row (:mod:`vemcvx.vem.tensors`).
     trajectory : Trajectory
         The results in free unknowns, and scalar results at all N + 1 instants.
@@ -296,7 +296,7 @@ def scene_of(history: object, subject: str) -> Scene:
         raise HistoryError(f"{subject}: found {brief(history)}; wanted a History.")
     if history.scene is None:
         raise HistoryError(
-            f"{subject}: this history was read from files or joined, so it has no scene; simulate it, or use a stage."
+            f"{subject}: a history that was read or joined has no scene; simulate the scene again, or use one stage."
         )
     return history.scene
 

@@ -57,7 +57,7 @@ def test_a_refusal_names_an_error_above_rounding():
     assert float(reached) >= float(allows)
 
 
-def test_an_error_above_the_requested_accuracy_has_its_reason(history):
+def test_the_summary_gives_the_reason_for_an_error_above_the_requested_accuracy(history):
     """The reason is rounding, or a gap that the solver left."""
     unit = history.trajectory.unit
     assert "asked for" not in find_line(history)

@@ -165,7 +165,7 @@ def test_thermal_strain(body):
     free = body.run(body.walls, heat)
     assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
-    # Heat counts as a load: 1/2 a(u, u) is the energy of the total strain, and ledgers close up to 1/2 a(du, du).
+    # Heat counts as a load; the energy is 1/2 a(u, u). Each step, work exceeds energy and dissipation by 1/2 a(du, du).
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
     assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
     rest = np.diff(free.work - free.energy - free.dissipated)
@@ -222,7 +222,7 @@ def test_normal_compliance_and_a_gap(body):
 
 
 def test_one_sided_contact_closes_a_gap(body):
-    """The top moves down through the gap, squeezes the block, and lifts it off again."""
+    """The prescribed top closes the gap below the block, squeezes the block, and lifts it off again."""
     way = vx.Tabulated([0.0, 1.0, 2.0, 3.0], [0.0, -0.01, -0.05, 0.02])
     lid = vx.PrescribedDisplacement(way, on="top", direction="normal")
     touch = vx.UnilateralContact(on="bottom", gap=0.03)

@@ -60,7 +60,7 @@ def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
     ],
 )
 def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, place, words):
-    """Corners between equal conditions are marked above 180 degrees, clamp and free side from 90, symmetry never."""
+    """Equal conditions are marked above 180 degrees; clamp and free side at 90 degrees; roller and free side not."""
     load = vx.Traction((0.0, -1.0), on="left")
     assert mark_at(run_settled(vx.meshes.l_shape(8), STEEL, held, load), place) == words
 

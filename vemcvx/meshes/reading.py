@@ -94,7 +94,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the positions in the boundary, on the first body, of each named side that lies wholly on interfaces.
+    """Return, for each named side that lies wholly on interfaces, its positions in the boundary (on the first bodies).
 
     `origin` has the original edge or face of each piece of the boundary; `sides` has the names in the file.
     """
@@ -118,8 +118,8 @@ def convert(other: Any) -> PolygonMesh | Any:
     Parameters
     ----------
     other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Names of boundaries come from cell sets of lines (in space: polygons) or physical groups (meshio), from named
-        boundaries (scikit-fem), or from `to`. Subdomains and cell sets become cell data, 1 inside and 0 outside.
+        Names of boundaries come from cell sets of lines (in space: polygons) or physical groups (meshio), or from named
+        boundaries (scikit-fem); objects made by `to` keep them. Subdomains and cell sets become cell data of 0 and 1.
 
     Returns
     -------

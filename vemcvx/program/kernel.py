@@ -38,7 +38,7 @@ from vemcvx.linear import Matrix
 from vemcvx.program.certificate import ROUNDED
 
 MAX_CORRECTIONS = 50
-"""Largest number of corrections of unbalanced multipliers; all but the last cut some of them at their bounds."""
+"""Largest number of corrections of multipliers; each except the last cuts some multipliers at their bounds."""
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
 `Contact.pressure` is the nodal force R_i over |phi_i| = int phi_i, with phi_i the hat function of node i. On interfaces
-of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, large and small
-forces do: sides bend at hanging nodes although cells have constant strain. Where two tilings are intersected, some
-nodes have a very small area, not a small stiffness. Means over a few cells are better: R(v) = int p v for smooth v.
+of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, so do large
+and small forces: sides bend at hanging nodes although cells have constant strain. Where two tilings are intersected,
+some nodes have a very small area but usual stiffness. Means over a few cells are better: R(v) = int p v for smooth v.
 On every interface on which a cell of either body has several sides, the recovered values are means over nearby nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
@@ -12,7 +12,7 @@ where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milan
 (2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
 exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
 smoothed over 1.5 h. The length h is the total length of one cell's sides on the surface (in space, the root of their
-area); the larger value of the two bodies counts. k is 0 if normals differ by more than on a curve, as at a corner.
+area); the larger value of the two bodies counts. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more.
 Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means
 would only blur them: then the recovered values are the nodal values.
 """
@@ -39,12 +39,12 @@ CELLS = 1.5
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The sides (in space, faces) of contact between its m nodes, except sides at corners of the body."""
+    """The m contact nodes, and which of them share a side (in space, a face); nodes at corners share none."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
     reach: Floats  # (m,) 1.5 h
-    beside: sp.csr_matrix  # (m, m) nonzero for two nodes of one tile
+    beside: sp.csr_matrix  # (m, m) nonzero for two nodes of one side
 
     @classmethod
     def from_rows(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
@@ -86,7 +86,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The iteration averages log d: the largest change can grow only by rounding.
+            # A new change of log d is half an old one less half a mean of old ones: the largest grows by rounding only.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break
@@ -133,9 +133,9 @@ def find_unmatched(mesh: Mesh) -> Bools:
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """Return for each node (m,) the largest length (in space, root of the area) of one cell's sides between the nodes.
+    """Return, at each of the nodes (m,), the largest size of its cells on the surface; 0 for the node -1.
 
-    The length is 0 for the node -1.
+    This size is the total length (in space, root of the total area) of the sides of a cell with all ends in `nodes`.
     """
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)

@@ -100,9 +100,9 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check S = ((K^{-1})_cc)^{-1} in two orders, for c from no to all unknowns, and solves with the factor.
+    """Check S = ((K^{-1})_cc)^{-1} and solves by the factor: two elimination orders; c is empty, part or all of them.
 
-    In a chain of which up to every second unknown is eliminated, the eliminated unknowns are not coupled.
+    In the chain, 0, 1 or 10 unknowns are eliminated, no two of which are coupled.
     """
     system, chain = _system("voronoi", 6), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)

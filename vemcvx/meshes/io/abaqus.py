@@ -187,7 +187,7 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements that a word in a set or surface names: one, by number, or all of another set."""
+        """Return the nodes or elements of a word in the set or surface `name`: a number, or the name of a set."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self._numbers_of(kind, instance)
@@ -212,8 +212,8 @@ class _Deck:
                     self.sides.setdefault(name, []).append(self._side(name, int(side[1]), element))
             else:
                 self.unread.append(
-                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; only sides S1, S2 ... of "
-                    "elements and node sets are read)"
+                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; only node sets, and sides "
+                    "S1, S2 ... of elements, are read)"
                 )
 
     def _side(self, name: str, side: int, element: int) -> list[int]:

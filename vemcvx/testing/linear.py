@@ -100,9 +100,9 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check S = ((K^{-1})_cc)^{-1} and solves by the factor: two elimination orders; c is empty, part or all of them.
+    """Check S = ((K^{-1})_cc)^{-1} and solves by the factor, for two elimination orders.
 
-    In the chain, 0, 1 or 10 unknowns are eliminated, no two of which are coupled.
+    The set c has none, some or all unknowns. In the chain, 0, 1 or 10 uncoupled unknowns are eliminated.
     """
     system, chain = _system("voronoi", 6), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)

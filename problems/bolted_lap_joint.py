@@ -72,7 +72,7 @@ def grid(x, y):
 
 
 def plate(n, side, heights):
-    """Return a plate: two squares with holes, and rectangles from these to its left (side -1) or right end (1)."""
+    """Return a plate: two squares with holes, then rectangles up to the left (side -1) or right (side 1) end."""
     around = tube([HOLE, HEAD, HALF], n, heights)
     outer = np.hypot(*around.points[:, :2].T) > 0.5 * (HEAD + HALF)
     widening = np.where(outer, HALF / np.abs(around.points[:, :2]).max(axis=1), 1.0)[:, None] ** [1, 1, 0]

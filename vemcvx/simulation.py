@@ -296,9 +296,9 @@ class Projected:
 
 
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
-    """Return the energy projection P^h u_0 of an initial displacement, ``simulate(..., initial=vx.projected(u_0))``.
+    """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
-    a^h(P^h u_0, v) = a(u_0, v) for all v of V^h, (2.11) and (3.26) of the paper: exactly for linear u_0, else to O(h).
+    This is (2.11) and (3.26) of the paper. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
 
     If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). One step
     at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. If the norm of this step is more than

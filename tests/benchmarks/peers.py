@@ -1,4 +1,4 @@
-"""Times of Coulomb's law compared with Siconos and GetFEM on the same matrices; ratios are printed if answers agree.
+"""Solution times for Coulomb's law against Siconos and GetFEM on the same matrices, printed if the answers agree.
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 4] [--python /usr/bin/python3]
 
@@ -7,7 +7,7 @@ pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU secon
 
 Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, u = W r + q on Coulomb's cones, by nonsmooth
 Gauss-Seidel (NSGS) to 1e-8, starting from the forces of the previous step. We solve the condensed program of the step.
-Both matrices are computed once per run and are not counted. Times are medians over steps; our first step is left out.
+W and our condensed matrix are computed beforehand and not counted. Times are medians over steps, without our first.
 
 GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for
 nodal contact with friction (`add_basic_contact_brick`: the augmented Lagrangian of Alart and Curnier, version 1, with

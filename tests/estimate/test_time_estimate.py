@@ -86,7 +86,7 @@ def test_adapted_steps_meet_a_dip_of_the_bound_and_jumps_are_named():
     assert found.met
     assert np.abs(times[:, None] - [0.43, 0.48]).min(axis=0).max() <= 1e-9
     assert len(times) <= 8
-    jumps = [f"the bound of friction jumps at t = {t}; the jump stays within one step" for t in (0.43, 0.48)]
+    jumps = [f"the bound of friction jumps at t = {t}; no step size resolves the jump" for t in (0.43, 0.48)]
     assert list(found.budget.jumps) == jumps
     assert jumps[0] in found.summary()
     truth = vx.simulate(held(dips), found.history.mesh.refine(), np.linspace(0, 1, 41), store="last", initial="settled")

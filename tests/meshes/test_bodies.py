@@ -173,7 +173,7 @@ def test_interfaces_meet_in_crosspoints():
 
 
 def test_an_interface_goes_around_a_corner():
-    """Fill the re-entrant corner of an L with a block: one interface has two sides."""
+    """Fill the re-entrant corner of an L with a block: one interface consists of two perpendicular segments."""
     parts = {"block": FAMILIES["voronoi"](5, ((0.5, 1), (0.5, 1)), seed=3), "corner": vx.meshes.l_shape(6)}
     mesh = bodies(parts, interfaces={"L": ("corner", "block")})
     assert_matched(mesh)

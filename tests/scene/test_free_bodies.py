@@ -57,7 +57,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The error of u_r is O(h^2); squared bounds are sums over four quarters, relative estimates are equal."""
+    """The squared upper bound of the tube is four times its quarter's bound; their relative estimates are equal."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))

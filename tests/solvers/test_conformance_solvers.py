@@ -135,7 +135,7 @@ def test_the_smallest_solver_that_accepts_the_program_is_chosen_and_named(caplog
     assert frictionless.solver == repr(vx.Direct())
     assert "solver: Direct" in caplog.text
     assert vx.simulate(make_scene(), small("squares", 2), TIMES).solver == repr(vx.Newton())
-    assert "solver: Newton, the smallest that accepts absolute values, quadratic" in caplog.text
+    assert "solver: Newton, the default for absolute values, quadratic" in caplog.text
 
 
 CHANCE = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, order, one form a^h in the stiffness, the budget and the nodal distance."""
+"""User-defined stabilisations: patch test, order, and one form a^h for stiffness, budget and nodal distance alike."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_errors_are_of_first_order():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, its error exceeds the default's error by a third; with `deviatoric`, it equals this error."""
+    """At nu = .49999, the D-recipe's error is a third larger than the default's; with `deviatoric` they are equal."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )

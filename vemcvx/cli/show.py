@@ -125,5 +125,5 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
     found = softening_ratio(operators, norms.softening)
     if found is None or found[0] == 0.0:
         return FOR_GIVEN
-    most = "the length of a step, it" if norms.reads_rates else "1 a step"
-    return f"{FOR_GIVEN}; softening over stiffness is {found[0]:.2g}: below {most} has one solution"
+    limit = "the length of the step" if norms.reads_rates else "1"
+    return f"{FOR_GIVEN}; a step has one solution if softening over stiffness, {found[0]:.2g}, is below {limit}"

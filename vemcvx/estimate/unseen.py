@@ -48,7 +48,7 @@ class DataErrors:
             body, in_cells = reader.cells.compare_means(
                 reader.body_force(reader.inside, t), body_forces(posed, t) / edges.areas[:, None]
             )
-            # A constant force in a cell moves the body, and part of it also deforms the cell.
+            # The mean difference counts twice: in each cell, and as a force on the whole body.
             in_cells = in_cells + body[reader.inside.owner]
         force, on_edges = edges.lengths[:, None] * traction, reader.between_nodes(now, compliant=True)
         for friction in (one for one in reader.frictions if one.law is None):
@@ -61,7 +61,7 @@ class DataErrors:
         return local + reader.body_energies(force, edges.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
-        """Return the squared errors (b,) due to a friction bound, and its forces (b, 2) on the whole body."""
+        """Return the squared errors (b,) due to g - g_h, and the forces (b, 2) that its means exert on the body."""
         reader, fine, edges = self.reader, self.reader.fine, self.edges
         lam, bound, slipped, along = self._friction(now)
         at, g, line = fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])

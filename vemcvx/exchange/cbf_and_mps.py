@@ -81,8 +81,8 @@ def root(program: StepProgram) -> sp.csr_matrix:
     if operators.kernel is not None:
         if not isinstance(K, np.ndarray):
             raise ProgramError(
-                "CBF: only friction and contact hold the body, and CBF needs a root of K, which a sparse K with a "
-                "kernel lacks here; take the condensed program, or write .npz or .mtx."
+                "CBF: only friction and contact hold the body, and CBF needs a root of K, which is not computed for a "
+                "sparse K with a kernel; take the condensed program, or write .npz or .mtx."
             )
         values, vectors = np.linalg.eigh(0.5 * (K + K.T))
         kept = slice(operators.kernel.shape[1], None)

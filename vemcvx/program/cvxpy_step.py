@@ -73,9 +73,9 @@ def to_cvxpy(
 ) -> CvxpyStep:
     """Write a step in cvxpy, with data g, w, b, e, or with parameters if data are not given.
 
-    Without `cones` each absolute value is written as two inequalities. With `corners` (P, block), unit vectors, discs
-    of multipliers are replaced by polygons with these corners. Terms that are `stuck` (m,) do not slip; their weights
-    must be finite.
+    Without `cones` each absolute value is written as two inequalities. If unit vectors `corners` (P, block) are given,
+    each disc of multipliers is replaced by the polygon with corners on the circle in these directions. Terms that are
+    `stuck` (m,) do not slip; their weights must be finite.
     """
     import cvxpy as cp
 

@@ -46,7 +46,7 @@ def as_solver(given: Solver | Solves) -> Solver:
     if isinstance(given, type) or not callable(getattr(given, "solve", None)):
         raise SceneError(
             f"solver: found {brief(given)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
-            "for the smallest that accepts the program; any object with solve(program, target) is a solver."
+            "for the default solver; any object with solve(program, target) is a solver."
         )
     return AdaptedSolver(given)
 
@@ -194,7 +194,7 @@ class RunSolver:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve a missed step again; after Clarabel, also try Newton from Clarabel's sets; return the better answer."""
+        """Repeat a step that missed its target; after Clarabel, also run Newton from its answer; return the best."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:
@@ -205,19 +205,19 @@ class RunSolver:
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
-"""The solvers that come with the package, from the smallest to the most general."""
+"""The solvers of the package: the first that accepts a program is its default solver."""
 
 log = logging.getLogger("vemcvx")
 
 
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
-    """Return the given solver, or the smallest that accepts the programs of `operators`.
+    """Return the given solver, or the default solver for the programs of `operators`.
 
     Raise NotAccepted if the given solver does not accept a feature of these programs.
     """
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
-        log.info("solver: %s, the smallest that accepts %s", solver.name, name_features(operators.features))
+        log.info("solver: %s, the default for %s", solver.name, name_features(operators.features))
         return solver
     asked = as_solver(given)
     missing = operators.features - asked.accepts

@@ -1,9 +1,9 @@
 """The course of a run's data in time: samples of loads, gaps, friction bounds and motions, with bends, turns and jumps.
 
 For each kind of data we sample one sum with random weights, at the ends and midpoints of all steps, and at intervals of
-at most 1/256 of the run. Changes that begin and end between two samples are not found. A *bend* is the point where the
-lines on both sides of an interval meet. A *turn* is the vertex of the parabola through three samples, the middle one of
-which is extreme. A *jump* is a change that stays large when its interval is halved repeatedly.
+at most 1/256 of the run. Changes that begin and end between two samples are not found. A *bend* lies between two
+samples, where the lines through two earlier and two later samples meet. A *turn* is the vertex of the parabola through
+three samples whose middle one is extreme. A *jump* is a change that stays large when its interval is halved repeatedly.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vemcvx.base.errors import WARNING_FRACTION
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Smallest mismatch of two lines at a bend, and of values at a turn, relative to the largest value of the data."""
+"""Smallest change of slope at a bend or turn, times the length of an interval, relative to the largest data."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
@@ -95,7 +95,7 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
 
 
 def _bends(times: Floats, values: Floats) -> Floats:
-    """Return the instants inside intervals at which the lines from both sides meet."""
+    """Return the instants inside intervals at which the lines through the samples before and after them meet."""
     width = np.diff(times)
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
@@ -138,5 +138,5 @@ def _jumps(
         apart = np.abs(right - left)
         if apart.max() >= 0.25 * change[j]:
             instants += [a, b]
-            sentences.append(f"the {names[int(np.argmax(apart))]} jumps at t = {b:.9g}; the jump stays within one step")
+            sentences.append(f"the {names[int(np.argmax(apart))]} jumps at t = {b:.9g}; no step size resolves the jump")
     return np.array(instants), tuple(sentences)

@@ -212,8 +212,8 @@ class _Deck:
                     self.sides.setdefault(name, []).append(self._side(name, int(side[1]), element))
             else:
                 self.unread.append(
-                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; only node sets, and sides "
-                    "S1, S2 ... of elements, are read)"
+                    f"the surface {name} ({', '.join(filter(None, (kind, target, label)))}; only sides S1, S2 ... of "
+                    "elements, and node sets, are read)"
                 )
 
     def _side(self, name: str, side: int, element: int) -> list[int]:

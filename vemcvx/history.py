@@ -296,7 +296,7 @@ def scene_of(history: object, subject: str) -> Scene:
         raise HistoryError(f"{subject}: found {brief(history)}; wanted a History.")
     if history.scene is None:
         raise HistoryError(
-            f"{subject}: a history that was read or joined has no scene; simulate the scene again, or use one stage."
+            f"{subject}: this history was read from files or joined and has no scene; simulate again, or use one stage."
         )
     return history.scene
 

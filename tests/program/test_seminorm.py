@@ -98,6 +98,21 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
 
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+@pytest.mark.parametrize("push", [0.25, 0.2505859375])
+def test_a_cube_that_slides_and_turns_without_limit_is_refused(push):
+    """A cube on a floor is pushed at its left side, aslant; 0.2222 is the largest push that friction holds."""
+    scene = vx.Scene(
+        vx.Elasticity(young=1000.0, poisson=0.3),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+        vx.Pressure(1.0, on="top"),
+        vx.Traction(lambda x, t: (push * t, push * t / 2, 0.0), on="left"),
+    )
+    with pytest.raises((vx.SceneError, vx.SolverFailed, vx.NotCertified), match="the body"):
+        vx.simulate(scene, vx.meshes.cubes(3), [0.0, 1.0], initial="settled")
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_a_refusal_names_the_forces_along_a_diagonal():
     """A cube of weight 1 with coefficient 0.3 is pushed along the diagonal of its floor by 0.5, without overflow."""
     scene = vx.Scene(

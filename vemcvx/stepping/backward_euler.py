@@ -141,7 +141,7 @@ class PosedStep:
         with name_failures(self.run.solver.name):
             answer = solve(program, gap, *guess, *([] if law is None else [law]))
             if has_diverged(answer.d):
-                raise SolverFailed(f"{self.run.solver.name}: its answer diverged, because nothing holds the body.")
+                raise SolverFailed(f"{self.run.solver.name}: its answer diverged: friction does not hold the body.")
             if law is not None:
                 slip = lengths(program.slip(program.feasible(answer.d)))
                 law.check_slip(answer.p, slip)

@@ -15,7 +15,6 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.program.system import Norms, System
-from vemcvx.solvers import Solver
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
 STABLE_RATIO = 0.999
@@ -45,7 +44,7 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
         f"but {accuracy:.1e} was requested.{said}{worst} "
-        f"{_advice(solver, reached, accuracy, floor)}. In Python, check=False continues without this accuracy.",
+        f"{_advice(run, reached, floor)}. In Python, check=False continues without this accuracy.",
         step=n,
         time=state.t,
         reached=reached,
@@ -54,7 +53,10 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     )
 
 
-def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> str:
+def _advice(run: PreparedRun, reached: float, floor: float) -> str:
+    solver, accuracy = run.solver, run.solver.accuracy
+    if floor > 0.1 and run.system.kernel is not None:
+        return "Friction and contact hardly hold the body against this load: lower the load, or add a support"
     if floor > 0.1:
         return (
             f"Round-off in the last digits of the data alone may change the answer by {floor:.1e} of its energy norm: "

@@ -279,8 +279,8 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
     operators, motion, load = condensation.operators, condensation.system.motion, now.force
     stored = operators.compliance - condensation.system.dashpots
     square, kernel = float(p @ (stored * p)), operators.kernel
-    if now.ground is not None and kernel is not None:
-        y = y - kernel @ (kernel.T @ y)  # Remove rigid motions, which may be large on moving ground and cost digits.
+    if kernel is not None:
+        y = y - kernel @ (kernel.T @ y)  # Remove rigid motions, which may be large and cost digits.
     if motion is not None:
         y, load = y + now.push.x[condensation.retained], load + now.push
         square += motion.pair(now.field, now.field) + 2.0 * _anchor_work(condensation, now.push, y)

@@ -1,4 +1,4 @@
-"""The benchmarks: the paper's reference run, a block in space, assembly, growth to a million unknowns, imports."""
+"""The benchmarks: the paper's reference run, a block in space, assembly, time up to a million unknowns, imports."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ triangle, and |w - v|_a is integrated exactly. Triangles are graded towards poin
 
 The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
 normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We then refine all triangles once; let w be
-the finer solution. J falls by more than J(w) - J(u), so that twice this fall bounds |w - u|_a^2.
+the finer solution. This lowers J by more than the rest J(w) - J(u), so that twice the decrease bounds |w - u|_a^2.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def solve_with_cvxpy(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """Return a row for each of m combinations `weights` (m, 3) of the values on each of e edges."""
+        """Return a row for each edge and each of m weighted sums (`weights`, (m, 3)) of the three values on an edge."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)

@@ -62,7 +62,7 @@ def test_bounds_enclose_quantities_of_full_slip(family, name):
     assert widths[1] < 0.6 * widths[0]
 
 
-# Without friction, intervals are guaranteed, and the intervals of all meshes intersect.
+# Without friction, the intervals of all meshes intersect.
 
 
 def bonded(*effects):

@@ -189,7 +189,7 @@ def test_bounds_hold_against_finer_meshes(name, family, sizes):
 
 
 def one_step(seed):
-    """Return a random scene with given friction, and the instant of its step; one contact of three is one-sided."""
+    """Return a random scene with given friction (one in three has one-sided contact), and the instant of its step."""
     scene, turn = random_scene(seed)
     if seed % 3 < 2:
         return scene, turn
@@ -198,7 +198,7 @@ def one_step(seed):
 
 
 def check_beside_refined(coarse):
-    """Compare the bounds of a run with a run on smaller cells, whose error is at most a twentieth of their distance."""
+    """Compare the bounds of a run with a run on smaller cells, whose error is at most .05 of the distance of both."""
     bound = vx.error_bound(coarse, step=-1)
     apart, own, ahead = beside_refined(coarse, 0.05)
     assert apart >= 20.0 * own
@@ -485,5 +485,5 @@ def test_true_errors_meet_targets_of_bounds(seed):
     assert bounded.met
     assert bounded.passes[-1].unknowns <= 1.05 * other.passes[-1].unknowns
     for time in (0.5, 1.0):
-        # The error of the finer run is nearly orthogonal to the distance of both runs.
+        # The error of the finer run is nearly orthogonal to the difference of both runs.
         assert np.hypot(*measure_distance(bounded, time)) <= 0.08

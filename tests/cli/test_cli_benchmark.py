@@ -64,7 +64,7 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
 
 
 def test_means_are_shifted_and_geometric():
-    """With a shift of .01, the mean of .09 and .39 is (.1 * .4)^(1/2) - .01 = .19. Infinity counts as the limit."""
+    """With a shift of .01, the mean of .09 and .39 is (.1 * .4)^.5 - .01 = .19. Infinity counts as the time limit."""
     assert geometric_mean([0.09, 0.39], 10.0) == pytest.approx(0.19, rel=1e-12)
     assert geometric_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
 
@@ -257,7 +257,7 @@ def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_pa
     dots = [k for k, line in enumerate(code) if line.lstrip().startswith("...")]
     (tmp_path / "mine.py").write_text("\n".join([*code[: dots[0]], NEWTON.strip("\n"), *code[dots[-1] + 1 :], ""]))
     monkeypatch.chdir(tmp_path)
-    # The time limit is wall-clock time, which passes faster on a busy machine.
+    # The time limit is wall-clock time, and a busy machine needs more of it.
     benchmark(*lines[end].replace("--time-limit 2", "--time-limit 60").split()[2:])
     rows = list(csv.DictReader((tmp_path / "benchmark" / "trials.csv").read_text().splitlines()))
     for name in wanted:
@@ -279,7 +279,7 @@ def test_steps_of_a_sequence_start_from_the_previous_solution(collection, tmp_pa
 
 
 @pytest.mark.slow
-def test_solvers_that_hang_crash_or_raise_are_rows(collection, tmp_path):
+def test_solvers_that_hang_crash_or_raise_have_rows(collection, tmp_path):
     solvers = ",".join(f"{collection / 'own.py'}:{name}" for name in ("Hangs", "Crashes", "Raises", "Mine"))
     benchmark(collection, "--solvers", solvers, "--out", tmp_path, "--time-limit", "1")
     rows = {path.name.split("_")[0]: {one.outcome for one in journal(path)} for path in tmp_path.glob("*.jsonl")}

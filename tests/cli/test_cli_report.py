@@ -147,7 +147,7 @@ def test_texts_of_users_are_escaped(hung, tmp_path):
 
 
 @pytest.mark.long
-def test_a_missing_error_budget_has_its_reason(hung, tmp_path):
+def test_the_page_gives_the_reason_for_a_missing_error_budget(hung, tmp_path):
     text = Reader(write_report(tmp_path, hung, "--n", 2, "--steps", 2, "--set", "viscous=True")[0]).text
     assert "Error budget There is no error budget. error_budget: there is no estimate for scenes with Viscosity" in text
 

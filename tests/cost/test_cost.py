@@ -232,7 +232,7 @@ def test_a_process_that_ends_or_takes_too_long_raises_an_error():
 
 
 def list_children(pid):
-    """Return the numbers of all descendants of a process."""
+    """Return the process ids of all descendants of a process."""
     parents = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:

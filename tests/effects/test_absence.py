@@ -71,7 +71,7 @@ def test_friction_that_begins_late_is_kept():
     assert posed.system.norms is not None
 
 
-def test_the_error_of_scene_without_lists_the_effects_of_the_scene():
+def test_the_removal_of_an_absent_effect_is_refused_with_a_list_of_effects():
     scene = vx.Scene(STEEL, HELD, PULLED)
     for absent, name in ((vx.TrescaFriction, "TrescaFriction"), ("Clamp", "'Clamp'")):
         with pytest.raises(vx.SceneError, match=f"^Scene.without: .* no {name} in this scene; it has Elasticity"):

@@ -300,16 +300,16 @@ OF_PROBLEMS = {
 }
 
 
-EACH_A_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
+ONE_OF_EACH_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
 """One material, one load, one contact and one friction run by default; the other effects are long tests."""
-DEAR = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
+SLOW = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
 """Slow properties, which run by default for one of these effects only."""
 test_effects = long_cases(
-    effect_suite({name: SAMPLES[name] for name in EACH_A_KIND}),
-    lambda case: case.endswith(DEAR) and not case.startswith("Traction" if "infinity" in case else "CoulombFriction"),
+    effect_suite({name: SAMPLES[name] for name in ONE_OF_EACH_KIND}),
+    lambda case: case.endswith(SLOW) and not case.startswith("Traction" if "infinity" in case else "CoulombFriction"),
 )
 test_other_effects = pytest.mark.long(
-    effect_suite({name: sample for name, sample in (SAMPLES | OF_PROBLEMS).items() if name not in EACH_A_KIND})
+    effect_suite({name: sample for name, sample in (SAMPLES | OF_PROBLEMS).items() if name not in ONE_OF_EACH_KIND})
 )
 
 

@@ -46,7 +46,7 @@ def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
 
 @pytest.mark.parametrize(("n", "near"), [(4, 0.021), pytest.param(8, 0.009, marks=pytest.mark.long)])
 def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
-    """p = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)).
+    """p = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)) under a punch of half width a, with the force P at x = e.
 
     So P / 3 acts on abs(x) < a / 2, and (1/2 + 2 e / (pi a)) P acts on x > 0.
     """

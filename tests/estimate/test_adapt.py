@@ -22,7 +22,7 @@ PAD = vx.Scene(
     vx.UnilateralContact(on="bottom"),
     vx.CoulombFriction(0.3, on="bottom"),
 )
-"""A pad on a rough floor, whose top presses it and rubs it to and fro."""
+"""A pad on a rough floor: the motion of its top presses it and rubs it to and fro."""
 
 
 def measure_error(found, scene):

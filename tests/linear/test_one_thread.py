@@ -36,7 +36,7 @@ def test_steps_use_one_thread_and_restore_the_number_of_threads():
     assert list_threads() == {2}
 
 
-def test_other_threads_than_the_main_thread_leave_the_number_of_threads():
+def test_threads_other_than_the_main_thread_do_not_change_the_number_of_threads():
     seen = []
 
     def enter():
@@ -49,7 +49,7 @@ def test_other_threads_than_the_main_thread_leave_the_number_of_threads():
     assert seen == [{2}]
 
 
-def test_with_blocks_nest_and_large_matrices_keep_all_threads():
+def test_one_thread_may_be_nested_and_large_matrices_keep_all_threads():
     with one_thread(10):
         with one_thread(10):
             assert list_threads() == {1}

@@ -79,7 +79,7 @@ def make_standard(name):
 
 
 @pytest.mark.parametrize("name", ["squares", "mixed", "cubes", "tetrahedra", "wedges", "pyramids"])
-def test_files_of_gmsh_keep_the_order_of_cells_the_boundaries_and_the_sets_of_cells(name, tmp_path):
+def test_files_of_gmsh_keep_boundaries_and_sets_and_order_of_cells(name, tmp_path):
     soft = np.arange(make_standard(name).n_cells) % 2
     mesh = make_standard(name).with_boundary("lid", lambda x: x[:, -1] == x[:, -1].max()).with_cell_data("soft", soft)
     mesh.write(tmp_path / "mesh.msh")

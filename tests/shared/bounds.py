@@ -1,4 +1,4 @@
-"""Errors relative to a known displacement or to a much finer run, with which tests compare guaranteed bounds."""
+"""Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds."""
 
 from __future__ import annotations
 
@@ -132,8 +132,8 @@ def enriched_bound(pair):
 def beside_refined(coarse, part, most=20_000):
     """Return |v - v_f - w_f|_a for a step from rest, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
 
-    v_f and its enrichment w_f belong to the finer run. Its mesh is refined where its bound is large, until the bound is
-    at most `part` of the error of the coarse run, or the mesh has more than `most` cells.
+    v belongs to the coarse run, v_f and its enrichment w_f to the finer run. The finer mesh is refined where its bound
+    is large, until the bound is at most `part` of the error of the coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

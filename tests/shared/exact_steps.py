@@ -309,7 +309,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _find_parallel_rows(self):
-        """Return (norm term, limit, ratio of the rows) for each pair of rows with one and the same unknown."""
+        """Return (norm term, limit, ratio of the rows) for each pair of rows whose only unknown is the same."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)

@@ -3,12 +3,12 @@
 An answer is the final displacement with energies, losses and certificates at all instants, or the class and message of
 an error. Two answers agree if they differ by no more than both certificates allow.
 
-Let e_m be the absolute certificate of step m, rounding included: it bounds the error of step m alone, given the state
-before it. A step with given friction and two-sided contact is a proximal map, which is nonexpansive in the energy norm:
-errors add up. One-sided contact couples normal and tangential forces, by Dundurs' beta <= 1/2 of an elastic body, and
-friction that depends on pressure or slip feeds a part q < 1 of an error back into the step. A step then enlarges an
-error by a factor of at most (1 - beta^2)^(-1/2) / (1 - q), about 3 for q = 0.6. With `GROWTH` = 4 in these cases, and 1
-in all others,
+Let e_m and e'_m be the absolute certificates of step m in the two answers, rounding included: each bounds the error of
+step m alone, given the state before it. A step with given friction and two-sided contact is a proximal map, which is
+nonexpansive in the energy norm: errors add up. One-sided contact couples normal and tangential forces, by Dundurs' beta
+<= 1/2 of an elastic body, and friction that depends on pressure or slip feeds a part q < 1 of an error back into the
+step. A step then enlarges an error by a factor of at most (1 - beta^2)^(-1/2) / (1 - q), about 3 for q = 0.6. With
+`GROWTH` = 4 in these cases, and 1 in all others,
 
     delta_n = sum over m <= n of GROWTH^(n - m) (e_m + e'_m) + ROUNDING * (largest energy norm)
 

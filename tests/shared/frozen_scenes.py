@@ -22,7 +22,7 @@ import vemcvx as vx
 from vemcvx.effects import Contribution, Friction, Law
 
 TAG = 56
-"""Second number of each seed; it differs from the number in the seeds of other random scenes."""
+"""Second number of each seed, so that these scenes and other random scenes have different random numbers."""
 COUNT = 2000
 ANSWERS = Path(__file__).with_name("frozen_scenes.npz")
 FAMILIES = ("squares", "triangles", "hexagons", "voronoi", "distorted", "nonconvex", "hanging")

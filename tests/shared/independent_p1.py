@@ -27,7 +27,7 @@ import skfem
 from skfem.helpers import ddot, div, dot, sym_grad, trace
 
 AGREE = 1e-8
-"""Largest relative difference of the results of both programs."""
+"""Largest relative difference between results of this module and of the package."""
 TIMES = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9])
 FIXED_POINT = 1e-13
 MOST_PROGRAMS = 200

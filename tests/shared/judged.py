@@ -246,7 +246,7 @@ def _check_ledger(posed, t, inexact, unsolved, verdict):
         # Rounding errors of a state change its energy and its work.
         size_of_states = t.norm[n] + t.norm[n - 1]
         left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
-        # Energy and work of a step are sums of products with four solves, at two instants.
+        # Energy and work of a step are sums of products with the results of four solves, at two instants.
         left += 2 * (unsolved(float(t.times[n])) + unsolved(float(t.times[n - 1]))) * size_of_states
         force = size @ np.maximum(np.abs(u[n]), np.abs(u[n - 1])) + np.abs(posed.force(float(t.times[n])))
         blur = float(force @ (np.abs(du) + np.abs(u[n]) + np.abs(u[n - 1]))) + totals[: n + 1].max()

@@ -1,4 +1,4 @@
-"""Tubes in space whose circles are polygons."""
+"""Tubes in space, with polygons in place of circles."""
 
 import numpy as np
 

@@ -129,7 +129,7 @@ def test_unknown_features_are_refused_by_name():
         vx.simulate(make_scene(), small("squares", 2), TIMES, solver=Misspelt())
 
 
-def test_the_smallest_solver_that_accepts_the_program_is_chosen_and_named(caplog):
+def test_the_most_specialised_solver_that_accepts_the_program_is_chosen_and_named(caplog):
     caplog.set_level("INFO", logger="vemcvx")
     frictionless = vx.simulate(make_scene().without(vx.TrescaFriction), small("squares", 2), TIMES)
     assert frictionless.solver == repr(vx.Direct())

@@ -77,7 +77,7 @@ SCENES = {
         vx.TrescaFriction(1.0, on="bottom", direction=(3.0, 2.0, 5.0), across=0.4),
     ),
 }
-"""A function that makes the mesh, and the effects."""
+"""Name -> a function that makes the mesh, followed by the effects."""
 
 
 def energy_norms(history, difference):

@@ -29,7 +29,7 @@ HELD = BODY, vx.Clamp(on="right"), vx.Traction(push, on="left")
 TOUCHES = BODY, vx.Clamp(on="left"), vx.Traction(press, on="top")
 SCENES = {
     "Tresca": (*HELD, vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=4.0, on="bottom")),
-    "nothing convex": HELD,
+    "no contact": HELD,
     "moving supports": (
         BODY,
         vx.PrescribedDisplacement(carried, on="top"),

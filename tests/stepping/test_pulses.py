@@ -1,4 +1,4 @@
-"""A pulse drives a run although data are nearly zero at the start."""
+"""A run responds to a pulse although data are nearly zero at the start."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ SCENES = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
-def test_a_pulse_drives_a_run(name):
+def test_a_run_responds_to_a_pulse(name):
     history = vx.simulate(vx.Scene(*SCENES[name]), small("squares", 4), np.linspace(0.0, 1.0, 17))
     assert history.certificate.max() <= 1e-8
     assert not history.displacement[1].any()

@@ -53,7 +53,7 @@ def test_clarabel_solves_the_slider_like_newton():
     assert np.abs(slide(10, vx.Clarabel()).state - slide(10).state).max() < 1e-8
 
 
-def test_a_body_that_cannot_approach_stays_where_it_was_farthest():
+def test_a_body_that_may_only_retreat_stays_where_it_was_farthest():
     system = vx.System(K=[[K]], load=lambda t: [-np.sin(t)], limits=vx.Limits(D=[[1.0]], e=0.0, rates=True))
     run = vx.march(system, np.linspace(0.0, 6.0, 25))
     force = -np.sin(run.times)
@@ -120,12 +120,12 @@ def judge(seed):
     y, total, rules = objective(system, before[0], t[1], t[1] - t[0], potential, parts)
     problem = cp.Problem(cp.Minimize(total), rules)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Clarabel may not reach its accuracy; its point is then no judge.
+        warnings.simplefilter("ignore")  # Clarabel may not reach its accuracy; its point is then not compared.
         best = problem.solve(solver="CLARABEL")
     if problem.status != "optimal":
         return False
     y.value = before[1]
-    # Clarabel's points violate rigid limits by up to 1e-8 of the forces, and gain as much.
+    # Clarabel's points violate rigid limits by up to 1e-8 of the forces, which lowers the objective by as much.
     assert total.value - best <= 1e-9 * (before[1] @ system.K @ before[1]) + 1e-7 * abs(best)
     return True
 
@@ -187,13 +187,13 @@ def test_a_pressed_block_creeps_into_its_dashpots():
     assert run.dissipated[-1] == pytest.approx(5.0 * 0.6**2 * 2.0)
 
 
-def test_a_belt_rubs_by_the_bound_at_its_speed():
+def test_the_friction_of_a_belt_is_the_bound_at_its_speed():
     run = block(
         vx.Clamp(on="top"),
         vx.BilateralContact(on="bottom"),
         vx.SpeedFriction(lambda speed: 0.2 + 0.5 * speed, on="bottom", ground=lambda x, t: (2.0 * t, 0.0)),
     )
-    # In the steady state the block rests, and the belt slips at its speed 2: 1.2 a unit of length.
+    # In the steady state the block rests, and the belt slips at its speed 2: friction is 1.2 per unit of length.
     assert run.force("bottom")[-1, 0] == pytest.approx(2.0 * 1.2, rel=1e-6)
     assert run.certificate_kind == "bound"
 

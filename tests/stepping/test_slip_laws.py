@@ -138,7 +138,7 @@ def test_friction_may_rise_steeply_with_slip(rise):
     hard = Law(lambda t, pressure, before, slip: 0.2 + rise * (before + slip), softening=0.0)
     scene = block(0.1).without(SlipWeakening).with_(hard)
     history = vx.simulate(scene, vx.meshes.squares(3, box=((0, 1), (0, 0.5))), [0.0, 0.4, 1.0], solver=vx.Newton(1e-9))
-    stiff = 10.0 / 0.5
+    stiff = 10.0 / 0.5  # mu / H, shear modulus over height; the top moves by U = 0.1 t
     a = np.maximum(stiff * 0.1 * history.times - 0.2, 0.0) / (stiff + rise)
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7 * a.max()
 

@@ -1,4 +1,4 @@
-"""Kelvin-Voigt solids: creep and friction against exact recurrences of backward Euler."""
+"""Kelvin-Voigt solids: creep and friction compared with exact recurrences of backward Euler."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The choice of linear solvers if packages are missing, and with small limits."""
+"""The choice of linear solvers by the number of unknowns, and if packages are missing."""
 
 from __future__ import annotations
 

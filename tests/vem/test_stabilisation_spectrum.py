@@ -10,7 +10,7 @@ import stabilisation_spectrum as lesson
 import vemcvx as vx
 
 CLOSE = 0.04
-"""Largest relative error, measured on rectangles, of energies that linear elements on the graded mesh give."""
+"""Largest relative error, measured on rectangles, of energies from linear elements on a graded mesh of the cell."""
 
 
 def make_rectangle(a, b):
@@ -31,8 +31,8 @@ def test_size_place_and_direction_do_not_matter():
     assert other == pytest.approx(one, rel=CLOSE)
 
 
-def test_nu_changes_only_ratios_with_the_dilatation():
-    """S / a_mu does not depend on nu; the ratio of S to the energy with dilatation decreases like 1 / lambda."""
+def test_nu_changes_only_the_ratio_to_the_energy_with_dilatation():
+    """S / a_mu does not depend on nu; S / (a_mu + a_lambda), with the dilatation, decreases like 1 / lambda."""
     rows = [lesson.spectrum(lesson.hexagon(1), poisson) for poisson in (0.3, 0.499, 0.499999)]
     assert np.ptp([row[0] for row in rows]) == 0.0
     assert np.ptp([row[1] for row in rows]) == 0.0

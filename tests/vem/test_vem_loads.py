@@ -1,4 +1,4 @@
-"""Loads: quadrature inside cells of every shape, body forces of affine fields, tractions of polynomials."""
+"""Loads: quadrature inside cells of every shape, affine body forces, polynomial tractions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def evaluate_monomials(x):
 
 
 def integrate(corners):
-    """Integrate the monomials over a polygon: sum triangles with the origin, each by the midpoints of its sides."""
+    """Integrate the monomials over a polygon: sum over triangles (origin, side), by the midpoints of their sides."""
     a, b = corners, np.roll(corners, -1, axis=0)
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return area @ (evaluate_monomials(0.5 * a) + evaluate_monomials(0.5 * b) + evaluate_monomials(0.5 * (a + b))) / 3

@@ -223,7 +223,7 @@ def test_translated_cells_of_equal_moduli_share_their_local_matrix(family, n, mo
 
 
 def test_cells_that_differ_in_the_last_bit_have_separate_matrices():
-    """The numbers of such rows may have equal sums, but the bits of these numbers have not."""
+    """The sums of such rows may be equal, but weighted sums of their bits differ."""
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + EPS, 2.0 - 2 * EPS]] * 40)
     rows = rows[np.random.default_rng(0).permutation(80)]
     some, same = distinct([rows])

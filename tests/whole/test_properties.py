@@ -1,4 +1,4 @@
-"""Properties of every problem, on random problems: a few examples by default, more than a thousand with -m slow.
+"""Properties that every problem has, on random problems: a few examples by default, over a thousand with -m slow.
 
 A property is a function in tests/properties with strategies for its arguments. A test counts the examples that the
 property completed, and fails if there are too few.

@@ -49,7 +49,7 @@ FUNCTIONS = {
     "gives NaN": lambda *_: np.nan,
     "gives masked": lambda *_: np.ma.masked_array([1.0, 2.0], [False, True]),
     "gives hostile": lambda *_: Hostile(),
-    "leaves": lambda *_: sys.exit(0),
+    "exits": lambda *_: sys.exit(0),
     "out of memory": exhaust,
 }
 WRONG = {
@@ -153,7 +153,7 @@ OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.E
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
 """Records that runs and solvers return: `tests/whole/test_contributing.py` tests answers of a solver."""
 LEFT = {"progress", "stream", "folder", "effects"}
-"""Parameters that are not tested: any function, paths of output, and the effects of a scene."""
+"""Parameters that are not tested: `progress` (any function), paths of output, and the effects of a scene."""
 METHODS = (
     *(MESH.with_boundary, MESH.with_boundaries, MESH.refine, MESH.extruded, CUBE.with_boundary, CUBE.refine),
     *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table, HISTORY.along),
@@ -171,7 +171,7 @@ CALLABLES = (
 
 
 def use(called, made):
-    """Use the result of a callable in a run, where some of its arguments are first checked."""
+    """Use the result of a callable in a run, because some arguments of the callable are checked only there."""
     if called in USES:
         USES[called](made)
     elif isinstance(made, vx.Effect):

@@ -256,7 +256,7 @@ def _children(
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
     A part begins at each position `begin` of the outlines; the first position of a cell is always one. Cells in `split`
-    have several parts; triangles in `medial` have one between their midpoints. `centre` is the centre's node, or -1.
+    have several parts; triangles in `medial` also have the part between their midpoints. `centre` is a node, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)

@@ -199,8 +199,8 @@ STATES = (
 def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw stick, and slip with its direction, for every contact node and stored step.
 
-    A band spans the time from the previous stored instant to the instant of its step. If steps in between were not
-    stored, the band shows its last step only, with a note in the title.
+    The band of a step spans the time from the previous stored instant to the instant of the step. If steps in between
+    were not stored, the band shows its own step only, with a note in the title.
 
     Parameters
     ----------

@@ -127,7 +127,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm due to g, overlaps or forced slips of stuck terms; if 0, root of friction work."""
+        """The largest energy norm of g, overlaps or forced slips of stuck terms; if 0, root of w |b|, friction work."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -233,7 +233,7 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return multipliers of least imbalance at `d`, with given lam or p fixed; if `lawful`, the law fixes more."""
+        """Return multipliers of least imbalance at `d`, with given lam or p fixed; if `lawful`, the law fixes some."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -244,7 +244,7 @@ class StepProgram(ArrayRecord):
             law = of_terms, np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
-        if operators.own_columns is None:  # Rows with common unknowns divide the forces on them, each within its bound.
+        if operators.own_columns is None:  # Rows on one unknown divide the force on it, each row within its bound.
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
             return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
@@ -496,7 +496,7 @@ class SolvedProgram(StepProgram):
     t : float
         The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
-        Derivative of the weights with respect to the forces of limits at the answer, such as coefficients of friction.
+        Derivative, at the answer, of weights with respect to forces of limits: under Coulomb's law, the coefficients.
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
     energy_rows : callable () -> (k, n) sparse matrix, optional

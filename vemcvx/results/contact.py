@@ -86,7 +86,7 @@ class Contact(ArrayRecord):
     accumulated_slip : (S, m)
         Length of the slip path since the initial instant, to and fro, in all steps, stored or not; where several
         frictions meet, the largest length. Laws of friction may depend on it. If the bound depends on direction, slip
-        across `direction` is multiplied by across / bound, the ratio of the two bounds of the friction.
+        across the `direction` of the friction is multiplied by the ratio of the bound across it to the bound along it.
     closed : (S, m) bool
         True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
     lengths : (m,)

@@ -148,7 +148,7 @@ class Corners:
         return np.isin(own, known)
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return the number of held directions of a side, and its name. Contact is judged at the end off the corner."""
+        """Return the number of held directions of a side, and its name. Contact is judged away from the corner."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

@@ -250,7 +250,7 @@ def reaction(history: Acting, name: str) -> Floats:
 
 
 def force(history: Acting, of: Cause) -> Floats:
-    """Return the force of an effect, or of all except supports on a boundary: see :meth:`vemcvx.History.force`."""
+    """Return the force of an effect, or on a boundary without its supports: see :meth:`vemcvx.History.force`."""
     acting = history.acting
     if isinstance(of, str):
         return _total(acting.force[:, _through(history, of, "force") & ~acting.held])
@@ -260,7 +260,7 @@ def force(history: Acting, of: Cause) -> Floats:
 
 
 def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
-    """Return the moment of an effect, or of all except loads on a boundary: see :meth:`vemcvx.History.moment`."""
+    """Return the moment of an effect, or on a boundary without its loads: see :meth:`vemcvx.History.moment`."""
     history._space.refuse_revolution("moment")
     acting, points = history.acting, history._space.mesh.points
     centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")

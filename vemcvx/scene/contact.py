@@ -25,7 +25,7 @@ from vemcvx.vem import tangents_of
 # A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
 # a half model, where a support holds the tangent); contact holds the normal and a support the tangent; or supports drag
 # the node against friction. At a held node, the component of H'R along the contact normal is a contact force. So is the
-# force of a single support that moves a node along this normal (a moving obstacle).
+# force of a single support that moves a node along this normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
 
@@ -247,7 +247,7 @@ def _friction_terms(
         _repeat_by_row(frictions, flags).astype(bool)[first][kept]
         for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
     )
-    # Reported slip has components along unit tangents, but an ellipse scales its second tangent by r, which may be 0.
+    # Reported slip has components along unit tangents, but an ellipse scales its second tangent, even by 0.
     unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     ground = slid = None
     if under is not None and len(kept):

@@ -180,7 +180,7 @@ class ScaledSolver:
 
     def length(self, program: StepProgram) -> float:
         """Return the length alpha of a step; one if its data vanish."""
-        # Slips that supports or ground force on a term load the body by at most the weight of the term.
+        # If supports or ground impose a slip on a term, the term loads the body by at most its weight.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(

@@ -8,7 +8,7 @@ The ledger of a step of backward Euler consists of
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
            (forces and reactions at the end of the step; the load excludes the Dirichlet force; c is the motion of
-           supports along norm terms minus the motion of the ground; g is the remaining gap at y = 0)
+           supports along norm terms minus the motion of the ground; g is the gap at y = 0; D^: rows of limits on u)
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanced answer; z = D^u - e. For bounds
            p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is at least c (dp)^2 / 2

@@ -73,7 +73,7 @@ class Instance:
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return a function for the paper's block on these effects, loaded on the left: clamped, or under small loads."""
+    """Return a function that makes the paper's block with these effects: clamped, or else under small loads."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -85,7 +85,7 @@ def block(
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
-    """Return a function for a cube on these effects, clamped on the right; the load on its top presses and rotates."""
+    """Return a function that makes a clamped cube with these effects; the load on its top presses and rotates."""
 
     def pull(x: Floats, t: float) -> Floats:
         size = min(1.0, 4 * t)

@@ -185,7 +185,7 @@ def _outward(chords: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and last edge (m,) of the straight side that each edge belonged to without hanging nodes."""
+    """Return the first and last edge (m,) of each edge's whole side, the straight side before nodes hung in it."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
@@ -269,7 +269,7 @@ def _curvature(group: FaceGroup) -> Floats:
 # normal of its side; the normal of the image gives the same condition.
 #
 # In the plane, one body defines the curve of an interface; nodes of the other body hang in its sides. Means are over
-# the sides without hanging nodes; along a side, normals vary linearly from end to end. So on a circle all normals are
+# whole sides, undivided; along a whole side, normals vary linearly from end to end. So on a circle all normals are
 # radial, and a ring can turn inside another. The normals of the chords are off by up to half the angle of a chord: in a
 # press fit, sticking contact would be stretched by a strain of order overlap / radius at every h. With sides of ratio
 # 1 : .8, friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of
@@ -402,11 +402,11 @@ class SideEnds:
     normals: Floats  # (e, dim) normals of the sides
     curvature: Floats  # (e,) weights of normals in the mean over a curve: see above
     noise: Floats  # (e,) angle by which rounding may have turned the side
-    sizes: Floats  # (e,) length (in space: area) of the side without hanging nodes
+    sizes: Floats  # (e,) length (in space: area) of the whole side, which hanging nodes do not divide
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) nodes of other bodies at the same places, or -1
-    whole_sides: Ints | None = None  # (e, 2) positions in this table: ends of the side without hanging nodes
+    whole_sides: Ints | None = None  # (e, 2) positions in this table of the two ends of the whole side
     position: Floats | None = None  # (e,) position of the node on this side, from 0 to 1
     mirrors: MirrorPlanes | None = None
 

@@ -75,7 +75,7 @@ def cell_quadrature(group: CellGroup) -> Rule:
 
 
 def _plane_quadrature(group: CellGroup) -> Rule:
-    """Return a quadrature rule on polygons, without their depth."""
+    """Return a quadrature rule on polygons of unit depth."""
     corners = group.corners
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:
@@ -163,7 +163,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return the load of a force per area (in space: per volume), (Pi_0^0 f, average of the vertex values).
+    """Return the load of a force f per area (in space: per volume): its work is the integral of Pi_0^0 f . v_hat.
 
     Parameters
     ----------

@@ -188,7 +188,7 @@ class Space:
         return {}
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for ends (m, 2) of edges that lie in one cell only; on interfaces, of the lower-numbered body."""
+        """Return True for ends (m, 2) of edges in one cell only; on interfaces, one cell of the lower-numbered body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:

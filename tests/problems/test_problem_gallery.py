@@ -103,7 +103,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
 
 
 def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
-    """Closed contact bears S - p. In the middle third of an open crack, 8 cells give Sneddon's profile within 3 %."""
+    """Closed contact bears the rock's stress less p. In the middle third, 8 cells give Sneddon's opening within 3 %."""
     history = run_small(crack)
     p, x = crack.fluid(history.times), crack.measure_opening(history)[0]
     bears = np.broadcast_to(np.maximum(crack.ACROSS - p, 0.0)[:, None], history.contact.pressure.shape)
@@ -122,7 +122,7 @@ def test_the_slip_of_a_fault_causes_the_given_stress_drop():
 
 @pytest.mark.long
 def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
-    """Rod theory has an error O(H / transfer length), here 1/24; the draw-in is within .1 % of it."""
+    """Rod theory has an error O(H / transfer length), here 1/24; the computed draw-in is within .1 % of the theory."""
     history, H = run_small(tendon), tendon.HEIGHT
     third, mesh = history.steps // 3, history.mesh
     end = mesh.points[:, 0] == tendon.LENGTH
@@ -173,7 +173,7 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
     slides = ~contact.sticking.any(axis=1)
     assert slides[[fifth, 3 * fifth, 5 * fifth]].all()
     assert np.abs(found - exact)[slides].max() < FLOOR * most
-    # When the belt returns to its end position, the strip returns to its state there.
+    # When the belt is back at its first turning point, the strip is back in the state that it had there.
     assert np.abs(history.displacement[5 * fifth] - history.displacement[fifth]).max() < FLOOR * belt.AMPLITUDE
     work = most * (2 / 3 * belt.FULL + belt.AMPLITUDE - belt.FULL)
     assert history.dissipated[fifth] == pytest.approx(work - most * belt.FULL / 3, rel=1e-2)
@@ -192,7 +192,7 @@ def test_a_silo_hangs_on_its_walls():
     for friction in (0.2, 0.4):
         history = simulate(silo, 4, steps=2, friction=friction)
         depth, sigma = silo.HEIGHT - history.mesh.centroids[:, 1], -history.stress(-1)[:, 1]
-        levels = np.unique(depth.round(9))[: -2 * 4]  # without two widths above the floor
+        levels = np.unique(depth.round(9))[: -2 * 4]  # leave out the lowest two widths
         mean = np.array([sigma[np.abs(depth - level) < 1e-6].mean() for level in levels])
         exact = silo.vertical_stress(levels, friction)
         errors.append(np.abs(mean - exact).max() / exact.max())
@@ -235,7 +235,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """Pressures exceed thin-layer theory by at most 4.5 mu d / h: by 1.5 under the plate, by 3 near the free edge."""
+    """Pressures exceed thin-layer theory by at most 4.5 mu d / h: 1.5 under the plate, and up to 3 due to the edge."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)
@@ -270,7 +270,7 @@ def test_dies_press_alike_whatever_their_angle(family):
 
 @pytest.mark.long
 @few_families
-def test_a_column_and_its_layer_yield_in_series(family):
+def test_a_column_and_its_layer_are_compressed_in_series(family):
     """The pressure is exact on every mesh, before and after the gap closes."""
     history = simulate(layer, 4, family=family)
     p = layer.pressure(layer.DEPTH * history.times)

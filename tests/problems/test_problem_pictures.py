@@ -61,7 +61,7 @@ VIEWED = (
 )
 """Problems whose bodies in space PyVista draws."""
 ALONE = ("feng_han_huang", "liner_in_housing")
-"""Problems that run alone in the default tests."""
+"""Problems that the default tests run as a single file in an empty folder."""
 
 
 @pytest.mark.long

@@ -236,7 +236,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
     slides = np.flatnonzero(full & ~bears & (t > 1.0))
     assert np.abs(-lap[slides[-1], 0] / bound[slides[-1]] - 1) < 1e-8
     assert pull[slides[2:-1], 0] == pytest.approx(pull[slides[-1], 0], rel=1e-4)
-    # From first slip until a wall bears, the end moves by the clearance, up to one step.
+    # From first slip until a wall bears, the end moves by the clearance, to within one step.
     assert way[bears][0] == pytest.approx(lap_joint.CLEARANCE + way[slides[0]], abs=way[-1] - way[-2])
     assert (np.diff(walls[bears, 0]) < 0).all()
 

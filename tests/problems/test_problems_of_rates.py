@@ -24,7 +24,7 @@ def test_friction_that_grows_with_speed_creeps_to_its_steady_value():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.1)
 
 
-def test_friction_that_falls_with_speed_is_a_saw_and_its_certificate_is_for_the_given_friction():
+def test_friction_that_falls_with_speed_gives_a_saw_and_its_certificate_is_for_the_given_friction():
     with pytest.warns(vx.SceneWarning, match="the ratio of softening to stiffness is 3;.*longer steps"):
         run = vx.simulate(brake.scene(-0.15), brake.mesh(3), brake.times(80), initial="settled")
     assert run.certificate_kind == "for the given friction"
@@ -36,7 +36,7 @@ def test_friction_that_falls_with_speed_is_a_saw_and_its_certificate_is_for_the_
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 
-def test_the_steady_friction_of_free_sides_is_that_of_the_speed():
+def test_with_free_sides_the_steady_friction_is_the_bound_at_the_speed_of_the_disc():
     scene = brake.scene(0.1).without(vx.PrescribedDisplacement, vx.Elasticity)
     scene = scene.with_(vx.Elasticity(brake.YOUNG, 0.3), vx.Clamp(on="top"))
     run = vx.simulate(scene, brake.mesh(3), np.linspace(0.0, 0.8, 41))
@@ -102,7 +102,7 @@ def test_there_is_no_error_budget_of_rates(problem, effect):
 
 
 def test_a_bound_that_rises_and_falls_again_is_refused_without_softening():
-    """The bound at the speed of the disc is higher than at rest, but the bound falls before."""
+    """The bound is .8 at rest, rises to 1.3 at the speed .4, and falls to .42 at the speed 1 of the disc."""
     scene = brake.scene().without(vx.SpeedFriction)
     humps = vx.SpeedFriction(lambda speed: 0.8 + 0.5 * np.sin(4 * speed), on="bottom", ground=lambda x, t: (t, 0.0))
     with pytest.raises(vx.SceneError, match="the slip rate .* changes the weight from"):

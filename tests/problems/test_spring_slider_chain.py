@@ -43,7 +43,7 @@ def test_the_chain_adds_up_plays(marched):
 
 @pytest.mark.long
 def test_the_area_of_closed_loops_is_the_lost_energy(capsys):
-    """The trapezoidal rule is exact: every kink of a loop, twice a threshold after a turn, is at an instant."""
+    """The trapezoidal rule is exact: kinks of loops are at instants, where F is twice a threshold away from a turn."""
     trajectory = lesson.march(lesson.chain(FORCE), FORCE)
     u = trajectory.state[:, 0]
     first, last = lesson.turning_instants(FORCE)[[1, 8]]

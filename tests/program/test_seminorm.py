@@ -80,7 +80,7 @@ def test_friction_carries_a_body_over_any_distance(far, solver):
 @pytest.mark.parametrize("tips", [False, True])
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
-    """A block of weight 1 slides under a push of 0.3 if its coefficient is 0.3; if it is rough, it tips under 1."""
+    """A block of weight 1 slides under a push of 0.3 if its coefficient is 0.3; a rough one tips under 1."""
     push = (1.0 if tips else 0.3) * (1 + beyond)
     sides = ["left"] if tips else ["left", "right"]
     scene = vx.Scene(
@@ -114,7 +114,7 @@ def test_a_cube_that_slides_and_turns_without_limit_is_refused(push):
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_a_refusal_names_the_forces_along_a_diagonal():
-    """A cube of weight 1 with coefficient 0.3 is pushed along the diagonal of its floor by 0.5, without overflow."""
+    """Push a cube of weight 1 with coefficient 0.3 by 0.5 along the diagonal of its floor: no number overflows."""
     scene = vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.UnilateralContact(on="bottom"),
@@ -129,7 +129,7 @@ def test_a_refusal_names_the_forces_along_a_diagonal():
     ("modes", "norms", "message"),
     [
         ([[1.0], [2.0]], vx.Norms(np.eye(2), 1.0), "the motion sliding is not in the kernel"),
-        # The motion moves the row only by the rounding error of one.
+        # The motion moves the row by 2^-53 only, the rounding error of the number 1.
         ([[1.0], [1.0]], vx.Norms(np.array([[1.0, 2.0**-53 - 1.0]]), 1.0), r"\(sliding\) moves no norm term"),
         ([[1.0], [1.0], [1.0]], vx.Norms(np.eye(2), 1.0), "wanted one column of 2 numbers per motion"),
     ],
@@ -148,7 +148,7 @@ def make_floating_program(rows, limits, push, w):
 
 @mostly_long("block, modes", [(1, 3), (2, 6), (1, 6), (2, 3)], 0, 1)
 def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, modes):
-    """The strongest load along c is the force of lam_i = w_i G_i c / |G_i c| and of the limits that c presses."""
+    """With G = `rows`, the strongest load along a motion c has friction w_i G_i c / |G_i c|; two limits stay closed."""
     rng = np.random.default_rng(block + 10 * modes)
     beyond = 1e-8 if block == 1 else 1e-7
     for _ in range(10):

@@ -219,7 +219,7 @@ def test_feasible_moves_a_point_beyond_a_vertex_back_to_it(seed):
     assert program.certify(d, p=p).gap < p.sum() * 4 * 5e-9 / np.sin(angle)
 
 
-def test_the_active_one_of_two_equal_bounds_has_the_force():
+def test_the_active_one_of_two_parallel_bounds_has_the_force():
     """Minimise d^2/2 - 2 d with d <= 1 and d <= 3: the first bound has the force 1."""
     operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=np.ones((2, 1)))
     program = StepProgram(operators, np.array([2.0]), np.zeros(0), np.zeros(0), np.array([1.0, 3.0]))

@@ -95,7 +95,7 @@ def test_a_press_fit_has_the_pressure_of_lame():
 
 @pytest.mark.long
 def test_the_pressure_of_hertz_is_smoothed_at_the_edge_of_contact_only():
-    """Four or more lower cells inside the edge, the error is below 2 % of the peak; its L2 norm converges."""
+    """Except in four cells of the lower body at the edge, the error is below 2 % of the peak; its L2 norm converges."""
     errors = []
     for n in (8, 16, 32):
         history = vx.simulate(cylinders.scene(), cylinders.mesh(n), [0.0, 1.0])

@@ -86,7 +86,7 @@ def swollen(x, t):
 @mostly_long("housing", HOUSINGS, "one-sided", "compliant", "rollers")
 @mostly_long("nt, uneven", [(12, False), (24, False), (24, True)], 2)
 def test_a_ring_turns_in_a_frictionless_housing(housing, nt, uneven):
-    """Nodes have one mean normal: with both normals of their sides held they could not slide over corners."""
+    """Nodes have one mean normal: if both normals of their sides were held, nodes could not slide over corners."""
     mesh = ring(nt, uneven=uneven)
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])
     history = vx.simulate(scene, mesh, [0, 1, 2])

@@ -30,7 +30,7 @@ def scene(**instead):
 
 
 def run(mesh=MESH, times=TIMES, of=None, **changes):
-    """Simulate a scene; keywords that `simulate` does not have replace parts of the scene."""
+    """Simulate a scene; keywords unknown to `simulate` replace parts of the scene."""
     options = {k: changes.pop(k) for k in ("solver", "initial", "store", "linear", "progress") if k in changes}
     return vx.simulate(of or scene(**changes), mesh, times, **options)
 

@@ -111,7 +111,7 @@ def test_every_friction_term_has_one_unknown(family, degrees, surface):
     """Sticking is then exact, also on an incline."""
     R = rotation(np.radians(degrees))
     mesh = moved(small(family, 4), R)
-    # The normals of a part differ from those of the contact by rounding, as they average over fewer edges.
+    # The normals of a part are means over fewer edges, and differ by rounding from the normals of the contact.
     mesh = mesh.with_boundary("rough", lambda x: (np.abs((x @ R)[:, 1]) < 1e-9) & ((x @ R)[:, 0] < 0.6))
     on = "rough" if surface == "part of the contact" else "bottom"
     contact = [] if surface == "no contact" else [vx.BilateralContact(on="bottom")]

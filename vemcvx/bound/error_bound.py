@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The largest bound by name: "step", "upper", "lower", "relative", "kind", and "reading", its part "data"."""
+        """The largest bound by name: "step", "upper", "lower", "relative", "kind"; and its part "data" as "reading"."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]

@@ -160,7 +160,7 @@ class Dual:
         return cls(circle, effects, t)
 
     def motion(self, space: Space) -> Floats:
-        """Return z_D (n_nodes, 2): minus the displacement of supports by the effects."""
+        """Return z_D (n_nodes, 2): minus the displacement that the effects of the quantity prescribe on supports."""
         supports = by_precedence([s for effect in self.effects for s in effect.contribute(space).supports])
         points = space.mesh.points
         if not supports:

@@ -22,10 +22,10 @@ of gaps. Features narrower than the distance of points may be missed.
     motions         u must move by d, but does not       2 mu |d|_e |d'|_e
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with the longest side d_K of the box of a cell, and the depth z of :mod:`.surface`. The first two follow from Poincare
-inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)). Half
-of these energies is enough for functions orthogonal to linear ones. Under surface waves, a half space stores the energy
-2 mu times the wave number, at most the energy of motions. The last energy is exactly the squared dual norm.
+with the length l_e of an edge, the longest side d_K of a cell's box, and the depth z of :mod:`.surface`. The first two
+follow from Poincare inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to
+l_e / (2 mu)); half is enough for functions orthogonal to linear ones. Under surface waves, a half space stores the
+energy 2 mu times the wave number, which is at most the energy of motions. The last is exactly the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
 for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as

@@ -6,7 +6,7 @@ that fits the normal stresses s_1 and s_2 of both sides best, with the weights w
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
 
-If both weights are equal, the factor is d_e / (4 mu), as for a jump across an edge inside one body.
+d_e is the width of a cell across the edge. Equal weights give the factor d_e / (4 mu), as for jumps inside one body.
 """
 
 from __future__ import annotations

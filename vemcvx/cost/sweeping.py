@@ -110,7 +110,7 @@ def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Pat
 
 
 def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path, exact: float | None) -> Row:
-    """Run a point and measure its error: of the quantity with this `exact` value, or in the energy norm.
+    """Run a point and measure its error: of its quantity if the `exact` value is given, else in the energy norm.
 
     Raise OSError, which is no failure of the point, if the reference cannot be read or is zero.
     """
@@ -165,7 +165,7 @@ def append(path: Path, row: Row) -> None:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The rows of the points, the row of the reference, the instants of errors, and the number of kept rows."""
+    """The rows of points and reference, the instants of measured errors, and the number of rows of earlier sweeps."""
 
     rows: list[Row]
     reference: Row

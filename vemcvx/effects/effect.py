@@ -425,8 +425,8 @@ class Material:
     cells : (n_cells,) array of bool, optional
         The cells of the material; None means all.
     out_of_plane : (n_cells, 4) array, optional
-        The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus zz for a blocked unit eigenstrain. Zero in
-        plane stress; None in space, in bodies of revolution, and if the law does not define zz.
+        The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus the stress zz for a blocked unit eigenstrain.
+        Zero in plane stress; None in space, in bodies of revolution, and if the law does not define zz.
     stabilisation : Stabilisation, optional
         S_K; None means "shear" (:func:`vemcvx.vem.softest_shear`).
     at : callable (x, cells) -> (moduli, thermal stress moduli), optional

@@ -1,9 +1,9 @@
 """Energies, by cell, of the difference between data and assembled data: a part of the residual.
 
 In the plane, data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading` lists the energies). The
-differences are tractions minus their assembled mean t_e, body forces minus f_K, and given friction bounds g minus g_h,
-which is linear between nodes. g - g_h counts where friction is at its bound, or where a node has slipped; elsewhere
-only where g is less than the friction. The means of these differences act as forces on the whole body.
+differences are tractions minus their assembled mean t_e, body forces minus the assembled f_K, and given friction bounds
+g minus g_h, which is linear between nodes. g - g_h counts where friction is at its bound, or where a node has slipped;
+elsewhere only where g is less than the friction. The means of these differences act as forces on the whole body.
 
 In space, tractions and body forces are evaluated at quadrature points and at vertices, and stresses at zero strain at
 vertices. The estimate ignores how friction laws and springs vary between nodes. In space, it also ignores how friction

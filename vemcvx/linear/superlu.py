@@ -96,7 +96,7 @@ def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
 
 
 def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
-    """Return an order (n,) of the vertices of `graph` (n, n), symmetric, at `points` (n, dim), separators last.
+    """Return an order (n,), separators last, for a symmetric `graph` (n, n) with its vertices at `points` (n, dim).
 
     On each level, each part is halved along its longest axis; `part` has one bit per level. The separator of a level
     contains the vertices of upper halves with neighbours in lower halves, except those of earlier separators.
@@ -112,7 +112,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut are in the upper half, unless all would be; so separators of meshes in rows are rows.
+        # Vertices at the cut are above it unless the lower half would be empty: separators of meshes in rows are rows.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]

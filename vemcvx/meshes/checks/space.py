@@ -233,7 +233,7 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> Ints:
-    """Return pairs (2, k) of boundary faces at most `width` apart that share over `part` times the smaller area.
+    """Return pairs (2, k) of boundary faces at most `width` apart that share more than `part` of the smaller area.
 
     The smaller number of each pair comes first. If the bodies (f,) of the faces are given, return only pairs of two
     different bodies.

@@ -6,7 +6,7 @@ the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Men
 2012, 309-328). In space, short edges remain: moving a vertex of four cells would make their faces nonplanar.
 
 The unit of length is the square root of the mean area (in space: the cube root of the mean volume). If four seeds lie
-on one circle, two vertices differ by rounding errors only; two seeds and their images at a side always lie on one.
+on a circle, two vertices differ by rounding errors only; two seeds and their images in a side always lie on a circle.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return the seeds, and images in sides nearer than `reach`; for each its seed, and the side of an image or -1."""
+    """Return seeds and images in sides nearer than `reach`; the seed of each point; and the side of images, else -1."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -285,8 +285,8 @@ def collapse_short_edges(
 ) -> tuple[Floats, Ints, Ints]:
     """Collapse each chain of edges shorter than ``shortest`` to one point, the mean of its nodes.
 
-    Nodes on a side of [0, size] stay on it. Edges between two sides are kept, and so are edges at a cell that would not
-    be star-shaped about its old centroid.
+    Nodes on a side of [0, size] stay on it. Edges between two sides are kept, and so are edges at a cell that would
+    no longer be star-shaped about its old centroid.
     """
     edges = corner_edges(offsets, vertices)
     ends, on = points[edges], (points == 0.0) | (points == size)

@@ -47,7 +47,7 @@ assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
 @pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
 @needs("pymklpardiso")
 def test_pardiso_solves_cells_of_many_vertices(size):
-    # A fault of PARDISO at blocks of 257 unknowns with equal rows would end the process: the code runs in another.
+    # A fault of PARDISO at blocks of 257 unknowns with equal rows would end this process: the code runs in another.
     code = ONE_BLOCK_SCRIPT.format(n=2 * size + 1, size=size)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr

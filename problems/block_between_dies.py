@@ -1,8 +1,8 @@
 r"""A block between inclined dies that close along their normals: the same pressure on all dies and on the floor.
 
 A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
-these is parallel to an axis. Each die closes along its own normal n by e t n . (x - c), where c is a point of the
-floor. Then
+these is parallel to an axis. Let c be a point of the floor. Each die closes along its own normal n by e t times the
+distance n . (x - c) of its side from c. Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 

@@ -3,8 +3,9 @@ r"""A lap joint: two strips glued by a soft layer are pulled apart; the stress o
 Strips of height t, length l and moduli E, nu = 0, are joined by a layer of thickness t_g and shear modulus G_g. All
 three are separate bodies, with meshes that do not match, bonded by bilateral contact and friction that never slips. The
 lower strip is held at its left end, and the force F pulls the upper strip at its right end. Their outer faces are on
-rollers, because the theory neglects bending. Let q be the shear stress of the glue. With a parabolic shear profile in
-the strips (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 took them as rigid in shear),
+rollers, because the theory neglects bending. Let q be the shear stress of the glue. With a parabolic profile of
+the shear stress in the strips, each strip adds t / 3G to the compliance C (Tsai, Oplinger and Morton 1998). Volkersen
+(1938) took the strips as rigid in shear. Then
 
 $$
 q'' = k^2 q, \qquad k^2 = (1 / E_1 t + 1 / E_2 t) / C, \qquad C = t_g / G_g + t / 3 G_1 + t / 3 G_2, \\
@@ -50,7 +51,7 @@ def scene():
 
 
 def mesh(n, family="squares"):
-    """Return strips in squares, n and n + 1 across their height, and glue one cell thick, 3n/2 cells per length."""
+    """Return strips with n and n + 1 cells across their height, and glue one cell thick, 3n/2 cells per unit length."""
     make, top = vx.meshes.FAMILIES[family], HEIGHT + THICKNESS
     lower = make(n, box=((0, LENGTH), (0, HEIGHT)))
     glue = vx.meshes.squares((round(1.5 * n * LENGTH), 1), box=((0, LENGTH), (HEIGHT, top)))

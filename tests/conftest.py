@@ -65,7 +65,7 @@ def longer(path: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip the longer files if only quick tests are selected: their collection takes a quarter of the time."""
+    """Skip the longer files if only quick tests are selected: collecting them takes a quarter of the tier's time."""
     return True if config.getoption("markexpr") == "quick" and longer(collection_path) else None
 
 

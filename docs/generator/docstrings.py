@@ -1,4 +1,4 @@
-"""Docstrings as reStructuredText: formulas between dollars, names between backquotes, bars and underscores."""
+"""Docstrings as reStructuredText: formulas become roles, names become links, and bars and underscores are escaped."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def keep_public_bases(app: Sphinx, name: str, thing: object, options: object, ba
 
 
 def describe_pictures(app: Sphinx, tree: nodes.document) -> None:
-    """Use the text that the figure of a cell prints as the description of its picture (event doctree-read)."""
+    """Describe each picture by the text that its notebook cell prints for the figure (event doctree-read)."""
     for bundle in tree.findall(nodes.container):
         if bundle.get("nb_element") == "mime_bundle":
             texts = [child.astext() for child in bundle.children if child.get("mime_type") == "text/plain"]

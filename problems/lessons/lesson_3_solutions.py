@@ -108,8 +108,8 @@ strain_of_v = projection(pentagon)[0] @ v.ravel()
 assert np.abs(strain_of_v - [gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]]).max() < 1e-13
 
 # %% [markdown]
-# **5.** With $\eta = 2\mu$ the matrix and the load are both multiplied by $10^6$, and $u$ does not change. With
-# $\eta = 1$ the second term does not change, and is a millionth of its proper size relative to the first. Then
+# **5.** In Pa, all moduli and the load are multiplied by $10^6$. With $\eta = 2\mu$ so is the matrix, and $u$ does not
+# change. With $\eta = 1$ the second term does not change, and is a millionth of its proper size. Then
 # hourglass modes cost almost no energy, and the answer depends on whether you wrote MPa or Pa.
 
 # %%

@@ -65,8 +65,8 @@ for _normal in (0.0, 100.0):
 
 # %% [markdown]
 # **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has an effect for
-# each. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. This is linear in $x$, and exact for
-# every mesh and every step.
+# each. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in
+# $x$, so it is exact for every mesh and every step.
 
 
 # %%

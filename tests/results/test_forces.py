@@ -32,11 +32,11 @@ def assert_balanced(history, scene=None):
     assert (left <= 1e-10 * largest + rounding)[begin:].all()
     springs = [i for i, words in enumerate(history.effects) if words.startswith("ElasticFoundation")]
     others = ~np.isin(acting.causes[:, 0], springs)
-    between = [load for _, load in posed.caused_loads if load.between]  # They are in `acting`, and in f of A u - f.
+    between = [load for _, load in posed.caused_loads if load.between]
     nodal = np.zeros_like(history.forces)
     for row, forces in enumerate(acting.force[:, others]):
         np.add.at(nodal[row], acting.ends[others, 0], forces)
-        for load in between:
+        for load in between:  # `acting` includes these loads; history.forces, A u - f, does not.
             nodal[row] -= load.vector(history.times[row]).reshape(nodal[row].shape)
     off = np.abs(nodal - history.forces)
     if history.is_axisymmetric:  # The axis holds its nodes radially; no effect of the scene has this force.

@@ -51,7 +51,7 @@ def test_runs_in_threads_do_not_affect_each_other(solver):
 
 @mostly_long("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
 def test_solvers_leave_streams_and_warning_filters_unchanged(solver, monkeypatch):
-    """They are unchanged even while a solver runs, because other threads may print or warn."""
+    """Streams and filters must be unchanged even while a solver runs: other threads may print or warn."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
     called = type({**SOLVER_MAP_QP, **SOLVER_MAP_CONIC}[solver.solver])

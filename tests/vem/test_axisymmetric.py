@@ -40,7 +40,7 @@ def test_fields_of_constant_strain_are_exact_at_any_radius(family, inner):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_only_the_translation_along_the_axis_has_no_energy(family):
-    mesh = getattr(vx.meshes, family)(1, box=((1.0, 2.0), (0.0, 1.0)))  # one layer of cells: rotations need energy, too
+    mesh = getattr(vx.meshes, family)(1, box=((1.0, 2.0), (0.0, 1.0)))  # a single layer must also resist rotation
     A = stiffness(Space(mesh, axisymmetric=True), *np.ones((2, mesh.n_cells))).toarray()
     values = np.linalg.eigvalsh(A)
     assert np.array_equal(A, A.T)
@@ -82,7 +82,7 @@ def test_lames_tube_has_errors_of_first_order_and_does_not_lock(family, poisson)
 
 @pytest.fixture(scope="module")
 def press_fit():
-    """Return the history of a hub that is shrunk onto a shaft by .002 and then pushed off, with one long interface."""
+    """Return the history of a hub, shrunk by .002 onto a shaft of the same length 20, and then pushed off."""
     shaft, hub = (vx.meshes.squares((4, 40), box=((r, r + 1.0), (0.0, 20.0))) for r in (1.0, 2.0))
     mesh = vx.meshes.bodies({"hub": hub, "shaft": shaft})
     scene = vx.Scene(

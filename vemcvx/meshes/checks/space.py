@@ -4,7 +4,7 @@ The checks are, in this order: numbers, coincident nodes, single faces, single c
 normals are reversed and unused nodes dropped, each with a note for a warning.
 
 Each edge of a cell belongs to exactly two of its faces, which traverse it in opposite directions if both normals point
-outwards or both inwards. Otherwise the faces whose normals point to the middle of the cell are reversed.
+outwards or both inwards. If the directions agree, faces whose normals point to the middle of the cell are reversed.
 
 Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Intersecting cells are found
 only if the volumes of all cells add up to more than the volume of their convex hull.

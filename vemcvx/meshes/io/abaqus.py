@@ -187,12 +187,12 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements of a word in the set or surface `name`: a number, or the name of a set."""
+        """Return the nodes or elements that `word`, a number or the name of a set, adds to a set or surface `name`."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self._numbers_of(kind, instance)
         if of.isdigit():
-            if kind == "NSET" and int(of) not in known:  # missing elements are reported with their type
+            if kind == "NSET" and int(of) not in known:  # types of elements that are not read are reported already
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:

@@ -62,7 +62,7 @@ def problem_files():
 
 @contextlib.contextmanager
 def quiet():
-    """Suppress printed lines, and warnings about bodies that only contact supports."""
+    """Suppress printed lines, and warnings about scenes, such as of bodies that nothing but contact holds."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(None):
         warnings.simplefilter("ignore", SceneWarning)
         yield

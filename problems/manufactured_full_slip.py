@@ -12,9 +12,10 @@ number of steps. (At t = 1 strains are of the order of one, and a run warns abou
 does not matter. The picture shows a tenth of the displacements.)
 
 With u prescribed on all the other sides, its nodal values prescribe a change of volume. This change differs from the
-integral of div u by O(h^2), unless nodes on two sides match. The energy of this difference is proportional to lambda:
-at lambda = 1e6 and h = 1/8 it triples the error on hexagons. With the traction sigma(u) n on top instead
-(``pulled=True``) the volume is free, and errors are the same for all lambda.
+integral of div u by O(h^2), unless the nodes on the right are spaced like those on top: then the errors of these two
+sides cancel up to the factor c. The energy of the difference is proportional to lambda: at lambda = 1e6 and h = 1/8 it
+triples the error on hexagons. With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and
+errors are the same for all lambda.
 
     vemcvx run problems/manufactured_full_slip.py --mesh voronoi --n 32 --steps 4
 """

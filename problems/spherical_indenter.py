@@ -79,7 +79,7 @@ def mesh(n, family="graded"):
 
 
 def quarter(n):
-    """Return the half of the mesh at x_1 > 0, for pressing only."""
+    """Return a mesh of the quarter x_1 > 0 of the whole block, with cubes near the contact, for pressing only."""
     return block(*[lines(n, 1.5, 1.3)] * 3)
 
 

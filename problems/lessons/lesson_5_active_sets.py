@@ -153,7 +153,7 @@ sets_picture()
 
 # %%
 def plane_step(K, f, w, u_prev, iterate, gamma):
-    """Return the next iterate; K couples blocks alike in x and y, and f, u_prev, u, lam are (m, 2)."""
+    """Return the next iterate. K (m, m) is the same for x and for y; f, u_prev, u and lam are (m, 2)."""
     u, lam = iterate
     trial = lam + gamma[:, None] * (u - u_prev)
     length = np.linalg.norm(trial, axis=1)
@@ -228,8 +228,9 @@ errors_picture()
 #
 # $$K = \begin{pmatrix} 1 & -1 \\ -1 & 2 \end{pmatrix}, \quad f = (-3, 2), \quad w = (1, 1).$$
 #
-# In the solution the first block slides back to $u_1 = -2$. Its spring then pulls the second block back by 2. This
-# balances the pull on the second block, which sticks. But if the shift is large, even a tiny slip decides the guess:
+# In the solution the first block slides back to $u_1 = -2$. The spring between the blocks then pulls the second block
+# back with the force 2. This balances the pull on the second block, which sticks. But if the shift is large, even a
+# tiny slip decides the guess:
 #
 # | guess | solution of the system | next guess |
 # |---|---|---|
@@ -252,7 +253,7 @@ print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", posit
 # %% [markdown]
 # With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the trial
 # force is $\hat\lambda_2 = 1 + \gamma_2 \cdot (-1)$, which lies within $\pm 1$ while $\gamma_2 \le 2$. A small shift
-# helps: the package takes a tenth of one over the flexibility. But it is not a proof of convergence. We try 60 random
+# helps: the package takes 0.1 divided by the flexibility. But it is not a proof of convergence. We try 60 random
 # programs.
 
 

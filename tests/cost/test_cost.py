@@ -377,7 +377,7 @@ def test_invalid_options_are_refused_before_any_run(tmp_path, arguments, says):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_body_of_revolution_has_no_energy_errors(tmp_path):
+def test_energy_errors_of_a_body_of_revolution_are_refused(tmp_path):
     done = cost(ROOT / "problems" / "sleeve_pushed_off.py", "--out", tmp_path / "out")
     assert done.exit_code == 2
     assert "found a body of revolution; choose --of dissipated" in " ".join(done.output.split())

@@ -58,7 +58,7 @@ class App:
     step: Annotated[int | None, typer.Option(min=1, help="The step that PAGE shows first. (default: 1)")] = None
 
     def __call__(self) -> None:
-        """Open a live page: change scene, mesh, friction, load and solver, see sticking and slipping (extra app)."""
+        """Open a live page: change scene, mesh, friction, load and solver; see stick and slip (needs extra `app`)."""
         if self.check and self.html is not None:
             raise ProblemError("app: found --check and --html; give one of them.")
         if self.step is not None and self.html is None:

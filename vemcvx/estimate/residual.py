@@ -90,7 +90,7 @@ class MeshSides:
     joints: Joints
     """interfaces of two bodies"""
     numbers: Callable[[Ints], Ints]
-    """function from edges (k, 2), faces (k,), or ends of sides (k, 2) to their positions among outer sides"""
+    """function from edges (k, 2), faces (k,), or `names` of contact rows (k, 2) to positions among outer sides"""
     corners: tuple[Ints, Floats]
     """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
     edges: tuple[Ints, Ints]

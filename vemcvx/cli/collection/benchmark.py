@@ -89,8 +89,8 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Solver -> names of its tolerances in cvxpy, a limit on iterations that the time limit makes ineffective, and the
-smallest tolerance that the library accepts. Other solvers run once, with default settings."""
+"""Solver -> names of its tolerances in cvxpy, a limit on iterations so large that the time limit is reached first, and
+the smallest tolerance that the library accepts. Other solvers run once, with default settings."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}
 """Solver in cvxpy -> its package, if the two names differ."""
 REPEATS, LONG_ENOUGH = 5, 0.1

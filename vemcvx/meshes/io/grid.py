@@ -327,7 +327,7 @@ def _solids(grid: Grid, cells: Ints) -> FaceLists:
         faces = FACES[kind]
         offsets = offsets_of(np.tile([len(face) for face in faces], len(corners)))
         vertices = corners[:, np.concatenate(faces)].ravel()
-        # programs number solids in both orientations; the checks of the mesh report missing nodes
+        # nodes of a solid may be listed in either orientation; the checks of the mesh report nodes that do not exist
         x = np.asarray(grid.points, dtype=float).take(corners[:, (0, *EDGES[kind])], axis=0, mode="clip")
         backwards = np.linalg.det(x[:, 1:] - x[:, :1]) < 0.0
         vertices = reverse_rows(offsets, vertices, np.repeat(backwards, len(faces)))

@@ -48,7 +48,7 @@ def times(steps):
 def stress_near_corner(history):
     """Return distance to the corner and von Mises' stress of cells on the bisector, up to about 0.2 from the corner."""
     arm = history.mesh.centroids - np.array([0.5, 0.5])
-    # Along the bisector of the body's angle the singular field is the same on every mesh.
+    # Along the bisector of the body's angle the singular stress depends only on the distance to the corner.
     near = (np.abs(arm[:, 0] - arm[:, 1]) < 1e-9) & (arm[:, 0] > -0.15)
     distance = np.linalg.norm(arm[near], axis=1)
     order = np.argsort(distance)

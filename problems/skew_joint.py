@@ -1,8 +1,8 @@
 r"""Two blocks in space with a skew joint: a friction spring, whose loop has a closed form.
 
-A column of square section is cut by a plane whose normal leans by theta from the vertical, obliquely to both sides. A
-vertical force P(t) loads the upper block, which slides down the slope against springs at its sides. The springs carry
-the horizontal force S. Let phi = atan mu. In equilibrium the upper block slides
+A column of square section is cut by a plane. Its normal leans by theta from the vertical, in a direction that is
+oblique to all four sides. A vertical force P(t) loads the upper block, which slides down the slope against springs at
+its sides. The springs carry the horizontal force S. Let phi = atan mu. In equilibrium the upper block slides
 
 $$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \tan(\theta + \phi), $$
 
@@ -68,7 +68,7 @@ def lean(mesh):
 
 
 def mesh(n, family="tetrahedra"):
-    """Return the lower block in cells of `family`, n across, and the upper one in n + 1 cubes, both sheared."""
+    """Return both blocks, sheared: the lower one is n cells of `family` across, the upper one n + 1 cubes."""
     square = (-0.5, 0.5), (-0.5, 0.5)
     lower = vx.meshes.SPACE_FAMILIES[family]((n, n, 1 + n // 2), box=(*square, (-HEIGHT, 0.0)))
     upper = vx.meshes.cubes((n + 1, n + 1, 1 + n // 2), box=(*square, (0.0, HEIGHT)))

@@ -1,7 +1,7 @@
 """Slides of the lessons: each shows a formula or a picture of the lesson's page, with at most five lines of text.
 
-The slides of a lesson are one HTML page without a framework. Space, arrow and page keys go to the next slide, CSS stops
-at each slide, and a printer puts one slide on a sheet. The slides of nbconvert would load reveal.js from another host.
+The slides of a lesson are one HTML page without a framework. Space, arrow and page keys turn the slides, scrolling
+stops at each slide, and a printer puts one slide on a sheet. nbconvert's slides would load reveal.js from another host.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # not the start of a formula
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # others lead to a formula
             yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 

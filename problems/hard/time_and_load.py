@@ -45,13 +45,13 @@ def increments_have_digits(setting, history):
 
 
 def reverses(setting, history):
-    """Return a fault unless the end moves like the end of the rod, up to a fraction H over the slip length."""
+    """Return a fault unless the end moves like the end of the rod, with a relative error up to H / (slip length)."""
     end = history.mesh.points[:, 0] == 0
     found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
     expected = np.array(shear_lag.end_displacement())
     apart = np.abs(found - expected).max() / expected.max()
     allowed = shear_lag.HEIGHT * shear_lag.BOUND / shear_lag.FORCE
-    return "" if apart <= allowed else f"end displacements {found}, of the rod {expected}"
+    return "" if apart <= allowed else f"the end moves by {found}, the rod's end by {expected}"
 
 
 def strip(times):
@@ -61,7 +61,7 @@ def strip(times):
 def one_push(setting, history):
     found = history.displacement[-1][history.mesh.points[:, 0] == 0, 0].mean()
     rod = shear_lag.end_displacement()[0]
-    return "" if abs(found - rod) <= 0.05 * rod else f"the end moves by {found:.3g}, of the rod by {rod:.3g}"
+    return "" if abs(found - rod) <= 0.05 * rod else f"the end moves by {found:.3g}, the rod's end by {rod:.3g}"
 
 
 def start_settled():

@@ -128,7 +128,7 @@ def test_wrong_arguments_are_named(name, value):
         vx.adapt(paper_scene(), vx.meshes.squares(2), [0.0, 1.0], **{name: value})
 
 
-def test_wrong_types_of_mesh_and_solver_and_runs_without_estimate_are_refused():
+def test_wrong_meshes_single_instants_and_scenes_without_estimate_are_refused():
     mesh, viscous = vx.meshes.squares(2), paper_scene().with_(vx.Viscosity(shear=1.0))
     for arguments, solver, message in (
         ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 instead of a mesh"),
@@ -164,8 +164,7 @@ def test_adaptive_meshes_need_fewer_unknowns():
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
-    # In the limit, adaptive errors fall as N^-1/2. They may fall faster (here as N^-.551) while singular points are
-    # resolved.
+    # Adaptive errors fall as N^-1/2 in the limit, and may be faster (here N^-.551) until singular points are resolved.
     assert adaptive_meshes.fit_slope(adapted) <= -0.45
     assert adaptive_meshes.fit_slope(equal) > -0.47
     # The gain grows as errors fall: adapted meshes need .2 of the unknowns here, and .15 at full size.

@@ -84,7 +84,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_cells_that_do_not_fit_together_are_refused(offset):
-    """Put a cube into another cube, and beside a cube with other nodes; join two bars to a cross."""
+    """Put a cube into another cube, and beside a cube whose nodes it does not share; let two bars cross."""
     for blocks, subject in (
         (
             [make_cube(), make_cube((0.25, 0.25, 0.25), 0.5)],
@@ -152,7 +152,7 @@ def make_prism(*profile):
 
 
 def test_cells_that_cross_or_touch_themselves_or_have_no_inside_are_refused():
-    """Try a box whose top is below its bottom, a ring that touches itself, a cavity, and a projective plane."""
+    """Try a prism whose outline crosses itself, a ring that touches itself, a cavity, and a projective plane."""
     crossing = make_prism((0, 0), (3, 0), (3, 1), (1, 1), (1, -1), (2, -1), (2, 2), (0, 2))
     ring = [(0, 0), (4, 0), (4, 3), (2, 3), (2, 2), (3, 2), (3, 1), (1, 1), (1, 2), (2, 2.5), (1, 3), (0, 3)]
     for points, cells in (crossing, make_prism(*ring)):

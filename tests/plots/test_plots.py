@@ -430,7 +430,7 @@ def draw_stressed_body(history, **options):
     2,
 )
 def test_closed_contact_is_marked_where_magnification_separates_the_bodies(draw, gap, apart):
-    """Magnified tenfold, an interference of .002 is drawn as a gap of .02. The mark fills it."""
+    """An interference of .002 moves faces apart. Magnified tenfold, this is a gap of .02, and the mark fills it."""
     boxes = {"lower": ((0, 2), (0, 1)), "upper": ((0, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4, 2), box) for name, box in boxes.items()})
     down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")

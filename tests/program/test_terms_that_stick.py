@@ -1,4 +1,4 @@
-"""Norm terms of infinite weight: equality constraints with free multipliers, for every solver and in time."""
+"""Norm terms of infinite weight are equality constraints with free multipliers, in every solver and in runs."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import vemcvx as vx
 
 @pytest.mark.parametrize("block", [1, 2])
 def test_terms_of_infinite_weight_always_stick(block):
-    """Every solver finds the minimiser on the null space of these rows, and the multiplier that balances all forces."""
+    """Every solver finds the minimiser under B_1 d = b_1, and the multiplier that balances all forces."""
     rng, n, m = np.random.default_rng(3), 8, 3
     root, B, D = rng.normal(size=(n, n)), rng.normal(size=(m * block, n)), rng.normal(size=(2, n))
     K, g, b = root @ root.T + np.eye(n), 3.0 * rng.normal(size=n), 0.1 * rng.normal(size=m * block)

@@ -91,7 +91,7 @@ def strain_at(circle, u, t, x):
         corners = np.concatenate([1.0 - hat.sum(axis=2, keepdims=True), hat], axis=2)
         t_of = corners.min(axis=2).argmax(axis=1)
         every = np.arange(len(mine))
-        # A point belongs to the part at the edge from corner k if its barycentric coordinate k + 2 is the smallest.
+        # A point is in the part at the edge from corner k if its barycentric coordinate k + 2 (mod 3) is the smallest.
         part = (corners[every, t_of].argmin(axis=1) + 1) % 3
         slopes = np.einsum("qai,qij->qaj", monomial_slopes(hat[every, t_of]), COEFFICIENTS[part])
         values = v[at, t_of].reshape(-1, 10, 2)[every[:, None], NODES[part]]
@@ -130,10 +130,11 @@ def enriched_bound(pair):
 
 
 def beside_refined(coarse, part, most=20_000):
-    """Return |v - v_f - w_f|_a for a step from rest, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
+    """Return |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
 
-    v belongs to the coarse run, v_f and its enrichment w_f to the finer run. The finer mesh is refined where its bound
-    is large, until the bound is at most `part` of the error of the coarse run, or the mesh has more than `most` cells.
+    All are for a step from rest: u is the solution, v belongs to the coarse run, v_f and its enrichment w_f to the
+    finer run. The finer mesh is refined where its bound is large, until the bound is at most `part` of the error of the
+    coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

@@ -3,8 +3,8 @@
 `TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. "Certified
 5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5.
 
-All solvers receive absolute values as inequalities. On a slipping term a cone uses the difference t - |s|, which is as
-small as the gap and has no correct digits below 1e-12; inequalities have a slack variable for this difference.
+All solvers receive absolute values as inequalities -t <= s <= t. On a slipping term a cone |s| <= t uses t - |s|, which
+is as small as the gap and has no correct digits below 1e-12; inequalities have a slack variable for this difference.
 """
 
 from __future__ import annotations
@@ -96,12 +96,12 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("iterative_refinement_enable", False, "refinement doubles the time, and rarely gains digits"),
         Setting("presolve_enable", False, "there is nothing to remove"),
         Setting("equilibrate_enable", False, "programs are scaled already"),
-        Setting("static_regularization_constant", 1e-15, "1/6 of the paper's steps miss by a factor of 1e6 with 1e-13"),
+        Setting("static_regularization_constant", 1e-15, "1e-13 lets 1/6 of the paper's steps miss by a factor of 1e6"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
         # In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
         Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", Condition.SEMIDEFINITE),
         Setting("iterative_refinement_enable", True, "gains the missing digits", Condition.RETRY),
-        # Examples: problems/janssen_silo.py, whose fixed points need all digits, and problems/solver_accuracy.py.
+        # Examples of retries: problems/janssen_silo.py (fixed points need all digits), problems/solver_accuracy.py.
         Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", Condition.RETRY),
         Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", Condition.RETRY),
     ),
@@ -331,7 +331,7 @@ class OSQP(ThroughCvxpy):
 class _PreparedConic:
     """A cvxpy problem, compiled once with g, w, b, e as parameters; if K is sparse, it is posed anew in every step.
 
-    With sparse K the parameter g has one entry per unknown: at 33,000 unknowns compiling takes 26 s.
+    A sparse program is large: with a parameter g of 33,000 entries, one for each unknown, compiling takes 26 s.
     """
 
     def __init__(self, settings: ThroughCvxpy, newton: PreparedNewton):

@@ -10,20 +10,20 @@ work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
            (forces and reactions at the end of the step; the load excludes the Dirichlet force; c is the motion of
            supports along norm terms minus the motion of the ground; g is the gap at y = 0; D^: rows of limits on u)
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
-identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanced answer; z = D^u - e. For bounds
-           p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is at least c (dp)^2 / 2
+identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanced answer; z = D^u - e. For hard
+           limits p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is >= c (dp)^2 / 2
 
 Nodes that supports drag along the contact have a given slip s, the change of c. These nodes do not enter the program.
 They add w |s| to the loss, and as much to the work of the supports, whose reactions balance the friction forces -lam,
-lam = w s / |s|. Dashpots dissipate b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
+lam = w s / |s|. In a step of length k, dashpots dissipate b(du, du) / k, with the form b of the damping matrix, and
+supports that move against dashpots do the work b(du, du_D) / k.
 
 The sums above are of first order in the length of steps. The following sums are of second order:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
 The loss is the trapezoidal rule on slips; weights that depend on slips are evaluated at the slips of both instants. The
-work is the energy balance of the continuum: forces at the end of a step do O(k) too much work, even if the states at
-both ends are exact.
+work is the energy balance of the continuum: forces at the end of a step do O(k) too much work, even for exact states.
 
 If supports move a body far and strain it little, the terms of the energy cancel. So a state is split, u = u_m + P z,
 into the response u_m to the supports alone and the rest P z, with m = P'A u_D:
@@ -33,7 +33,7 @@ into the response u_m to the supports alone and the rest P z, with m = P'A u_D:
     E = 1/2 a(u_m, u_m) + 1/2 z'Kz,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
 
 with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, x_m solves
-(K + E) x_m = -m with the stiffness E of anchors, and a(u_m, Pv) = -v'E x_m.
+(K + K_a) x_m = -m with the stiffness K_a of anchors, and a(u_m, Pv) = -v'K_a x_m.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from vemcvx.solvers.default import RunSolver
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
-"""Rounding error of |u|_a = sqrt(2 E), relative to the root of the sizes of the terms of E."""
+"""Rounding error of |u|_a = sqrt(2 E), relative to the square root of the terms of E, which may cancel."""
 MAX_STEP_LENGTHS = 4
 """Largest number of step lengths for which factors are stored in runs with dashpots."""
 
@@ -147,7 +147,7 @@ class PreparedRun:
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """Return the frame of steps of length k, with K + C / k in place of K and the compliances of dashpots.
+        """Return the frame of steps of length k: K + C / k replaces K, and compliances of dashpots are those for k.
 
         Frames are cached by length up to rounding.
         """
@@ -334,7 +334,7 @@ def losses(before: State, after: State) -> tuple[Floats, Floats]:
     # Compute |s| as loss / w; use |s| itself if the weight is zero at the end of the step.
     size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
     mean = 0.5 * (before.bound + after.bound)
-    # A term that always sticks at one end of the step has no mean weight: keep its loss.
+    # A term with an infinite weight at one end of the step has no mean weight: keep its loss.
     return loss, np.maximum(np.multiply(mean, size, out=loss.copy(), where=mean < np.inf), 0.0)
 
 

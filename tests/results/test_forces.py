@@ -20,9 +20,10 @@ def assert_balanced(history, scene=None):
 
     `scene` gives the material of a history that has no scene of its own.
     """
-    acting, begin = history.acting, int(history.trajectory.velocity is not None)
+    acting = history.acting
     with suppress_scene_warnings():
         posed = pose_scene(scene or history.scene, history.mesh, history.trajectory.times.tolist())
+    begin = int(posed.system.is_viscous)
     u = history.displacement.reshape(len(history.times), -1)
     rounding = 8 * EPS * (abs(posed.A) @ np.abs(u).T).sum(axis=0)
     left = np.abs(acting.force.sum(axis=1) + acting.loads.sum(axis=1))

@@ -311,10 +311,10 @@ class Results:
         energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
         if self.is_axisymmetric:
             stress, hoop = stress[:, :3], stress[:, 3]
-        fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
-        if self.is_axisymmetric:
-            fields["principal_stresses"] = -np.sort(-np.column_stack([principal(stress), hoop]))
+            every = -np.sort(-np.column_stack([principal(stress), hoop]))
+            fields = {"stress": stress, "principal_stresses": every, "strain_energy": energy}
             return fields | {"out_of_plane_stress": hoop, "von_mises": equivalent(stress, hoop)}
+        fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
         if not self._space.in_plane:
             return fields | {"von_mises": equivalent(stress)}
         if self.out_of_plane is None:

@@ -69,14 +69,15 @@ class Weights:
         w = self.w
         if self.norms is not None:
             p = self.limit_units * np.maximum(p, 0.0)
-            w = self.norms.weights_under(self.t, p, self.past, self._read(slip / self.term_units))
+            own = self._measure(slip / self.term_units) if self.reads_slip else None
+            w = self.norms.weights_under(self.t, p, self.past, own)
         return w / self.term_units
 
-    def _read(self, slip: Floats) -> Floats | None:
-        """Return the argument of the weights: slips (m,) in the step, or their rates; None if weights use neither."""
-        if self.norms is None or not self.reads_slip or (self.norms.reads_rates and self.k == 0.0):
-            return None
-        return slip / self.k if self.norms.reads_rates else slip
+    def _measure(self, slip: Floats) -> Floats:
+        """Return slips (m,) in the step, or their rates if weights use rates; rates are zero at the initial instant."""
+        if self.norms is None or not self.norms.reads_rates:
+            return slip
+        return slip / self.k if self.k > 0.0 else np.zeros_like(slip)
 
     def slopes(self, p: Floats, slip: Floats) -> tuple[sp.csr_matrix | None, Floats | None]:
         """Return dw/dp (m, r) and dw/d|s| (m,), with None for zero derivatives."""
@@ -96,8 +97,7 @@ class Weights:
         norms = self.norms
         if norms is None or not norms.remembers or ((softening := norms.softening) is None and not norms.sloped):
             return
-        if norms.reads_rates:
-            slip = slip / self.k if self.k > 0.0 else np.zeros_like(slip)
+        slip = self._measure(slip)
         rate = 0.0 if softening is None else softening
         slips = [fraction * slip for fraction in SLIP_FRACTIONS]
         weights = [norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in slips]
@@ -128,7 +128,7 @@ def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance
     """
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size
-    if law.is_given or (above <= 0.0).all():
+    if (above <= 0.0).all():
         return high
     last = np.full(len(size), 2)  # 1 if the last point moved `low`, 0 if it moved `high`
     for _ in range(MOST_EVALUATIONS):

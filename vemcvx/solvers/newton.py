@@ -303,7 +303,7 @@ class Search:
                 break  # Nothing holds a floating body: its slips grow without limit.
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
-            if self.law.is_monotone:
+            if self.law.is_monotone and not self.law.is_given:
                 w = self.law.at(p, resolve_slips(self.law, p, lengths(lam), length, SWEEP_TOLERANCE))
             elif sweep % SWEEPS_PER_WEIGHTS == 0:
                 w = self.law.at(p, lengths(delassus.split(point.off)[0]))

@@ -1,12 +1,12 @@
 """Bounds compared with solutions of other programs: scikit-fem assembles quadratic elements, cvxpy and Clarabel solve.
 
 Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
-functional that u minimises. The triangles of w are parts of the split fans of the cells. So v is quadratic on each
-triangle, and |w - v|_a is integrated exactly. Triangles are graded towards points where stresses are singular.
+functional that u minimises. The triangles of w divide the parts of cells on which v is quadratic (see `fan`), so that
+|w - v|_a is integrated exactly. Triangles are graded towards points where stresses are singular.
 
 The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
 normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We then refine all triangles once; let w be
-the finer solution. This lowers J by more than the rest J(w) - J(u), so that twice the decrease bounds |w - u|_a^2.
+the finer solution. We assume that J falls by more than the rest J(w) - J(u); then twice the fall bounds |w - u|_a^2.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Case:
     """Axis and coordinate of the clamped side."""
     loaded: tuple[int, float]
     load: object
-    """Function of points x (2, ...), which returns two components."""
+    """Traction as a function of points x (2, ...), which returns two components."""
     friction: float
     can_lift: bool
     """True if the body can lift off its floor."""

@@ -88,7 +88,7 @@ def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
 @pytest.mark.long
 @mostly_slow("seed", range(12))
 def test_bounds_hold_for_wrong_solutions(seed):
-    """Nodal values are disturbed by a tenth, and multipliers are wrong."""
+    """Nodal values are disturbed by a tenth of their size, and multipliers are wrong."""
     rng, history = np.random.default_rng(seed), slipped(0.3, "voronoi", 4)
     run, posed = history.trajectory, circle_of(history).posed
     y = run.state * (1.0 + 0.1 * rng.normal(size=run.state.shape))
@@ -198,7 +198,7 @@ def one_step(seed):
 
 
 def check_beside_refined(coarse):
-    """Compare the bounds of a run with a run on smaller cells, whose error is at most .05 of the distance of both."""
+    """Compare bounds of a run with a finer run, whose error is at most .05 of the distance between both runs."""
     bound = vx.error_bound(coarse, step=-1)
     apart, own, ahead = beside_refined(coarse, 0.05)
     assert apart >= 20.0 * own
@@ -349,7 +349,7 @@ def case(scene, steps, most):
     ],
 )
 def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, n, finer, parts, most):
-    """Some loads reverse inside a step; bounds then contain an estimate of the error that this causes."""
+    """Some loads reverse inside a step; bounds then contain an estimate of the error that the reversal causes."""
     found = measure_effectivities(scene, np.linspace(0.0, 1.0, steps + 1), n, finer, parts)
     assert found.min() >= 1.0
     assert found.max() <= most
@@ -477,7 +477,7 @@ def measure_distance(found, time):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_true_errors_meet_targets_of_bounds(seed):
-    """For the same target, bounds need fewer unknowns than residual estimates: a third, in the median."""
+    """For one target, bounds need at most 1.05 times the unknowns of residual estimates, and a third in the median."""
     scene, _ = random_scene(seed)
     bounded, other = (
         vx.adapt(scene, coarse_mesh(seed, 4), [0.0, 0.5, 1.0], 0.08, estimate=one) for one in ("bound", "residual")

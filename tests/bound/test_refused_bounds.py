@@ -54,7 +54,7 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
         ((STEEL, Stiffness()), "springs to the ground along boundary edges"),
         # The weight is zero, so that the check of active effects would not find this friction.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
-        # All nodes are held, so that no cell is strained: a bound would be a ninth of the error.
+        # All nodes are held, so that no cell is strained: without the refusal, the bound would be a ninth of the error.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
     ],
 )
@@ -94,7 +94,7 @@ def waves(x, t):
 
 
 def test_histories_that_begin_at_a_projected_function_have_no_bound():
-    """A bound would be 9e-18 for an error of .002, because the exact history begins elsewhere than the run."""
+    """It would be 9e-18 for an error of .002, because the exact history does not begin at the state of the run."""
     bar = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Symmetry(on=["top", "bottom"]))
     held = bar.with_(vx.BilateralContact(on="right"), vx.TrescaFriction(10.0, on="right"))
     history = vx.simulate(held, vx.meshes.squares(4), [0.0, 1.0], initial=vx.projected(waves))

@@ -26,7 +26,7 @@ PAD = vx.Scene(
 
 
 def measure_error(found, scene):
-    """Return the larger relative error at t = 0.5 and 1. The reference has twice refined cells and halved steps."""
+    """Return the larger of the relative errors at t = 0.5 and 1; cells of the reference are refined twice."""
     times = found.history.trajectory.times
     fine = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     truth = vx.simulate(scene, found.history.mesh.refine().refine(), fine, store=np.searchsorted(fine, [0.5, 1.0]))
@@ -90,7 +90,7 @@ def test_a_scene_without_friction_needs_one_step():
     assert found.budget.time[-1] == 0.0
 
 
-def test_marked_cells_carry_a_fraction_theta_of_the_error_unless_fewer_cells_suffice():
+def test_marked_cells_have_a_fraction_theta_of_the_error_unless_fewer_cells_suffice():
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
@@ -164,10 +164,10 @@ def test_adaptive_meshes_need_fewer_unknowns():
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
-    # Adaptive errors fall as N^-1/2 in the limit, and may be faster (here N^-.551) until singular points are resolved.
+    # With N unknowns, adaptive errors fall as N^-1/2 in the limit, and faster (here N^-.551) before.
     assert adaptive_meshes.fit_slope(adapted) <= -0.45
     assert adaptive_meshes.fit_slope(equal) > -0.47
-    # The gain grows as errors fall: adapted meshes need .2 of the unknowns here, and .15 at full size.
+    # The gain grows as errors fall: adapted meshes need .2 of the unknowns of uniform meshes, .15 at full size.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 

@@ -88,9 +88,9 @@ def test_uniform_pressure_across_a_curve_leaves_a_residual_of_second_order():
 
 @pytest.mark.long
 def test_bonded_blocks_have_the_budget_of_one_body():
-    """The jump across a joint becomes two residuals, the distances of both stresses from the multipliers.
+    """The jump of tractions at a joint becomes two residuals, the distances of both tractions from the multipliers.
 
-    So the budget can only grow. If the cells are alike on both sides of the joint, its growth is of higher order.
+    So the budget can only grow. If the cells are alike on both sides of the joint, this growth is of higher order.
     """
     added = []
     for n in (4, 8):
@@ -150,7 +150,7 @@ def test_estimates_on_two_blocks_are_one_to_five_times_the_error(young, families
 
 @pytest.mark.long
 def test_a_bump_of_the_gap_between_nodes_is_in_the_estimate():
-    """The bump is compared with the jump across the joint, however far both bodies have moved."""
+    """The estimate compares the bump with the jump of displacements, however far both bodies have moved."""
 
     def data_error(gap, lift):
         def ground(x, t):

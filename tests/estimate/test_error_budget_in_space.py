@@ -43,7 +43,7 @@ def measure_effectivity(poisson, family, n):
     [
         (0.3, "cubes", (3,)),
         (0.3, "tetrahedra", (3,)),
-        # With 3 or 5 cubes along a side, the pressure has an alternating error, ten times as large as the pressure.
+        # With 3 or 5 cubes along a side, the pressure has an alternating error of ten times its size.
         (0.4999, "cubes", (3, 5)),
         (0.4999, "voronoi3", (4,)),
         *(
@@ -156,7 +156,7 @@ def strain_distance(history, fine):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenes())
 def test_effectivity_on_scenes(name):
-    """The reference has cubes of a fifth of the size, so that the distance is at least .95 of the error."""
+    """The reference has cubes of a fifth of the size, so that the distance from it is at least .95 of the error."""
     scene, mesh = scenes()[name]
     times = np.linspace(0.0, 1.0, 5)
     history, fine = (vx.simulate(scene, mesh(n), times, store="last") for n in (4, 20))

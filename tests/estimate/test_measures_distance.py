@@ -90,9 +90,9 @@ def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kin
 
 
 def test_hourglasses_on_nested_squares_have_exact_norms():
-    """The field u_1 = x_1 x_2 is bilinear on one square, so that it has no distance from its refinement.
+    """The field u_1 = x_1 x_2 is bilinear on one square, so that interpolation on a refined mesh changes nothing.
 
-    int e_xx^2 = int x_2^2 = 1/3, int (2 e_xy)^2 = int x_1^2 = 1/3; the projection has both strains 1/2.
+    int e_xx^2 = int x_2^2 = 1/3, int (2 e_xy)^2 = int x_1^2 = 1/3; in the projection, e_xx = 2 e_xy = 1/2.
     """
 
     def twist(x):

@@ -23,7 +23,7 @@ def along(values):
 
 
 def test_polynomials_of_degree_five_are_integrated_exactly(family):
-    """Compared with a body at rest, the strain x^2 has the squared norm C / 5, and the displacement x^2 has 1 / 5."""
+    """The squared error of a body at rest is C / 5 for the strain x^2, and 1 / 5 for the displacement x^2."""
     rest = small(family)
     rest = field(rest, np.zeros_like(rest.points))
     strain = vx.measures.energy_error(rest, lambda x, t: along(x[:, 0] ** 2)(3))

@@ -118,7 +118,7 @@ def test_one_step_of_the_paper_scene_is_as_accurate_as_64_steps():
 
 @pytest.mark.slow
 def test_errors_of_table_1_are_reproduced_in_three_measures():
-    """Squares with h = k = 1/4 ... 1/64 against 1/256. Singular corners of the clamp keep orders below one."""
+    """Squares of size h and steps k = h, from 1/4 to 1/64, against 1/256. Corners of the clamp cause orders below 1."""
     paper = importlib.import_module("feng_han_huang")
     sizes = np.array([4, 8, 16, 32, 64])
     reference = vx.simulate(paper.scene(), paper.mesh(256), paper.times(256), store="last")

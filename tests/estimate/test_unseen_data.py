@@ -84,7 +84,7 @@ QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle"
 
 
 def measure_effectivity(scene, mesh, truth):
-    """Return the ratio of estimated to true error. The norm is of the finer mesh, whose moduli are more accurate."""
+    """Return the ratio of estimated to true error. The norm uses moduli of the finer mesh, which are more accurate."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
     budget = error_budget(history)
     if budget.scale == 0.0:
@@ -185,7 +185,7 @@ def test_waves_on_a_body_that_only_friction_holds_are_in_the_estimate():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["a patch of the bound", "a strip of traction"])
 def test_true_errors_meet_targets_if_data_vanish_at_the_nodes_of_the_first_mesh(name):
-    """If only nodes were read, the patch would end with an error of 54 %, the strip with 92 %."""
+    """If data were read at nodes only, runs would end with errors of 54 % (patch) and 92 % (strip)."""
     scene, target = SCENES[name], 0.15
     found = vx.adapt(scene, vx.meshes.squares(4), [0.0, 1.0], target)
     assert found.met

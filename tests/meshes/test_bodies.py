@@ -81,7 +81,7 @@ def test_blocks_match_after_any_shift_and_rotation(shift, angle, scale, families
     lower, upper = (PolygonMesh(scale * part.points @ rotation(angle).T, part.cells) for part in flat)
     top, bottom = flat[0].points[flat[0].boundaries["top"], 0], flat[1].points[flat[1].boundaries["bottom"], 0]
     gaps = np.diff(np.unique(np.concatenate([top.ravel(), bottom.ravel()])))
-    assume(gaps[gaps > 1e-15].min() > 1e-8)  # nodes that are closer are merged
+    assume(gaps[gaps > 1e-15].min() > 1e-8)  # bodies merge nodes that are closer than a tolerance
     mesh = bodies({"lower": lower, "upper": upper})
     assert_matched(mesh)
     rounding = scale * len(mesh.interfaces["lower|upper"].edges) * 8 * EPS
@@ -136,7 +136,7 @@ def test_files_pickles_and_meshio_keep_interfaces(tmp_path):
 
 
 def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
-    """Put the upper block on [0.3, 1.1] of the top [0, 2] of the lower block: both ends are hanging nodes there."""
+    """Put the upper block on [0.3, 1.1] of the top [0, 2] of the lower block, where both ends become hanging nodes."""
     mesh = bodies({"lower": squares((2, 1), ((0, 2), (0, 1))), "upper": squares((3, 1), ((0.3, 1.1), (1, 2)))})
     assert_matched(mesh)
     x = mesh.points[mesh.interfaces["lower|upper"].edges, 0]
@@ -254,7 +254,7 @@ def test_invalid_bodies_are_refused():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """Give a body a cell datum with the body's name, too, which is valid if all values are one."""
+    """Also give a body a cell datum that has the body's name: this is valid if all its values are one."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})
@@ -310,7 +310,7 @@ def test_a_cut_through_a_mesh_gives_the_mesh_of_two_bodies():
     joined = bodies({"left": squares((2, 4), ((0, 0.5), (0, 1))), "right": squares((2, 4), ((0.5, 1), (0, 1)))})
     assert interface_length(parted, "joint") == interface_length(joined, "left|right") == 1.0
     assert parted.n_nodes == joined.n_nodes
-    # Two more cuts end at the joint, where nodes are double already: the four quarters share no node.
+    # Two more cuts end at the joint, where nodes are already doubled: the four quarters share no node.
     top = mesh.centroids[:, 1] > 0.5
     quarters = parted.cut("west", {"a": ~right & top, "b": ~right & ~top})
     quarters = quarters.cut("east", {"c": right & top, "d": right & ~top})

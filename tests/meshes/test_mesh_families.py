@@ -55,7 +55,7 @@ def test_every_function_that_meshes_a_box_is_a_family():
 @mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
-    """Compare sides without tolerance. Build the mesh again by its class, which checks the cells; families do not."""
+    """Compare sides without tolerance. Build the mesh again by its class, which checks cells; families skip this."""
     (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
@@ -272,7 +272,7 @@ def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
     raw = meshes.voronoi(cells=400, seed=seed, relaxations=0, shortest=0.0)
     PolygonMesh(raw.points, raw.cells)
     assert measure_edges(raw).min() * 20 < 0.02
-    assert raw.areas.std() * 400 > 0.4  # 0.53 for random seeds in the plane
+    assert raw.areas.std() * 400 > 0.4  # areas of Voronoi cells of random seeds in the plane scatter by 0.53
     assert mesh.areas.std() * 400 < (0.15 if relaxations else 0.7)
 
 

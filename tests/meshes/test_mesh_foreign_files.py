@@ -93,7 +93,7 @@ def test_files_of_users_keep_names_and_become_bodies():
 
 
 def test_every_cell_of_a_rod_has_its_own_material():
-    """Pull the rod: with sets on wrong cells, displacements would be .01, 1.01, 2.01: only the last is right."""
+    """Pull the rod: displacements are 1, 2, 2.01. With sets on wrong cells, they would be .01, 1.01, 2.01."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.0, on="SOFT"),
@@ -211,7 +211,7 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
 
 
 def test_a_part_without_an_end_is_read(read_text):
-    """Drop the end of the part: reading ends, also if the file ends there, or if an instance begins there."""
+    """Omit *END PART: the part then ends where the file ends or where an instance begins."""
     part = PART.replace("*END PART\n", "")
     assert read_text(".inp", part).n_cells == 1
     assert read_text(".inp", part + ASSEMBLY, bodies="physical").n_cells == 2

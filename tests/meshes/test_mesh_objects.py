@@ -122,7 +122,7 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
 
 
 def test_stiffness_and_load_on_triangles_agree_with_linear_elements_of_scikit_fem():
-    """Compare at free unknowns; compare the nodes in contact with the nodes of the floor that are not held."""
+    """Compare entries of free unknowns, and the nodes in contact with those nodes of the floor that are not held."""
     flat = make_skfem_mesh(skfem.MeshTri)
     mesh = convert(flat)
     pull = vx.Traction(lambda x, t: np.tile([3.0 * t, -t], (len(x), 1)), on="pushed")
@@ -319,7 +319,7 @@ def test_sides_of_a_box_in_a_file_without_names_are_named_by_position(family, tm
 
 
 def test_only_straight_sides_at_extreme_coordinates_are_named():
-    """Convert a house without a top, a diamond, and a box with a very short edge, which belongs to one side only."""
+    """Convert a house, which has no top side, a diamond, and a box whose very short edge belongs to one side only."""
     with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
         convert(remove_names(small("voronoi", 3)).to("meshio"))
     assert caught[0].filename == __file__

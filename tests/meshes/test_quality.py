@@ -22,7 +22,7 @@ def make_polygon(n, aspect=1.0):
 
 
 def test_regular_polygons_have_the_quality_of_closed_forms():
-    """Divide the radius cos(pi / n) of the ball by the diameter: 2 for even n, 2 cos(pi / 2n) for odd n."""
+    """Divide the inradius cos(pi / n) of an n-gon by its diameter, 2 for even n and 2 cos(pi / 2n) for odd n."""
     for n in (3, 4, 5, 6, 7, 12, 40):
         h = 2.0 if n % 2 == 0 else 2 * np.cos(np.pi / (2 * n))
         found = make_polygon(n).quality()
@@ -70,7 +70,7 @@ def test_families_have_the_quality_of_a_linear_program_and_no_poor_cell(family):
 
 @pytest.mark.long
 def test_random_polygons_have_the_quality_of_a_linear_program():
-    """Rotate, move and scale polygons of up to 30 vertices, too: the ratios stay the same."""
+    """Also rotate, move and scale polygons of up to 30 vertices, which does not change their quality."""
     rng = np.random.default_rng(0)
     for _ in range(200):
         n = int(rng.integers(3, 31))

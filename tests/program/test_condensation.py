@@ -18,7 +18,7 @@ TOUCHING = {"some": [3, 20, 7, 15], "none": [], "all": list(range(24)), "one bod
 @pytest.mark.parametrize("touching", TOUCHING)
 @mostly_long("shapes", [1, 3, 9], 0, 2)
 def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, linear):
-    """Two bodies with friction. Nine load shapes are more than a run remembers."""
+    """Two bodies with friction: a condensed run stores the responses to six load shapes, so that nine are too many."""
     rng = np.random.default_rng(0)
     A = np.where(rng.random((24, 24)) < 0.15, rng.random((24, 24)), 0.0)
     K = A @ A.T + np.eye(24)
@@ -43,7 +43,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
 
 
 def test_small_loads_on_soft_bodies_are_not_taken_for_rounding():
-    """One chain is softer than another by 1e16. Its load is 1e-15 of the other load, and grows as t^2, not as t."""
+    """One chain has 1e-16 of the stiffness of the other, and 1e-15 of its load, which grows as t^2 instead of t."""
     chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     K, B = np.zeros((8, 8)), np.zeros((1, 8))
     K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0

@@ -96,7 +96,7 @@ def test_a_body_inside_its_obstacle_is_refused_unless_it_is_settled(initial):
 @mostly_long("amount", [1e-6, 3e-9, 1e-9, 3e-10, 1e-13], 0, 2, 4)
 @mostly_long("D, lam", [(np.eye(2)[0], 0.0), (np.array([1.0, 0.5]), 0.2)], "two", ids=["one unknown", "two"])
 def test_contradicting_limits_are_named_or_met_within_the_contradiction(D, lam, amount, solver):
-    """The limits D y <= 1 and D y >= 1 + amount contradict each other; two further limits fix y_1 = lam."""
+    """The limits D y <= 1 and D y >= 1 + amount contradict each other. Two further limits fix y_1 at `lam`."""
     K, load = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([5.0, 0.0])
     limits = vx.Limits(np.array([D, -D, [0.0, 1.0], [0.0, -1.0]]), [1.0, -1.0 - amount, lam, -lam])
     system = vx.System(K, lambda t: t * load, limits=limits)

@@ -17,7 +17,7 @@ GAP = 0.1
 )
 @mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
-    """The block moves rigidly, without energy, until it touches, and again after it has left the obstacle."""
+    """The block moves rigidly, without energy, until it touches the obstacle, and again after it has left it."""
     scene = vx.Scene(
         vx.Elasticity(1000.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile([0.05, -0.14], (len(x), 1)) * np.sin(np.pi * t), on="top"),

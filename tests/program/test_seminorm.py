@@ -80,7 +80,7 @@ def test_friction_carries_a_body_over_any_distance(far, solver):
 @pytest.mark.parametrize("tips", [False, True])
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
-    """A block of weight 1 slides under a push of 0.3 if its coefficient is 0.3; a rough one tips under 1."""
+    """A block of weight 1 slides under a push of 0.3 if mu = 0.3; a rougher block tips under a push of 1."""
     push = (1.0 if tips else 0.3) * (1 + beyond)
     sides = ["left"] if tips else ["left", "right"]
     scene = vx.Scene(
@@ -114,7 +114,7 @@ def test_a_cube_that_slides_and_turns_without_limit_is_refused(push):
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_a_refusal_names_the_forces_along_a_diagonal():
-    """Push a cube of weight 1 with coefficient 0.3 by 0.5 along the diagonal of its floor: no number overflows."""
+    """Push a cube of weight 1 and coefficient 0.3 with the force 0.5 along the diagonal of its floor."""
     scene = vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.UnilateralContact(on="bottom"),
@@ -196,7 +196,7 @@ def test_equilibrium_starts_and_iterative_solvers_are_refused_on_a_kernel():
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 @mostly_long("condense", [True, False])
 def test_a_settled_column_has_its_energy_to_twelve_digits(condense):
-    """A uniform stress of 2 has the energy 2^2 / 2E and no error of the mesh."""
+    """A uniform stress of 2 has the energy 2^2 / (2 E), and the mesh causes no error."""
     walls, load = vx.Symmetry(on=["left", "right"]), vx.Traction((0.0, -2.0), on="top")
     scene = vx.Scene(vx.Elasticity(200.0, 0.0), walls, load, vx.UnilateralContact(on="bottom"))
     options = {"initial": "settled", "solver": vx.Newton(accuracy=1e-12), "condense": condense}

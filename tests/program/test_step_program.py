@@ -107,7 +107,7 @@ def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
     program = StepProgram(operators, (s + lam).ravel(), w, np.zeros(2 * n))
     assert (np.linalg.norm(program.project(lam), axis=1) < w).any()
     certificate = program.certify(s.ravel(), lam)
-    # Both are sums of 2 n squared rounding errors.
+    # Gap and floor are sums of 2 n squared rounding errors.
     assert certificate.gap <= certificate.floor <= 2 * n * (8 * EPS) ** 2 * 16
     angle = 1e-9
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -117,7 +117,7 @@ def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
 
 @pytest.mark.parametrize("g", [-5.0, -0.3, 0.0, 0.4, 7.0])
 def test_a_slider_has_its_closed_form(g):
-    """min 1/2 K d^2 - g d + w|d|: d = soft(g, w) / K, lam = clip(g, -w, w)."""
+    """Minimise 1/2 K d^2 - g d + w|d|: lam = clip(g, -w, w) and d = (g - lam) / K."""
     answer, certificate = solve_with_newton(StepProgram(Operators([[2.0]], [[1.0]]), [g], [1.0], [0.0]))
     assert answer.d[0] == pytest.approx(np.sign(g) * max(abs(g) - 1, 0) / 2, abs=1e-15)
     assert answer.lam[0, 0] == pytest.approx(np.clip(g, -1, 1), abs=1e-15)
@@ -224,7 +224,7 @@ def test_the_active_one_of_two_parallel_bounds_has_the_force():
     operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=np.ones((2, 1)))
     program = StepProgram(operators, np.array([2.0]), np.zeros(0), np.zeros(0), np.array([1.0, 3.0]))
     _, p = program.multipliers(np.ones(1))
-    # The second bound has the part level / (level + z) of the force, with level = 1e-6 z.
+    # The force of the second bound, at a distance z, has the part level / (level + z), with level = 1e-6 z.
     assert p == pytest.approx([1.0, 0.0], abs=2e-6)
     assert program.certify([1.0]).gap <= 2 * 2e-6
 

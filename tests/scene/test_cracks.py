@@ -16,12 +16,12 @@ COURSE = {
     "open": (1.0, 0.0),
     "pressed again": (-0.5, 0.0),
 }
-"""Stresses yy and xy of the plate without a crack, at each instant."""
+"""Name of an instant -> the stresses yy and xy of the plate without a crack."""
 AT = {name: row for row, name in enumerate(COURSE)}
 
 
 def gradient(t):
-    """Return the displacement gradient of the stresses in COURSE, in plane strain; stress xx is zero."""
+    """Return the displacement gradient of the stresses in COURSE, in plane strain, where the stress xx is zero."""
     yy, xy = list(COURSE.values())[round(t)]
     mu = YOUNG / (2 * (1 + POISSON))
     return np.array([[-POISSON * yy, xy], [0.0, (1 - POISSON) * yy]]) / [[2 * mu, mu], [1.0, 2 * mu]]
@@ -83,7 +83,7 @@ def test_slips_are_proportional_to_the_shear_beyond_friction(cracked):
     assert cracked.dissipated[-1] == pytest.approx(lost, rel=1e-9)
 
 
-def test_an_open_crack_bears_nothing(cracked):
+def test_an_open_crack_bears_no_force(cracked):
     row = AT["open"]
     assert not cracked.contact.closed[row].any()
     assert not cracked.contact.pressure[row].any()
@@ -92,14 +92,14 @@ def test_an_open_crack_bears_nothing(cracked):
 
 @pytest.mark.slow
 def test_the_opening_of_a_plane_crack_converges_to_griffiths_closed_form():
-    """The middle of a crack in an infinite plate opens by 4 (1 - nu^2) sigma a / E; tips cause an error O(h)."""
+    """A crack of half-length a in an infinite plate opens by 4 (1 - nu^2) sigma a / E; tips cause an error O(h)."""
     exact, found = 4 * (1 - POISSON**2) / YOUNG * HALF, []
     for n in (32, 64, 128):
         history = history_of(plate(n, 2 * WIDTH))
         found.append(opening(history, "open")[1].max() / exact)
     coarse, fine = np.diff(found)
     assert 1.7 < coarse / fine < 2.5
-    # The boundary, at W = 8 a, is moved as without a crack: this causes an error of at most 2 (a / W)^2.
+    # The boundary, at W = 8 a, moves as without a crack: this causes an error of at most 2 (a / W)^2.
     assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
 
 
@@ -129,7 +129,7 @@ def pulled(mesh, stress):
 
 @pytest.mark.slow
 def test_the_opening_of_a_round_crack_converges_to_sneddons_closed_form():
-    """In an infinite body, the middle opens by 8 (1 - nu^2) sigma a / (pi E) (Proc. R. Soc. A 187 (1946))."""
+    """In an infinite body, its middle opens by 8 (1 - nu^2) sigma a / (pi E) (Sneddon, Proc. R. Soc. A 187, 1946)."""
     found = []
     for n in (4, 8, 16):
         history, _ = pulled(round_block(n), 1.0)
@@ -145,7 +145,7 @@ def test_the_opening_of_a_round_crack_converges_to_sneddons_closed_form():
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["tetrahedra", "voronoi3"])
 def test_a_body_whose_crack_sticks_deforms_as_without_a_crack(family):
-    """The shear is below the friction bound; lips are plane (tetrahedra) or follow Voronoi cells."""
+    """The shear is below the friction bound; the lips are plane (tetrahedra) or consist of faces of Voronoi cells."""
     mesh = vx.meshes.SPACE_FAMILIES[family](4, seed=1)
     near, above = mesh.centroids[:, 0] < 0.5, mesh.centroids[:, 2] > 0.5
     mesh = mesh.with_boundary("outside", lambda x: np.full(len(x), True))

@@ -21,7 +21,7 @@ def block(rounded=lambda x: x, n=8):
 
 @pytest.mark.parametrize("digits", [4, 9])
 def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
-    """Rounding turns sides by up to 16 times its size (n = 8). The factor 100 allows for the slip this causes."""
+    """Rounding points by e rotates sides by up to 16 e (n = 8). The factor 100 allows for the slip that this causes."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")
@@ -86,7 +86,7 @@ def swollen(x, t):
 @mostly_long("housing", HOUSINGS, "one-sided", "compliant", "rollers")
 @mostly_long("nt, uneven", [(12, False), (24, False), (24, True)], 2)
 def test_a_ring_turns_in_a_frictionless_housing(housing, nt, uneven):
-    """Nodes have one mean normal: if both normals of their sides were held, nodes could not slide over corners."""
+    """Each node has one mean normal: if it were held along the normals of both sides, it could not pass corners."""
     mesh = ring(nt, uneven=uneven)
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])
     history = vx.simulate(scene, mesh, [0, 1, 2])

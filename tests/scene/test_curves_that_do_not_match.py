@@ -41,14 +41,14 @@ def test_normals_of_a_circle_are_radial(cells, order, named, digits):
     x = mesh.points[rows.nodes]
     sign = 1 if named[0] == "inner" else -1
     assert len(rows.nodes) > min(cells)
-    # Points rounded to five digits rotate a side by 1e-5 / length; a side has the length 2 pi JOINT / cells.
+    # Points rounded to five digits rotate a side by 1e-5 / length, where the length is 2 pi JOINT / cells.
     loose = 1e-12 if digits == 16 else 1e-5 * max(cells)
     assert np.abs(rows.normals - sign * x / np.hypot(*x.T)[:, None]).max() < loose
 
 
 @mostly_long("contact", [vx.BilateralContact, vx.UnilateralContact], 1)
 def test_a_ring_turns_freely_in_another_ring(contact):
-    """With the normals of the chords, it would get caught."""
+    """With the normals of the chords, the rings would jam."""
     spin = vx.PrescribedDisplacement(lambda x, t: 0.01 * t * x @ np.array([[0.0, 1.0], [-1.0, 0.0]]), on="bore")
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), spin, contact(on="inner|outer"), vx.Clamp(on="rim"))
     history = vx.simulate(scene, rings(16, 20), [0.0, 1.0])
@@ -69,7 +69,7 @@ def test_straight_sides_with_hanging_nodes_keep_their_normals(lean):
 
 
 def test_the_boundary_of_a_round_cell_is_not_straight():
-    """All nodes belong to one cell: the angles between its sides are small, but their sum is not."""
+    """All nodes belong to one cell: the angles between its sides are small, but they add up to a full turn."""
     angle = np.linspace(0, np.pi / 2, 201)
     points = np.vstack([np.column_stack([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
     mesh = vx.PolygonMesh(points, [list(range(202))]).with_boundary("arc", lambda x: np.hypot(*x.T) > 0.9)

@@ -57,7 +57,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The squared upper bound of the tube is four times its quarter's bound; their relative estimates are equal."""
+    """The tube has four times the squared upper bound of its quarter, and the same relative estimate."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))
@@ -85,7 +85,7 @@ def test_a_run_continues_from_a_run_and_from_any_rigid_motion_of_its_state():
 
 
 def test_bodies_joined_by_friction_float_together():
-    """Two blocks are pressed together: the joint transmits the load; without friction they are refused."""
+    """Two blocks are pressed together. With friction they float as one body; without friction they are refused."""
     box = {"low": (-1.0, 0.0), "up": (0.0, 1.0)}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(3, box=((0, 1), high)) for name, high in box.items()})
     rub = vx.UnilateralContact(on="low|up"), vx.CoulombFriction(0.5, on="low|up")

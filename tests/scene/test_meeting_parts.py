@@ -58,7 +58,7 @@ def test_one_side_with_two_names_acts_as_one_side(family, pair):
     mesh = floor(family)
     one, two = run(mesh, *PAIRS[pair]("bottom")), run(mesh, *PAIRS[pair]("west"), *PAIRS[pair]("east"))
     size = np.abs(one.displacement).max()
-    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in energy; pressures are less accurate.
+    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in energy, pressures to fewer digits.
     loose = 1e-6 if "Coulomb" in pair else 1e-11
     assert np.abs(one.displacement - two.displacement).max() <= loose * size
     for name in FIELDS:
@@ -71,7 +71,7 @@ def test_one_side_with_two_names_acts_as_one_side(family, pair):
 
 @few_families
 def test_the_bound_where_two_parts_meet_is_the_mean_over_their_edges(family):
-    """A block is dragged over two floors: at their common node the mean of both bounds acts."""
+    """A block is dragged over two floors: the bound at their common node is the mean of their bounds."""
     mesh = floor(family)
     parts = vx.TrescaFriction(0.5, on="west"), vx.TrescaFriction(2.0, on="east")
     contact = run(mesh, vx.BilateralContact(on="bottom"), *parts).contact

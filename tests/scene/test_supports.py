@@ -51,7 +51,7 @@ def test_a_corner_of_the_contact_boundary_is_held_in_both_normal_directions(degr
     assert np.abs(held_by(history, "bottom", R @ [0, -1])).max() < 4 * EPS * size
     assert np.abs(held_by(history, "right", R @ [1, 0])).max() < 4 * EPS * size
     (corner,) = np.intersect1d(mesh.boundaries["bottom"], mesh.boundaries["right"])
-    # The corner is no unknown and no contact node, so its displacement is exactly zero.
+    # The corner is held in both directions, so its displacement is exactly zero.
     assert np.array_equal(history.displacement[:, corner], np.zeros((len(TIMES), 2)))
     assert corner not in history.contact.nodes
     assert len(history.contact.nodes) == 8
@@ -111,7 +111,7 @@ def test_every_friction_term_has_one_unknown(family, degrees, surface):
     """Sticking is then exact, also on an incline."""
     R = rotation(np.radians(degrees))
     mesh = moved(small(family, 4), R)
-    # The normals of a part are means over fewer edges, and differ by rounding from the normals of the contact.
+    # Normals of a part are means over fewer edges; they differ by rounding from the normals of the whole contact side.
     mesh = mesh.with_boundary("rough", lambda x: (np.abs((x @ R)[:, 1]) < 1e-9) & ((x @ R)[:, 0] < 0.6))
     on = "rough" if surface == "part of the contact" else "bottom"
     contact = [] if surface == "no contact" else [vx.BilateralContact(on="bottom")]
@@ -124,7 +124,7 @@ def test_every_friction_term_has_one_unknown(family, degrees, surface):
     assert (posed.system.K - posed.system.K.T).nnz == 0
 
 
-def test_a_body_held_everywhere_has_nothing_to_solve_for():
+def test_a_body_held_everywhere_has_no_unknowns():
     history = vx.simulate(
         vx.Scene(STEEL, vx.PrescribedDisplacement(lambda x, t: t * x, on="boundary")), small("squares", 1), TIMES
     )

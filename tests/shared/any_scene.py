@@ -5,8 +5,8 @@ Scenes have materials of every kind and unit, all supports, and bodies that only
 on one, two or three sides, or on two parts of a side; it is bilateral, unilateral or soft, with gaps that move.
 Friction is Tresca's, Coulomb's (perhaps with a cap) or absent, on ground that stands still or moves. Loads of all kinds
 reverse, stay constant, vanish or hardly change; some scenes have dashpots. Runs are condensed or not, with all solvers
-and both linear solvers. They start from zero, settled, in equilibrium or from a given state; some are interrupted and
-resumed.
+and both linear solvers. They start from zero, from a settled state, in equilibrium or from a given state; some runs are
+interrupted and resumed.
 """
 
 from __future__ import annotations
@@ -392,7 +392,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # From equilibrium, or with an iterative solver, such scenes are refused: only one in ten of them stays.
+            # Such bodies are refused from equilibrium or with an iterative solver: one in ten keeps these settings.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 

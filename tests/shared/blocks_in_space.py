@@ -25,7 +25,7 @@ def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=T
 
 
 def assert_within_both_certificates(system, direct, iterative):
-    """Check that steps of both linear solvers agree within their certificates, and that the same terms stick."""
+    """Check that runs of both linear solvers agree within their certificates, and that the same norm terms stick."""
     assert iterative.certificate.max() <= 1e-8
     apart = iterative.state - direct.state
     distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))

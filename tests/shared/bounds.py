@@ -1,4 +1,8 @@
-"""Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds."""
+"""Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds.
+
+|.|_a is the energy norm. Arrays of a chunk of c cells have the shape (c, n, ...): a cell is a fan of n triangles, each
+of which is split into three parts (`vemcvx.bound.fan`). On a triangle, a field has 10 nodes, hence 20 values.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Extend values on outlines of cells to the triangles inside, (c, n, 20), so that the potential energy is least."""
+    """Extend values on outlines of cells into the triangles, (c, n, 20), so that the potential energy is least."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -44,7 +48,7 @@ def compute_nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """Return |v - w|_a for the conforming displacements of two arrays (n_nodes, 2), under equal body forces."""
+    """Return |v - w|_a for the conforming displacements v, w of two nodal arrays (n_nodes, 2), under one body force."""
     apart = one - other
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), np.zeros((len(circle.boundary.edges.areas), 6)))
     energy = sum(circle._inner(form, v.outline, v.outline).sum() for form in circle.forms)
@@ -101,12 +105,12 @@ def strain_at(circle, u, t, x):
 
 
 def error_from(circle, u, t, strain):
-    """Return |w - v|_a for a displacement w with the strains strain(x) (q, 3), and the conforming displacement v."""
+    """Return |w - v|_a: w has the strains strain(x) (q, 3), and v is the conforming displacement of nodal values u."""
     return integrate_error(compute_nodal_values(circle, u, t), strain)
 
 
 def integrate_error(values, strain):
-    """Return |w - v|_a for a displacement w with the strains strain(x), and v with nodal values for each chunk."""
+    """Return |w - v|_a: w has the strains strain(x), and v has the given nodal values of each chunk."""
     squared = 0.0
     for fans, own, x, weights in evaluate_at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
@@ -115,7 +119,7 @@ def integrate_error(values, strain):
 
 
 def distance(coarse, fine, step=-1, of_fine=-1):
-    """Return |v - v_f|_a for the displacements of two histories, and the error bound of the finer history."""
+    """Return |v - v_f|_a for displacements of a coarse and a finer history, and the error bound of the finer one."""
     k, m = coarse.row(step), fine.row(of_fine)
     circle, ahead = circle_of(coarse), circle_of(fine)
     now = instant(fine, m)
@@ -132,9 +136,9 @@ def enriched_bound(pair):
 def beside_refined(coarse, part, most=20_000):
     """Return |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
 
-    All are for a step from rest: u is the solution, v belongs to the coarse run, v_f and its enrichment w_f to the
-    finer run. The finer mesh is refined where its bound is large, until the bound is at most `part` of the error of the
-    coarse run, or the mesh has more than `most` cells.
+    All results are for a step from rest: u is the solution, v belongs to the coarse run, v_f and its enrichment w_f to
+    the finer run. The finer mesh is refined where its bound is large, until the bound is at most `part` of the error
+    of the coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

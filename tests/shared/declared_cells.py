@@ -1,4 +1,4 @@
-"""The cases on which estimated mesh errors are compared with true errors: flat and tall cells of aspect 1 to 100.
+"""Cases on which estimated mesh errors are compared with true errors: flat and tall cells of aspect 1 to 100.
 
 Blocks and beams are meshed by rectangles of aspect up to 100, and blocks by all other families with cells of aspect up
 to 16. Every case also has a finer reference mesh, whose error is a small part of the error of the tested mesh.
@@ -74,7 +74,7 @@ def stretched(family: str, n: int, aspect: int, tall: bool):
 def cases() -> Iterator[Case]:
     for name, (scene, n) in BLOCKS.items():
         for pair in [*SQUARES, *(pair[::-1] for pair in SQUARES if pair[0] != pair[1])]:
-            # The reference must refine the mesh: 400 columns refine 200 columns, and 256 columns do not.
+            # Reference meshes must refine the mesh: 400 columns refine 200 columns, and 256 columns do not.
             fine = {200: (400, 100), 2: (100, 400)}.get(pair[0], (n, n))
             yield Case(f"{name} {pair[0]}x{pair[1]}", scene, partial(squares, *pair), partial(squares, *fine))
         for family in (name for name in FAMILIES if name != "squares"):

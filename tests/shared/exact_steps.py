@@ -1,7 +1,8 @@
 """One step of backward Euler, solved in fixed-point numbers with 512 fractional bits to check certificates.
 
-From a System and the state before a step, this module poses the step's program again, without rounding. For given sets
-(sticking terms, slipping terms with their directions, active limits), the optimality conditions are the linear system
+From a System and the state before a step, this module poses the step's program again, without rounding. Unknowns are
+the increment d, the multipliers lam of norm terms and the pressures p of limits. For given sets (sticking terms,
+slipping terms with their directions, active limits), the optimality conditions are the linear system
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
@@ -10,8 +11,8 @@ active set method (by single pivots, Murty 1974, if it cycles) until every inequ
 step, in which K's diagonal and the largest force have size one. With given weights, a solution of the conditions is
 *the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), other solutions may exist.
 
-Units are powers of two: d = 2^a D d^, with D_i = 2^-e and K_ii 2^(-2e) of size one. Energies are 2^(2a) times the
-energies of the scaled program.
+Units are powers of two: d_i = 2^(a - e_i) times the scaled increment, where K_ii 2^(-2 e_i) is of size one. Energies
+are 2^(2a) times those of the scaled program.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def _multiply(A, B):
 
 
 def _project_out(K, N):
-    """Return P K P, where P projects along the columns of N: rounding has left K N only nearly zero."""
+    """Return P K P, where P projects along the columns of N: because of rounding, K N is not exactly zero."""
     gram = [[int(v) for v in row] for row in _multiply(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
@@ -309,7 +310,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _find_parallel_rows(self):
-        """Return (norm term, limit, ratio of the rows) for each pair of rows whose only unknown is the same."""
+        """Return (norm term, limit, ratio of their rows) for each pair whose rows have one and the same unknown."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)

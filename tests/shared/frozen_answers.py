@@ -126,7 +126,7 @@ def measure_distance(history, rows):
 
 
 def _worst(off, allowed):
-    """Return the deviation and the allowed deviation at the instant of their largest ratio."""
+    """Return the deviation and the allowed deviation at the instant at which their ratio is largest."""
     n = int(np.argmax(np.abs(off) / np.maximum(allowed, np.finfo(float).tiny)))
     return abs(float(off[n])), float(allowed[n])
 

@@ -99,7 +99,7 @@ class _Draw:
         return things[int(self.rng.integers(len(things)))]
 
     def note(self, kind):
-        """Record a kind and return it."""
+        """Record a kind of effect and return it."""
         self.kinds.add(kind)
         return kind
 

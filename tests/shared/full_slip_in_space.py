@@ -1,9 +1,9 @@
-"""Full slip in space in closed form: the manufactured full slip in (x, z), and an additional slip along y.
+"""Full slip in space in closed form: that of problems/manufactured_full_slip.py in (x, z), and a slip along y.
 
-    u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), mu = 1, b = ASIDE,
+    u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), b = ASIDE,
 
-so that u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y) on z = 0: friction is opposite to the slip, with the bound
-g = mu x |(u_x, u_y)|. The component along y has no divergence.
+with Lame's constants lambda and mu = 1. On z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y): friction is opposite to
+the slip, with the bound g = mu x |(u_x, u_y)|. As u_y does not depend on y, it adds nothing to the divergence of u.
 """
 
 from __future__ import annotations

@@ -2,13 +2,14 @@
 
 This module does not use the package. A step of backward Euler is the convex program of all nodal displacements u,
 
-    minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w+_i (s_i)_+ + w-_i (s_i)_-
-              + sum_j k_j/2 (n_j.u - gap_j)_+^2           s_i = t_i.(u - u_prev)
-    subject to  E u = h,   n_j.u <= gap_j,
+    minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w_i |s_i|,   s_i = t_i.(u - u_prev),
+              + sum_j c_j/2 (n_j.u - gap_j)_+^2  over compliant obstacles with the stiffness c_j
+    subject to  E u = h,   n_j.u <= gap_j  at rigid obstacles,
 
-which Clarabel solves to 1e-13. On the sets of Clarabel's answer, the optimality conditions are solved again as a dense
-linear system, and all inequalities are checked. Coulomb's friction is a fixed point of such programs, w = mu p; each
-program begins with the sets of the previous program.
+in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program to 1e-13 if
+possible. On the sets of Clarabel's answer, the optimality conditions are solved again as a dense linear system, and all
+inequalities are checked. Coulomb's friction, w = mu p, needs a fixed-point iteration, in which each program begins with
+the sets of the previous program.
 
 Signs: normals point out of the body, and tangents are normals rotated by +90 degrees. Friction exerts the nodal force
 -lam t on the body, and the obstacle exerts -p n.
@@ -437,7 +438,7 @@ class March:
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._solve_program(before, s, t, self.bounds(t, before.p))
-        # Begin with the pressures under very large friction: those of the last step might be too small to hold a body.
+        # Begin with pressures under very large friction: the pressures of the last step might be too small for balance.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._solve_program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):

@@ -1,4 +1,4 @@
-"""Marks of tests that need packages of extras."""
+"""A mark for tests that need an optional package."""
 
 from __future__ import annotations
 

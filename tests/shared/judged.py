@@ -171,7 +171,7 @@ def _check_resumed(drawn, history, verdict):
 
 
 def _requested_accuracy(drawn):
-    """Return the requested accuracy; automatically chosen solvers have 1e-8."""
+    """Return the requested accuracy, which is 1e-8 for solvers that the package chooses."""
     return 1e-8 if drawn.solver is None else drawn.solver.accuracy
 
 
@@ -202,7 +202,7 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution for the answer's weights; infinity if they do not obey the law.
+    """Return the distance from the exact solution for the answer's weights; infinity if these do not obey the law.
 
     With large coefficients, a step may have several solutions. An answer that solves the step with its own weights is
     one of these solutions, perhaps not the one that `exact_steps` finds.
@@ -221,8 +221,8 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 def _check_ledger(posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    z is the displacement minus the gap, and c the compliance. A residual r and a duality gap of friction change the
-    balance by r . d + gap, with |r . d| <= error |d|_K.
+    E is the stored energy, p the contact pressure, z the normal displacement minus the gap, c the compliance, and d
+    marks increments. A residual r and a duality gap change the balance by r . du + gap, with |r . du| <= error |du|_K.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

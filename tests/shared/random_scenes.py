@@ -1,8 +1,8 @@
 """Random scenes on which accuracy targets are tested: blocks that are pulled, pressed and released.
 
 Young's modulus varies over six decades, and Poisson's ratio from 0 to 0.4 (linear triangles lock for larger ratios).
-Loads and friction are proportional to the stiffness. In six of ten scenes, the load reverses; in one of three, contact
-is unilateral, with Coulomb's friction.
+Loads and friction are proportional to the stiffness. In six of ten scenes, the load reverses; in one of three scenes,
+contact is unilateral, with Coulomb's friction.
 """
 
 from __future__ import annotations

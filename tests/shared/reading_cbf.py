@@ -1,4 +1,4 @@
-"""A reader of the Conic Benchmark Format, by its specification: min c'x, A x + b in cones, all variables free."""
+"""A reader of the Conic Benchmark Format, after its specification: minimise c'x with A x + b in cones and x free."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_dependent_bounds_are_obeyed(order):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1143, 1234])
 def test_the_safeguard_answers_convex_programs_whose_sets_cycle(seed):
-    """Newton's sets cycle here with every BLAS kernel."""
+    """The active sets of Newton's method cycle here with every BLAS kernel."""
     scene, mesh, kind = random_scene(seed)
     assert kind == "tresca_uni"
     assert vx.simulate(scene, mesh, TIMES).safeguards.sum() > 0

@@ -16,7 +16,7 @@ REGULARISATION = "static_regularization_constant"
 
 @pytest.mark.parametrize("seed", range(4))
 def test_polishing_corrects_degenerate_terms_to_rounding(seed):
-    """d and lam are chosen, and the load follows. Interior points leave errors of 1e-6 in degenerate terms."""
+    """The load is computed from chosen d and lam. Interior-point methods leave errors of 1e-6 in degenerate terms."""
     rng = np.random.default_rng(seed)
     n, kind = 12, np.arange(12) % 3
     A = rng.normal(size=(n, n))

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return one slider whose pressure grows with its slip u: p = 1 + .9 u, and u = 3.5 - w(p) while it slips."""
+    """Return a slider under friction w(p), whose pressure grows with slip u: p = 1 + .9 u, u = 3.5 - w(p) in slip."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)
@@ -141,7 +141,7 @@ def test_clarabel_helps_newton_where_iterations_run_out():
 
 @pytest.mark.long
 def test_outputs_name_the_kind_of_certificate(tmp_path):
-    """History, summary and summary.json name the kind; if friction bounds are given, it is "bound"."""
+    """History, summary and summary.json name the kind, which is "bound" if friction bounds are given."""
     mesh, given = vx.meshes.squares(2), vx.TrescaFriction(0.3, on="bottom")
     follows = vx.simulate(resting(), mesh, [0.0, 1.0], initial="settled")
     tresca = resting().without(vx.CoulombFriction).without(vx.UnilateralContact)

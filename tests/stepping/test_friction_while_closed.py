@@ -1,4 +1,4 @@
-"""Friction with a given bound on one-sided contact acts everywhere, with a warning, or only while contact is closed."""
+"""Friction with a given bound on one-sided contact: it acts everywhere, with a warning, or only at closed nodes."""
 
 import warnings
 
@@ -10,7 +10,7 @@ import vemcvx as vx
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 2.0
 STEEP = 1e6
-"""Largest friction per pressure: nodes with a pressure below BOUND / STEEP bear a part of their bound."""
+"""Largest ratio of friction to pressure: below the pressure BOUND / STEEP, friction is less than its bound."""
 
 
 def lifted(while_closed=None, lift=5.0):
@@ -64,7 +64,7 @@ def test_friction_while_closed_needs_pressure():
 
 
 def test_a_node_that_friction_would_open_slides_at_zero_pressure():
-    """p = -.45 + .9 (1 - w) is .45 for w = 0 and negative for w = 2, so the node slides at p = 0 with w = 1/2."""
+    """A friction force w leaves the pressure .45 - .9 w, negative in stick (w = 1): the node slides with w = 1/2."""
 
     def weights(t, p, past, slip):
         return np.minimum(STEEP * p, 2.0)

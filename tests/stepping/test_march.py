@@ -13,7 +13,7 @@ TIMES = np.linspace(0.0, 1.0, 13)
 
 
 def equal_but_for_rounding(one, other):
-    """Return True up to a thousand rounding errors, which recovering unknowns of several steps together may cause."""
+    """Return True if arrays differ by at most a thousand rounding errors: batches of steps are recovered together."""
     return np.abs(one - other).max() <= 1e3 * EPS * np.abs(other).max()
 
 
@@ -88,7 +88,7 @@ def test_a_missed_accuracy_raises_an_error():
 
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-def test_a_run_may_begin_under_a_load_that_friction_carries(solver):
+def test_a_run_may_begin_under_a_load_that_friction_balances(solver):
     """u_0 = 0 satisfies condition (2.1) of the paper under a load below the bound, and every solver accepts it."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: np.array([0.5, -0.2]) * (1 + 9 * t), vx.Norms(np.eye(2), [1, 1]))
     history = vx.march(system, [0.0, 1.0], solver=solver)

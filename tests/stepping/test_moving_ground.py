@@ -85,7 +85,7 @@ def test_moving_ground_equals_a_body_that_moves_the_other_way(kind):
     for name in ("energy", "dissipated", "work"):
         one, other = getattr(moving, name), getattr(moved, name)
         assert np.abs(one - other).max() < ROUNDED * np.abs(other).max(), name
-    # Nodes stick and slip, and friction dissipates.
+    # Some nodes stick and others slip.
     assert 0 < moving.contact.sticking[1:].sum() < moving.contact.sticking[1:].size
     assert moving.dissipated[-1] > 0.1 * moving.energy.max()
 
@@ -106,7 +106,7 @@ def test_a_body_on_a_belt_is_carried_along(way, solver):
 
 
 def test_a_slider_on_a_belt_sticks_and_then_slips():
-    """A spring follows the belt by w / k and then slips; the work of the belt is w (U - w / k) + w^2 / 2k."""
+    """A slider with friction w on a spring k follows a belt up to w / k; the belt works w (U - w / k) + sum k y dy."""
     k, w = 4.0, 2.0
     norms = vx.Norms(np.array([[1.0]]), [w], ground=lambda t: [t])
     times = np.linspace(0, 2, 9)

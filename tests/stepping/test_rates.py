@@ -16,7 +16,7 @@ def pulled(t):
 
 
 def slide(steps, solver=None):
-    """Return the run of a slider on a spring with the friction G + C v, under the force F that begins at t = 0."""
+    """Return the run of a slider on a spring: friction at the speed v is G + C v, and the force F begins at t = 0."""
     law = vx.Law(lambda t, p, past, rate: G + C * rate, softening=0.0, rates=True)
     system = vx.System(K=[[K]], load=pulled, norms=vx.Norms(B=[[1.0]], w=0.0, law=law))
     return vx.march(system, np.linspace(0.0, 2.0, steps + 1), solver=solver)
@@ -110,7 +110,7 @@ def objective(system, before, t, k, potential, parts):
 
 
 def judge(seed):
-    """Assert that a run with a random law is certified; return whether cvxpy finds its first step to be the minimum."""
+    """Assert that a run with a random law is certified; return True if cvxpy also minimised its first step."""
     system, run, potential, parts = random_run(seed)
     assert run.certificate_kind == "bound"
     assert (run.certified <= 1e-8 + 2.0 * run.certificate_floor).all()  # the accuracy, or rounding
@@ -181,7 +181,7 @@ def test_a_pressed_block_creeps_into_its_dashpots():
             vx.VelocityContact(on="bottom", damping=5.0),
             vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(1.0, 0.0)),
         )
-    # Every layer carries the pressure from the first step on: u' = 3 / 5 at the bottom.
+    # Every layer bears the pressure from the first step on: the bottom sinks at the speed 3 / 5.
     assert run.displacement[-1, :, 1] == pytest.approx(-0.6 - 0.03 * run.mesh.points[:, 1], rel=1e-9)
     assert run.contact.pressure[-1] == pytest.approx(3.0)
     assert run.dissipated[-1] == pytest.approx(5.0 * 0.6**2 * 2.0)

@@ -134,7 +134,7 @@ def block(distance):
 @pytest.mark.long
 @pytest.mark.parametrize("rise", [10.0, 100.0, 1e5])
 def test_friction_may_rise_steeply_with_slip(rise):
-    """With g = g_0 + h A, the slip is (mu U / H - g_0) / (mu / H + h); fixed-point iteration needs h < mu / H = 20."""
+    """For the bound g_0 + h A at the slip A, A = (mu U / H - g_0) / (mu / H + h). Fixed points need h < mu / H = 20."""
     hard = Law(lambda t, pressure, before, slip: 0.2 + rise * (before + slip), softening=0.0)
     scene = block(0.1).without(SlipWeakening).with_(hard)
     history = vx.simulate(scene, vx.meshes.squares(3, box=((0, 1), (0, 0.5))), [0.0, 0.4, 1.0], solver=vx.Newton(1e-9))
@@ -247,7 +247,7 @@ def random_system(rng, n=6, healing=False):
 
 
 def march_by_cvxpy(system, law, times):
-    """Return the states of fixed-point iteration by cvxpy in each step, and the largest change in a last iteration."""
+    """Return states from a fixed-point iteration of cvxpy in each step, and the largest change in a last iteration."""
     B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
     K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
     d, states = cp.Variable(system.n), [np.zeros(system.n)]

@@ -27,7 +27,7 @@ def mesh_of(family, n=4):
 @few_families
 @mostly_long("solver", [vx.Newton(), vx.Clarabel(), None], 0, 2, ids=str)
 def test_creep_follows_its_recurrence(family, solver):
-    """u_n = (u_inf + tau/k u_{n-1}) / (1 + tau/k) for steps of any length k; energies follow from u."""
+    """u_n = (u_inf + tau/k u_{n-1}) / (1 + tau/k) in steps of length k, with the elastic displacement u_inf."""
     scene = vx.Scene(
         *solid(),
         vx.PrescribedDisplacement(0.0, on="left", direction="normal"),
@@ -66,10 +66,10 @@ FLOORS = {
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 @pytest.mark.parametrize(("floor", "tau"), [("Tresca", 0.05), ("Coulomb", 0.0), ("Coulomb", 0.05), ("capped", 0.0)])
 def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(family, solver, floor, tau):
-    """A block is pressed and sheared to and fro: |mu gamma + eta gamma'| <= g, with equality while it slips.
+    """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, and = g while it slips.
 
-    With r = tau / k and the top at U_n, u = (a + gamma y, 0). While the block sticks, gamma = (U_n - a) / H and
-    |mu (gamma + r (gamma - gamma_prev))| <= g; while it slips, mu (gamma + r (gamma - gamma_prev)) = +-g.
+    With r = tau / k, the top at U_n and the base at a, u = (a + gamma y, 0) and gamma = (U_n - a) / H. While the block
+    sticks, a is constant; while it slips, mu (gamma + r (gamma - gamma_prev)) = +-g.
     """
     times = np.linspace(0, 5, 21)
     U = 2.5 * G * H / MU * np.interp(times, [0, 1, 3, 5], [0, 1, -1, 1])

@@ -52,7 +52,7 @@ TOP = 1_825
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 22_994
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 34_060
+ALL_TESTS = 34_068
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -3,9 +3,9 @@ r"""A lap joint: two strips glued by a soft layer are pulled apart; the stress o
 Strips of height t, length l and moduli E, nu = 0, are joined by a layer of thickness t_g and shear modulus G_g. All
 three are separate bodies, with meshes that do not match, bonded by bilateral contact and friction that never slips. The
 lower strip is held at its left end, and the force F pulls the upper strip at its right end. Their outer faces are on
-rollers, because the theory neglects bending. Let q be the shear stress of the glue. With a parabolic profile of
-the shear stress in the strips, each strip adds t / 3G to the compliance C (Tsai, Oplinger and Morton 1998). Volkersen
-(1938) took the strips as rigid in shear. Then
+rollers, because the theory neglects bending. Let q be the shear stress of the glue. The shear stress of a strip falls
+linearly from q at the glue to zero at its outer face, so that each strip adds t / 3G to the compliance C (Tsai,
+Oplinger and Morton 1998). Volkersen (1938) took the strips as rigid in shear. Then
 
 $$
 q'' = k^2 q, \qquad k^2 = (1 / E_1 t + 1 / E_2 t) / C, \qquad C = t_g / G_g + t / 3 G_1 + t / 3 G_2, \\
@@ -81,7 +81,7 @@ def picture(history):
     window = ((LENGTH - 8, LENGTH + 0.5), (-0.3, 2.4))
     vx.plots.stressed_body(history, ax=body, stress="xx", forces="none", window=window, units=UNITS)
     line, (x, traction) = np.linspace(0, LENGTH, 200), bond(history)
-    graph.plot(line, shear(line), "k-", label="Volkersen 1938")
+    graph.plot(line, shear(line), "k-", label="Tsai, Oplinger, Morton 1998")
     graph.plot(x[::8], traction[::8], "C0o", label="computed")
     graph.set(xlabel="$x_1$ (mm)", ylabel="shear stress of the glue (MPa)", ylim=(0, None))
     graph.grid()

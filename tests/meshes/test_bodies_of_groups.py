@@ -93,7 +93,7 @@ def test_groups_without_names_become_bodies_and_cells_in_no_group_are_refused(tm
     vx.meshes.squares(2).write(tmp_path / "one.vtu")
     for path, how, subject in (
         (write_two_squares(tmp_path / "two.msh", outside=True), "physical", "1 cells are in no body, 0 in several"),
-        (tmp_path / "one.vtu", "physical", "bodies='physical' makes a body of every physical group"),
+        (tmp_path / "one.vtu", "physical", "bodies='physical' is for files of Gmsh, Abaqus and Nastran"),
         (tmp_path / "one.vtu", "all", "read: found bodies = 'all'; give bodies='physical'"),
     ):
         with pytest.raises(vx.MeshError, match=subject):

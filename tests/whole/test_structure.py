@@ -46,13 +46,13 @@ LINES = {"program": 2_244, "solvers": 1_471, "stepping": 1_830, "linear": 939, "
 LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
 LINES |= {"bound": 3_275, "results": 2_859, "estimate": 2_288, "plots": 2_112}
 LINES |= {"cost": 682, "cli": 3_713}
-LINES |= {"meshes": 6_960, "meshes/io": 1_399, "vem": 2_765}
+LINES |= {"meshes": 6_964, "meshes/io": 1_403, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_825
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_994
+TESTS = 22_995
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 34_068
+ALL_TESTS = 34_069
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

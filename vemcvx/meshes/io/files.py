@@ -24,6 +24,9 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path.read_bytes()), ".msh": read_gmsh}
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
+BODIES = {".msh": "physical group of cells", ".inp": "instance or part, or else of every element set"}
+BODIES |= dict.fromkeys((".bdf", ".nas", ".fem"), "property")
+"""What becomes a body under bodies='physical', by suffix; a VTU file contains the interfaces of its bodies."""
 FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 
@@ -46,7 +49,9 @@ def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]
     """Return the mesh of each body in a file, by name, and the names of all sides."""
     grid = _read(path)
     with translate_errors(str(path), "holds no valid mesh"):
-        grids = bodies_of(grid)
+        if (source := BODIES.get(Path(path).suffix.lower())) is None:
+            raise MeshError("bodies='physical' is for files of Gmsh, Abaqus and Nastran; omit bodies= for a VTU file.")
+        grids = bodies_of(grid, source)
     for note in grid.notes:
         warnings.warn(f"{path}: {note}", MeshWarning, stacklevel=3)
     sides = {side for part in grids.values() for side in (*part.parts, *part.nodes)}

@@ -233,8 +233,8 @@ def keep_corners(grid: Grid) -> Grid:
     return replace(grid, kinds=kinds, offsets=offsets, vertices=vertices, notes=(*grid.notes, note))
 
 
-def bodies_of(grid: Grid) -> dict[str, Grid]:
-    """Return a grid for each body, by name, with the lines, faces and sets of its nodes, without notes on the file."""
+def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
+    """Return a grid for each body, with the lines, faces and sets of its nodes; `source` names bodies in an error."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
@@ -243,9 +243,8 @@ def bodies_of(grid: Grid) -> dict[str, Grid]:
         found = ", ".join(f"{name!r} with {size} cells" for name, size in sizes.items()) or "there is none"
         counts = f"{(times == 0).sum()} cells are in no body, {(times > 1).sum()} in several"
         raise MeshError(
-            "bodies='physical' makes a body of every physical group of cells of a Gmsh file, of every instance or part "
-            "(or else element set) of an Abaqus file, of every property of a Nastran file. There must be at least two, "
-            f"and each cell must be in one; here {'; '.join([found, counts, *(n.rstrip('.') for n in grid.notes)])}."
+            f"bodies='physical' makes a body of every {source}. There must be at least two, and each cell must be in "
+            f"one; here {'; '.join([found, counts, *(n.rstrip('.') for n in grid.notes)])}."
         )
     found_grids: dict[str, Grid] = {}
     cell = np.repeat(np.arange(len(inner)), np.diff(grid.offsets))

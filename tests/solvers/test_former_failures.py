@@ -1,8 +1,8 @@
 """Scenes that were once refused or answered wrongly, compared with closed forms and exact answers."""
 
-import frozen_scenes
 import numpy as np
 import pytest
+from own_law import Law
 from scenes import mostly_long
 
 import vemcvx as vx
@@ -85,9 +85,17 @@ def test_anisotropic_friction_balances_a_shear_inside_its_ellipse(angle):
         vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
 
 
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*weights may fall faster with slip")
-@pytest.mark.parametrize("seed", [25, 146, 325])
-def test_friction_that_weakens_fast_is_answered_accurately(seed):
-    """Newton's method continues from the slips of Clarabel's answer; from zero slips its error stayed above 1e-8."""
-    assert frozen_scenes.draw(seed).run().certified.max() <= 1e-8
+@pytest.mark.parametrize("springs", [0.005, 0.05])
+def test_friction_that_weakens_fast_is_answered_accurately(springs):
+    """Clarabel answers steps in which Newton's method stops at relative errors above 1e-8."""
+    peak, softening = 2e-3, 0.1
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.3),
+        vx.ElasticFoundation(springs, springs, on="top"),
+        vx.Traction(lambda x, t: 6e-3 * t * np.column_stack([1 + x[:, 1], 0 * x[:, 0]]), on="left"),
+        vx.BilateralContact(on="bottom"),
+        Law(lambda t, p, past, slip: np.maximum(peak - softening * (past + slip), peak / 3), softening),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(3), np.linspace(0, 1, 5))
+    assert history.trajectory.certified.max() <= 1e-8

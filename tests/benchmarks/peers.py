@@ -7,7 +7,7 @@ pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU secon
 
 Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, u = W r + q on Coulomb's cones, by nonsmooth
 Gauss-Seidel (NSGS) to 1e-8, starting from the forces of the previous step. We solve the condensed program of the step.
-W and our condensed matrix are computed beforehand and not counted. Times are medians over steps, without our first.
+W and our condensed matrix are computed beforehand and not counted. Times are medians over steps; ours omit the first.
 
 GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for
 nodal contact with friction (`add_basic_contact_brick`: the augmented Lagrangian of Alart and Curnier, version 1, with
@@ -98,7 +98,6 @@ print(json.dumps(seconds))
 
 
 def block(n: int) -> vx.meshes.PolyhedralMesh:
-    """Return the mesh of the block."""
     return vx.meshes.tetrahedra((n, n, max(n // 4, 2)), box=((0, 1), (0, 1), (0, 0.25)))
 
 

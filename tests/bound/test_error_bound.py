@@ -357,7 +357,7 @@ def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, 
 
 @pytest.mark.long
 def test_a_reversal_inside_a_step_causes_a_warning_and_vx_instants_includes_it(caplog):
-    """The bound of a run that misses a reversal is larger, and a warning is logged."""
+    """If a run misses a reversal, its bound is larger than with the reversal, and a warning is logged."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)
     missed = vx.simulate(scene, mesh, times)
     with caplog.at_level("WARNING", logger="vemcvx"):

@@ -84,7 +84,7 @@ def test_outcomes_are_distinguished_and_counted():
         ["sure", "1/1", "1/1", "0/0", "1", "0"],
         ["false", "0/1", "0/1", "0/0", "0", "1"],
     ]
-    # A solver that refuses an instance does not get a better mean by that.
+    # Refusing an instance does not improve the mean of a solver.
     both = {**ENTRIES, "picky": {"a": ENTRIES["quick"]["a"], "b": [make_trial(None, outcome=REFUSED)]}}
     both["sure"] = {**ENTRIES["sure"], "b": [make_trial(1e-2, 9.0, 1e-10)]}
     found = {
@@ -121,7 +121,7 @@ def program():
 
 
 def test_the_true_error_is_the_distance_from_the_optimum(program):
-    """A solution that is 3 % longer than the optimum has an error of 3 %."""
+    """A solution that is the optimum times 1.03 has an error of 3 %."""
     longer = replace(program.answer, d=1.03 * program.answer.d)
     found = measure([lambda *_: (0.5, longer, "solved")], [program], 1e-3)
     assert found["true"] == pytest.approx(0.03, rel=1e-12)
@@ -134,7 +134,7 @@ def test_the_true_error_is_the_distance_from_the_optimum(program):
 
 @mostly_long("status", ["infeasible", "unbounded", "infeasible_inaccurate"])
 def test_a_wrong_status_counts_as_an_infinite_error(program, status):
-    """This holds for the exact optimum as well. An instance without optimum is judged by the status alone."""
+    """A wrong status counts even with the exact optimum. An instance without optimum is judged by the status alone."""
     ask = [lambda *_: (0.5, program.answer, status)]
     assert measure(ask, [program], 1e-3)["true"] == math.inf
     plain = StepProgram(program.operators, *program.data)
@@ -144,7 +144,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """The steps have sizes 1 and 2, and errors .03 and .02. Errors are relative to size 2. Each step starts warm."""
+    """Steps of sizes 1 and 2 have errors .03 and .02. The larger error is divided by 2. The second step starts warm."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 
@@ -247,7 +247,7 @@ NEWTON = """
 
 @pytest.mark.slow
 def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_path, monkeypatch):
-    """Newton's method replaces the dots of the file that the README shows."""
+    """The README shows a solver file with dots, in whose place the test writes Newton's method."""
     wanted = {"block_between_dies-n12-2of8", "block_in_space-n4-4of8", "feng_han_huang-n8-4of8"}
     write_collection(tmp_path, instances=[one for one in INSTANCES if one.name in wanted])
     lines = (tmp_path / "README.md").read_text().splitlines()
@@ -257,7 +257,7 @@ def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_pa
     dots = [k for k, line in enumerate(code) if line.lstrip().startswith("...")]
     (tmp_path / "mine.py").write_text("\n".join([*code[: dots[0]], NEWTON.strip("\n"), *code[dots[-1] + 1 :], ""]))
     monkeypatch.chdir(tmp_path)
-    # The time limit is wall-clock time, and a busy machine needs more of it.
+    # The limit is wall-clock time, which is longer on a busy machine.
     benchmark(*lines[end].replace("--time-limit 2", "--time-limit 60").split()[2:])
     rows = list(csv.DictReader((tmp_path / "benchmark" / "trials.csv").read_text().splitlines()))
     for name in wanted:

@@ -290,7 +290,7 @@ def test_torn_lines_of_a_journal_are_ignored(tmp_path):
 
 
 def test_no_run_is_better_than_a_run_on_the_front():
-    """The run of 4 s is hardly more accurate than the run of 3 s, so it is left out."""
+    """The run of 4 s is left out, because it is hardly more accurate than the run of 3 s."""
     assert front([], "seconds") == []
     seconds, errors = [3, 1, 2, 2, 4], [0.1, 0.5, 0.5, 0.2, 0.0999]
     found = [make_row(*pair) for pair in zip(errors, seconds, strict=True)]

@@ -236,7 +236,7 @@ def test_one_sided_contact_closes_a_gap(body):
 
 
 def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
-    """A clamped body has the stress -hot R diag(b1, b2) R', where b has the row sums of S^-1 in three dimensions."""
+    """A clamped body has the stress -alpha theta R diag(b_1, b_2) R' with the row sums b of the 3 x 3 matrix S^-1."""
     young, nu, angle, hot = (100.0, 40.0, 30.0), (0.3, 0.2, 0.25), 0.5, 0.048
     wood = vx.Orthotropic(young, nu, 25.0, angle, plane="strain")
     S = np.diag(1 / np.array(young))

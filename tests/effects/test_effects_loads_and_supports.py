@@ -69,7 +69,7 @@ def test_a_pressure_is_the_traction_along_the_inward_normal(family, degrees):
 
 @pytest.mark.parametrize("many", [False, True])
 def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
-    """On a mesh of one row of cells, F / 2 at both corners equals the uniform traction F / H: u_x = F x / (E H)."""
+    """On a mesh of one row of cells, F / 2 at both corners acts like the uniform traction F / H: u_x = F x / (E H)."""
     mesh = vx.meshes.squares((6, 1), box=BOX)
     corners = [(LENGTH, 0.0), (LENGTH, HEIGHT)]
     force = 8.0
@@ -106,7 +106,7 @@ def test_the_springs_matrix_is_the_mass_matrix_of_the_edges(family):
 
 
 def test_springs_hold_only_the_motions_that_stretch_them():
-    """Normal springs on one side leave a translation free; springs on one of two pieces leave the other one free."""
+    """Normal springs on one side leave a translation free; springs on one of two pieces leave the other piece free."""
     one = vx.meshes.squares(3)
     points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
     two = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])

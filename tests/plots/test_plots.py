@@ -177,7 +177,7 @@ def test_contact_on_two_sides_is_drawn_over_arc_length_in_two_parts():
     assert line.label == "arc length $s$"
     assert sorted(line.order) == list(range(len(history.contact.nodes)))
     assert len(line.gaps) == 1
-    # The clamp owns half an edge at the end of each part.
+    # Half an edge at the end of each part belongs to the clamp.
     assert np.diff(line.limits, axis=1).sum() == pytest.approx(4.0 - 2 * (2 / 12) / 2)
     x, traction = history.contact.points[line.order], history.contact.traction
     below = x[:, 1] == 0
@@ -341,7 +341,7 @@ def test_pictures_of_contact_and_of_steps_need_contact_and_steps(history, loose,
 
 
 def test_a_magnified_thin_layer_is_not_inverted():
-    """A steel layer is pressed by a thousandth of its thickness; its width alone would allow a factor of 10,000."""
+    """A layer is pressed by a thousandth of its thickness; for its width alone, a factor of 10,000 would be allowed."""
     press = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -1e-6 * t], (len(x), 1)), on="top")
     scene = vx.Scene(vx.Elasticity(210e9, 0.3), vx.Clamp(on="bottom"), press)
     history = vx.simulate(scene, vx.meshes.squares((40, 4), box=((0, 0.1), (0, 0.001))), [0.0, 1.0])
@@ -430,7 +430,7 @@ def draw_stressed_body(history, **options):
     2,
 )
 def test_closed_contact_is_marked_where_magnification_separates_the_bodies(draw, gap, apart):
-    """An interference of .002 moves faces apart. Magnified tenfold, this is a gap of .02, and the mark fills it."""
+    """An interference of .002 moves faces apart. Magnified tenfold, this becomes a gap of .02, which the mark fills."""
     boxes = {"lower": ((0, 2), (0, 1)), "upper": ((0, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4, 2), box) for name, box in boxes.items()})
     down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")

@@ -49,7 +49,7 @@ def test_the_contact_face_shows_sticking_and_slipping_areas_and_the_slip_of_the_
     for state, colour in ((sticks, STICK_AREA), (~sticks, SLIP_AREA)):
         assert state.any()
         assert np.allclose(filled.get_facecolors()[state], matplotlib.colors.to_rgba(colour))
-    # The clamp owns the rest of the face.
+    # The rest of the face belongs to the clamp.
     assert 0.8 < find_areas(corners).sum() < 1.0
     assert_drawn_within_the_page(figure)
     slip = (contact.slip[-1] - contact.slip[-2])[:, :2]
@@ -141,7 +141,7 @@ def test_contact_on_opposite_sides_is_drawn_for_one_side_only():
 
 @pytest.mark.long
 def test_each_interface_has_its_own_axes():
-    """The middle one of three blocks is pulled. Arrows are the slip of the first body of an interface."""
+    """The middle one of three blocks is pulled. Arrows show the slip of the first body of an interface."""
     boxes = {name: ((0, 1), (0, 1), (z, z + 0.5)) for name, z in (("low", 0.0), ("middle", 0.5), ("top", 1.0))}
     mesh = vx.meshes.bodies({name: vx.meshes.cubes((4, 4, 2), box) for name, box in boxes.items()})
     joints = ["low|middle", "middle|top"]

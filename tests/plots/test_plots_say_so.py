@@ -60,7 +60,7 @@ def find_labels(figure):
 
 @pytest.mark.parametrize("draw", [deformed_mesh, stressed_body])
 def test_a_picture_without_the_open_gap_says_so(opened, closed, draw):
-    """A magnified displacement would draw one body inside the other."""
+    """The mesh lacks the gap, so that magnified displacements would draw one body inside the other."""
     assert not opened.contact.closed[-1].all()
     assert NO_GAPS in draw(opened).axes[0].get_title()
     assert NO_GAPS not in draw(opened, 0).axes[0].get_title()
@@ -68,7 +68,7 @@ def test_a_picture_without_the_open_gap_says_so(opened, closed, draw):
 
 
 def test_a_colour_bar_that_ends_below_the_largest_stress_is_pointed(stuck):
-    """The bar ends at the 99 % quantile of the cells; if limits lie beyond all stresses, no end is pointed."""
+    """The bar ends at the 99 % quantile of stresses of cells; with limits beyond all stresses, no end is pointed."""
 
     def find_bar(**limits):
         return stressed_body(stuck, stress="von_mises", **limits).axes[0].collections[0].colorbar

@@ -17,7 +17,7 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
     mesh = history.mesh
     end = history.displacement[:, mesh.points[:, 0] == bar.LENGTH, 0].mean(axis=1)
     assert end[[8, 16, 24]] == pytest.approx(bar.end_displacement(), rel=0.005)
-    # The second heating ends where the first did: the cycle in between leaves no trace.
+    # At the end of the second heating, the end is where it was after the first heating.
     assert end[24] == pytest.approx(end[8], rel=1e-9)
     assert history.dissipated[8] == pytest.approx(bar.first_dissipation(), rel=0.01)
     locked = mesh.centroids[:, 0] < bar.LENGTH - bar.slip_length() - 2 * bar.HEIGHT
@@ -51,7 +51,7 @@ def test_a_bimetallic_strip_has_timoshenkos_deflection():
 
 @pytest.mark.long
 def test_a_wooden_strip_bends_according_to_its_modulus_along_the_strip():
-    """The error is .04 % with the grain at 0, 1 % at 1.5, and 3 % at .5, where the rollers at x = 0 prevent shear."""
+    """The error is .04 % with the grain at 0 rad, 1 % at 1.5, and 3 % at .5, where rollers at x = 0 prevent shear."""
     for grain, tolerance in {0.0: 0.001, 0.5: 0.04, 1.5: 0.02}.items():
         assert deflect(16, grain)[0] == pytest.approx(strip.deflection(grain), rel=tolerance)
     assert strip.deflection(1.5) < 0.9 * strip.deflection(0.5)

@@ -1,9 +1,9 @@
 """The frictional hysteresis patch test: a closed form with stick, slip and reversal, exact on every mesh.
 
 Block (0, L) x (0, H), bottom bilateral with Tresca bound g, top u = (U(t), 0), sides traction +-(0, mu gamma(t)).
-With gamma_n = clip((U_n - a_{n-1}) / H, +-g / mu) and a_n = U_n - gamma_n H the field u = (a_n + gamma_n y, 0) is
-linear, so every virtual element reproduces it; a loop of amplitude U0 > g H / mu dissipates
-4 g L (U0 - g H / mu) once it is closed.
+The shear strain is gamma_n = clip((U_n - a_{n-1}) / H, +-g / mu), the slip of the bottom a_n = U_n - gamma_n H. The
+field u = (a_n + gamma_n y, 0) is linear, so every virtual element reproduces it. A closed loop of amplitude
+U0 > g H / mu dissipates 4 g L (U0 - g H / mu).
 """
 
 from __future__ import annotations

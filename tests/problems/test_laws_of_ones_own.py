@@ -14,7 +14,7 @@ from vemcvx.scene import pose_scene
 def bound_errors(history, scene, rho, turns=3):
     """Return bounds, from the certificates, of the errors of slips and of forces per length at nodes.
 
-    With rho, softening over stiffness, a turn multiplies errors of (accumulated) slip by at most (1 + rho) / (1 - rho).
+    With rho = softening / stiffness, each reversal multiplies errors of slips by at most (1 + rho) / (1 - rho).
     """
     run = history.trajectory
     total = ((1 + rho) / (1 - rho)) ** turns * (np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor)).sum()

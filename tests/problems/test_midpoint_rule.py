@@ -39,7 +39,7 @@ def test_both_rules_have_order_one_if_slip_begins_during_the_run(found):
 
 
 def test_forces_of_the_midpoint_rule_oscillate_for_ever():
-    """Under a steady pull, growing by 1/3 per step, the force z is alternately 1/9 above and 1/9 below its bound."""
+    """Under a pull that grows by 1/3 per step, forces at the ends of steps alternate: 1/9 above and below the bound."""
     times = np.linspace(0, 100, 301)
     sole, middles = lesson.midpoint(lambda t: np.array([t, 0.0]), times, (-1 / 9, 0.0))
     beyond = times - sole[:, 0] - 1.0

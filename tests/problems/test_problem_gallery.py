@@ -103,7 +103,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
 
 
 def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
-    """Closed contact bears the rock's stress less p. In the middle third, 8 cells give Sneddon's opening within 3 %."""
+    """Closed contact bears the rock's stress minus the fluid pressure. In the middle, the opening is within 3 %."""
     history = run_small(crack)
     p, x = crack.fluid(history.times), crack.measure_opening(history)[0]
     bears = np.broadcast_to(np.maximum(crack.ACROSS - p, 0.0)[:, None], history.contact.pressure.shape)
@@ -165,7 +165,7 @@ def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
 
 @pytest.mark.long
 def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
-    """Rod theory has an error O(H / l), .6 % of the largest force; if all nodes slip, it is exact."""
+    """For height H and slip length l, rod theory has an error O(H / l); it is exact if all nodes slip."""
     history, contact = run_small(belt), run_small(belt).contact
     most, fifth = belt.BOUND * belt.LENGTH, history.steps // 5
     found, exact = -history.reaction("left")[:, 0], belt.hold(history.times)
@@ -187,7 +187,7 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
 
 @pytest.mark.long
 def test_a_silo_hangs_on_its_walls():
-    """Janssen's plane slices have an error O((B / l)^2): .9 % at mu = .4 and .3 % at .2. Forces balance."""
+    """For width B and decay length l, plane slices have an error O((B / l)^2): .9 % at mu = .4 and .3 % at .2."""
     errors = []
     for friction in (0.2, 0.4):
         history = simulate(silo, 4, steps=2, friction=friction)
@@ -235,7 +235,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """Pressures exceed thin-layer theory by at most 4.5 mu d / h: 1.5 under the plate, and up to 3 due to the edge."""
+    """Pressures exceed thin-layer theory by less than 4.5 mu d / h: shear modulus, approach, thickness of the pad."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)
@@ -245,7 +245,7 @@ def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
     assert extra.max() < 4.5 * unit < 0.2 * pad.pressure(0.0, poisson)
     force = -history.reaction("top")[-1, 1]
     assert 0 < force - pad.force(poisson) < 4.5 * unit * pad.HALF_WIDTH
-    # Without the clamp, the force would be 4 mu d / h for nu = 1/2, less than a fifth of this force.
+    # Without the clamp, the pressure would be 4 mu d / h for nu = 1/2, less than a fifth of the mean pressure here.
     assert force > 5 * 4 * unit * pad.HALF_WIDTH
 
 

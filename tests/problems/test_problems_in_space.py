@@ -148,7 +148,7 @@ def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
     a, mu = sphere.hertz(P)[0], sphere.FRICTION
     exact = a * np.cbrt(1 - Q / (mu * P))
     assert 0.4 < Q / (mu * P) < 0.8
-    # The error is one cell, since nodes are a/n apart.
+    # The tolerance is one cell: nodes are a/n apart.
     assert sphere.stick_radius(history) == pytest.approx(exact, abs=a / n)
     contact = history.contact
     r = np.linalg.norm(contact.points[:, :2], axis=1)

@@ -20,15 +20,15 @@ import vemcvx as vx
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
-    """F / G = (tan a + mu) / (1 - mu tan a) on every mesh."""
-    # Each program of the fixed point is solved to a tenth of the accuracy; interior points need polish for this.
+    """Slip needs the push F = (tan a + mu) / (1 - mu tan a) G under the weight G, at the angle a, on every mesh."""
+    # The fixed-point iteration solves programs to a tenth of the accuracy, for which interior points need polishing.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")
     ratio = history.reaction("pushed")[:, 0] / incline.WEIGHT
     slides = ~history.contact.sticking.any(axis=1)
     assert slides[-1]
-    # The certificate bounds energies; reactions have a few digits less.
+    # The certificate bounds energies; reactions have fewer correct digits.
     assert ratio[slides] == pytest.approx(incline.critical_ratio(), rel=1e-5 if polish else 1e-6)
     assert (np.diff(ratio) > -1e-6).all()
     contact = history.contact

@@ -157,7 +157,7 @@ def test_two_cylinders_have_the_pressure_of_hertz():
     assert x[p > 0].max() == pytest.approx(half_width, abs=cylinders.HALF_WIDTH / 12)
     # The force on the top equals the force on the contact.
     assert -2 * history.reaction("upper.top")[-1, 1] == pytest.approx(force, rel=1e-9)
-    # Neither body is rigid: with the modulus of one alone the half-width would be much smaller.
+    # Both bodies deform: if one of them were rigid, the half-width would be much smaller.
     assert half_width > 1.2 * np.sqrt(4 * force * cylinders.RADIUS * (1 - 0.3**2) / (np.pi * cylinders.YOUNG[0]))
 
 

@@ -84,7 +84,7 @@ def test_infeasible_increments_are_not_certified():
 @separate
 @mostly_long("seed", range(4), 0, 1)
 def test_multipliers_are_computed_from_an_increment(seed, separate):
-    """The rows are independent, so exactly one pair satisfies K d = g - B'lam - D'p: the solver's."""
+    """The rows are independent, so only the solver's pair (lam, p) satisfies K d = g - B'lam - D'p."""
     program = draw_program(seed, separate=separate)
     operators, (answer, _) = program.operators, solve_with_newton(program)
     rows = np.vstack([operators.B.toarray(), operators.D.toarray()])

@@ -41,7 +41,6 @@ class Energy:
         return np.abs(np.linalg.inv(self.K))
 
     def norm(self, u):
-        """Return |u|_K."""
         return float(np.linalg.norm(self.factor @ u))
 
     def force_norm(self, f):
@@ -75,7 +74,6 @@ class Marched:
 
     @cached_property
     def energy(self):
-        """Norms of the case."""
         return Energy(self.case.K)
 
     @cached_property

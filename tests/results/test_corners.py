@@ -60,14 +60,14 @@ def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
     ],
 )
 def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, place, words):
-    """Equal conditions are marked above 180 degrees; clamp and free side at 90 degrees; roller and free side not."""
+    """Corners of equal conditions are marked above 180 degrees; at 90 degrees, those of clamp and free side are."""
     load = vx.Traction((0.0, -1.0), on="left")
     assert mark_at(run_settled(vx.meshes.l_shape(8), STEEL, held, load), place) == words
 
 
 @pytest.mark.parametrize(("degrees", "words"), [(90, ""), (120, f"at a corner of clamp and contact{MAY}")])
 def test_frictionless_contact_counts_as_symmetry(degrees, words):
-    """With its mirror image, the corner has twice the angle, between two clamps, and is singular above 180 degrees."""
+    """With its mirror image, the corner has twice the angle and two clamps: it is singular above 180 degrees."""
     lean = 1.0 / np.tan(np.radians(degrees))
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [lean, 1]]), [[0, 1, 2, 3]]).refine().refine()
     mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] - lean * x[:, 1]) < 1e-9)

@@ -91,7 +91,7 @@ def test_viscous_dissipation_is_no_wear():
 
 
 def test_a_slider_on_a_spring_has_its_closed_form():
-    """While it slides, k y = F(t) - w sign(v). At F = 5 it has slid by (5 - 3) / 2, at F = -5 it has slid back by 2."""
+    """In slip at the speed v, k y = F - w sign(v) with k = 2 and w = 3: y = 1 at F = 5, and y = -1 at F = -5."""
     load = lambda t: [5 * np.interp(t, [0, 1, 2], [0, 1, -1])]  # noqa: E731
     run = vx.march(vx.System([[2.0]], load, vx.Norms([[1.0]], 3.0)), [0.0, 0.5, 1.0, 1.5, 2.0])
     assert run.worn[:, 0] == pytest.approx([0.0, 0.0, 3.0, 3.0, 9.0], abs=1e-14)

@@ -64,7 +64,7 @@ def cracked():
 
 @mostly_long("name", ["pressed", "stuck", "pressed again"])
 def test_a_plate_whose_crack_sticks_deforms_as_without_a_crack(cracked, name):
-    """An earlier opening leaves no trace."""
+    """This holds before and after an opening of the crack."""
     assert np.abs(cracked.displacement[AT[name]] - linear(cracked, name)).max() < 1e-13
     assert cracked.contact.closed[AT[name]].all()
     yy, xy = COURSE[name]
@@ -92,7 +92,7 @@ def test_an_open_crack_bears_no_force(cracked):
 
 @pytest.mark.slow
 def test_the_opening_of_a_plane_crack_converges_to_griffiths_closed_form():
-    """A crack of half-length a in an infinite plate opens by 4 (1 - nu^2) sigma a / E; tips cause an error O(h)."""
+    """The middle of a crack of half-length a in an infinite plate opens by 4 (1 - nu^2) sigma a / E, up to O(h)."""
     exact, found = 4 * (1 - POISSON**2) / YOUNG * HALF, []
     for n in (32, 64, 128):
         history = history_of(plate(n, 2 * WIDTH))
@@ -129,7 +129,7 @@ def pulled(mesh, stress):
 
 @pytest.mark.slow
 def test_the_opening_of_a_round_crack_converges_to_sneddons_closed_form():
-    """In an infinite body, its middle opens by 8 (1 - nu^2) sigma a / (pi E) (Sneddon, Proc. R. Soc. A 187, 1946)."""
+    """The middle of a crack of radius a opens by 8 (1 - nu^2) sigma a / (pi E) (Sneddon, Proc. R. Soc. A 187, 1946)."""
     found = []
     for n in (4, 8, 16):
         history, _ = pulled(round_block(n), 1.0)

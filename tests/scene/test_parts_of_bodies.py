@@ -113,7 +113,7 @@ def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order)
         vx.simulate(vx.Scene(*effects, *more), rings(cells, turn, order), [0, 0.5, 1], solver=vx.Newton(1e-7))
         for turn, cells, more in ((2 * np.pi, 16, []), (np.pi / 2, 4, [vx.Symmetry(on="cut")]))
     )
-    # Newton's accuracy is 1e-7 in the energy norm; relative to single nodal forces errors are larger.
+    # Newton's accuracy is 1e-7 in the energy norm; relative errors of single nodal forces are larger.
     check_fields(quarter, whole, 1e-6)
     p = quarter.contact.pressure[-1]
     assert np.ptp(p) <= 1e-6 * p.max()

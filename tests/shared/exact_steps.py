@@ -166,7 +166,6 @@ class Step:
         return self.size(increment - self.d)
 
     def size(self, d):
-        """Return |d|_K."""
         square = int(((self.K @ d) * d).sum() >> BITS)
         return float(np.ldexp(np.sqrt(floats(max(square, 0))), self.unit))
 

@@ -11,7 +11,7 @@ import vemcvx as vx
 @pytest.mark.long
 @pytest.mark.parametrize("ratio", [1.0, 1e6])
 def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio):
-    """Between clamped sides, with nu = 0: the interferences of both interfaces add up to 2e-3."""
+    """The layers lie between clamped sides, nu is 0, and the interferences of both interfaces add up to 2e-3."""
 
     def layer(low):
         return vx.meshes.squares(3, box=((0, 3), (low, low + 1)))
@@ -76,7 +76,7 @@ def make_block(angle, part):
 @pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
 @pytest.mark.parametrize("angle", [1.2, 3.3])
 def test_anisotropic_friction_balances_a_shear_inside_its_ellipse(angle):
-    """Beyond the ellipse the step is refused."""
+    """A shear outside the ellipse is refused."""
     scene, mesh, shear = make_block(angle, 0.9)
     history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
     assert history.force("bottom")[-1] == pytest.approx([0, 0, 1] - shear, abs=1e-12)

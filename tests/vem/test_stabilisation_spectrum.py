@@ -32,7 +32,7 @@ def test_size_place_and_direction_do_not_matter():
 
 
 def test_nu_changes_only_the_ratio_to_the_energy_with_dilatation():
-    """S / a_mu does not depend on nu; S / (a_mu + a_lambda), with the dilatation, decreases like 1 / lambda."""
+    """For the stabilisation S, S / a_mu does not depend on nu; S / (a_mu + a_lambda) decreases like 1 / lambda."""
     rows = [lesson.spectrum(lesson.hexagon(1), poisson) for poisson in (0.3, 0.499, 0.499999)]
     assert np.ptp([row[0] for row in rows]) == 0.0
     assert np.ptp([row[1] for row in rows]) == 0.0

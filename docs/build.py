@@ -1,10 +1,10 @@
 """Build the site: python docs/build.py DIR [--work FOLDER].
 
-Lessons and the code of pages are run first; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
-MyST-NB takes notebooks and code in pages alike, and a reference without a target fails the build (MkDocs lacks both).
-All these packages have BSD or MIT licences; MathJax, a part of the site, has Apache 2.0. `README.md` has conventions.
+First the lessons and the code of pages run; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
+MyST-NB treats notebooks and code in pages alike, and Sphinx fails if a reference has no target; MkDocs does neither.
+All these packages have BSD or MIT licences, MathJax has Apache 2.0. `docs/README.md` has the conventions for pages.
 
-With --work the sources and executed notebooks are kept in that folder, and code that has not changed is not run again.
+With --work, the build keeps sources and executed notebooks in FOLDER, and does not run unchanged code again.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def collect_sources(sources: Path) -> None:
 
 
 def write_kernel(folder: Path) -> None:
-    """Write the Jupyter kernel for the cells, which Jupyter finds first: this Python, one thread, a log of errors."""
+    """Write a Jupyter kernel that uses this Python and one thread, and logs errors only; Jupyter finds it first."""
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}
@@ -69,7 +69,7 @@ def write_kernel(folder: Path) -> None:
 
 
 def run_code(sources: Path, folder: Path) -> None:
-    """Write the live pages, and run the cells that are not in the cache; Sphinx takes all results from the cache."""
+    """Write the live pages, and run the cells without a result in the cache, from which Sphinx takes all results."""
     from generator.gallery import LIVE
     from jupyter_cache import get_cache
     from jupyter_cache.executors.utils import create_cache_bundle, single_nb_execution

@@ -1,4 +1,4 @@
-"""Checks that Sphinx lacks: files that pages load, links in raw HTML, text for pictures, order of headings."""
+"""Checks that Sphinx lacks: files that pages load, links in raw HTML, descriptions of pictures, order of headings."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from bs4 import BeautifulSoup
 
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 MADE_LATER = "search.html", "genindex.html"
-"""Pages whose headings are not checked: a script makes them, or they are single letters."""
+"""Pages whose headings are not checked: a script makes them in the first, and they are letters in the second."""
 
 
 def find_faults(site: Path) -> list[str]:
-    """Return the faults of all pages and styles, one per line."""
+    """Return the faults of all pages and styles, one string for each."""
     found = []
     for path in sorted((*site.rglob("*.html"), *site.rglob("*.css"))):
         text = path.read_text(encoding="utf-8")
@@ -29,7 +29,7 @@ def find_faults(site: Path) -> list[str]:
 
 
 def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
-    """Yield files that do not exist, addresses on other hosts unless they are links, and pictures without text."""
+    """Yield a fault for each missing file, each file loaded from another host, and each picture without description."""
     for tag in page.find_all(True):
         address = urlsplit(next((tag[name] for name in ("href", "src", "data") if tag.get(name)), ""))
         if address.netloc:
@@ -42,7 +42,7 @@ def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
 
 
 def _check_headings(page: BeautifulSoup) -> Iterator[str]:
-    """Yield a fault if there is not exactly one heading of the first level, and one for each skipped level."""
+    """Yield a fault if the number of headings of the first level is not one, and a fault for each skipped level."""
     body = page.find("article") or page.find("main") or page
     levels = [int(tag.name[1]) for tag in body.find_all(re.compile(r"^h[1-6]$"))]
     if levels.count(1) != 1:

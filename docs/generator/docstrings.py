@@ -39,7 +39,7 @@ def _translate(piece: re.Match[str]) -> str:
 
 
 def _refer(words: str, is_role: bool) -> str:
-    """Return a link if the words are a public name, or a member of one; else a literal."""
+    """Return a link if the words are a public name, or a member of a public name; else a literal."""
     first, _, member = words.removeprefix("vemcvx.").partition(".")
     target = words if words in OBJECTS else SHORT.get(first, SHORT.get(words.rpartition(".")[2] if is_role else ""))
     if target is None:
@@ -50,7 +50,7 @@ def _refer(words: str, is_role: bool) -> str:
 
 
 def keep_public_bases(app: Sphinx, name: str, thing: object, options: object, bases: list[type]) -> None:
-    """Keep the bases of a class that have an entry (event autodoc-process-bases)."""
+    """Keep only those bases of a class that have an entry in the reference (event autodoc-process-bases)."""
     bases[:] = [base for base in bases if any(base is one for one in OBJECTS.values())] or [object]
 
 

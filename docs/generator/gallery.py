@@ -1,4 +1,4 @@
-"""The gallery: a page with docstring, picture, code and tests for every problem in the lists of its index."""
+"""The gallery: a page with docstring, picture, code and tests for every problem that the index of the gallery lists."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ class Problem:
 
     @cached_property
     def docstring(self) -> str:
-        """Its docstring, in which problem files are links."""
+        """The docstring of the file, in which names of problem files are links."""
         text = re.sub(r":(?:mod|func):(?=`)", "", ast.get_docstring(ast.parse(self.text)) or "")
         return re.sub(r"`(?:problems/)?(\w+)(?:\.py)?`", _link, text)
 
     @property
     def title(self) -> str:
-        """The first line of its docstring, without the full stop."""
+        """The first line of the docstring, without the full stop."""
         return self.docstring.partition("\n")[0].removesuffix(".")
 
     @property
     def statement(self) -> str:
-        """Its docstring below the first line, without the commands."""
+        """The docstring below the first line, without the commands."""
         return COMMAND.sub("", self.docstring.partition("\n")[2]).strip("\n")
 
     @property
     def command(self) -> str:
-        """The command of its docstring, or the command that runs the file."""
+        """The first command in the docstring; if there is none, the command that runs the file."""
         return (*COMMAND.findall(self.docstring), f"python problems/{self.name}.py")[0]
 
     @property
     def pictures(self) -> list[str]:
-        """Names of its pictures."""
+        """The names of the pictures that exist for this problem."""
         names = PICTURES.get(self.name, (self.name,))
         return [name for name in names if (PROBLEMS / "pictures" / f"{name}.png").is_file()]
 
@@ -81,7 +81,7 @@ def _link(literal: re.Match[str]) -> str:
 
 @cache
 def find_tests() -> dict[str, list[str]]:
-    """Return the tests of every problem, one per line; tests of texts and of commands are left out."""
+    """Return the tests that use each problem, one string per test; tests in tests/whole and tests/cli are left out."""
     found = defaultdict(list)
     for path in sorted(ROOT.glob("tests/*/test_*.py")):
         text = path.read_text(encoding="utf-8")
@@ -108,7 +108,7 @@ def _write_page(problem: Problem) -> str:
         *pictures,
         problem.statement,
         f"## Run it\n\n```text\n{problem.command}\n```",
-        "It uses " + ", ".join(f"{{py:obj}}`{name} <{SHORT[name]}>`" for name in public) + "." if public else "",
+        "The file uses " + ", ".join(f"{{py:obj}}`{name} <{SHORT[name]}>`" for name in public) + "." if public else "",
         STEP_BY_STEP.format(problem.name) if problem.name in LIVE else "",
         tests and f"## What the tests compare\n\n{tests}",
         f"## The file\n\n`problems/{problem.name}.py`, below its docstring:\n\n"
@@ -136,7 +136,7 @@ def _write_cards(group: re.Match[str]) -> str:
 
 
 def write(folder: Path) -> None:
-    """Write a page for every problem, and the page of all pictures."""
+    """Write a page for every problem, and the index with a card for every problem."""
     index = (folder / "index.md").read_text(encoding="utf-8")
     (folder.parent / "problems").mkdir(exist_ok=True)
     for name in " ".join(GROUP.findall(index)).split():

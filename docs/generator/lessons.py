@@ -11,11 +11,11 @@ from vemcvx.cli.supplied import as_notebook, lessons
 
 INDEX = """# Learn
 
-Ten lessons for students who know linear algebra and a little of finite elements. Each has formulas, code, pictures,
-questions whose answers unfold, and exercises with solutions. `vemcvx lesson N` copies lesson N and its solutions into
-your folder. `--notebook` copies them as notebooks; `--no-solutions` copies the lesson alone, for homework.
+There are ten lessons for students who know linear algebra and a little of finite elements. Each has formulas, code,
+pictures, questions whose answers unfold, and exercises with solutions. `vemcvx lesson N` copies lesson N and its
+solutions into your folder. `--notebook` copies them as notebooks; `--no-solutions` leaves out the solutions.
 
-How to teach with them: [](course.md), with a table of symbols.
+[](course.md) helps lecturers, and has a table of symbols.
 
 {rows}
 
@@ -61,20 +61,20 @@ def write(folder: Path) -> None:
 
 
 def write_if_new(made: dict[str, object], path: Path) -> None:
-    """Write a notebook, unless the file has the same text: then its cells need not run again."""
+    """Write a notebook, unless the file has the same text; so cells of unchanged notebooks do not run again."""
     text = json.dumps(made, indent=1, ensure_ascii=False)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 
 
 def link_files(line: str, number: int) -> str:
-    """Return a line of lesson `number` with links for the file of its solutions and for problem files."""
+    """Return a line of lesson `number` in which the names of its solutions and of problem files are links."""
     solutions = f"lesson_{number}_solutions"
     line = line.replace(f"`{solutions}.py`", f"[`{solutions}.py`]({solutions}.ipynb)")
     return re.sub(r"`(?:problems/)?(\w+)\.py`", link_problem, line)
 
 
 def link_problem(found: re.Match[str]) -> str:
-    """Return the link to the page of a problem file, or the text as it is."""
+    """Return the link to the page of a problem file; return other text unchanged."""
     name = found.group(1)
     return f"[`{name}.py`](../gallery/{name}.md)" if name in list_problems() else found.group()

@@ -1,4 +1,4 @@
-"""Names of the reference: pages of `docs/reference` list them."""
+"""The public names with an entry in the reference, which the pages of `docs/reference` list."""
 
 from __future__ import annotations
 

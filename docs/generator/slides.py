@@ -14,7 +14,7 @@ from pathlib import Path
 from bs4 import BeautifulSoup, Tag
 
 LETTERS, LINES = 85, 5
-"""Number of letters in a line, and of lines of text on a slide."""
+"""The largest number of letters in a line, and of lines of text on a slide."""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>
@@ -96,7 +96,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # others lead to a formula
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # others introduce a formula
             yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 
@@ -117,7 +117,7 @@ def split_sentences(paragraph: Tag) -> list[str]:
 
 
 def fit(sentences: list[str], lines: int, first: bool = False) -> list[str]:
-    """Return the last sentences that fit into `lines` lines, or the first sentences with `first`."""
+    """Return the last sentences that fit into `lines` lines; with `first`, the first sentences that fit."""
     kept = sentences if first else sentences[::-1]
     while len(kept) > 1 and count_lines(" ".join(kept)) > lines:
         kept = kept[:-1]

@@ -100,14 +100,14 @@ def picture(history):
     dense = np.linspace(0.0, history.times[-1], 1001)
     graph.plot(dense, sinking(dense), "k-", label="closed form")
     graph.plot(history.times, measure_sinking(history), "C0o", label="computed")
-    graph.set(xlabel="t (s)", ylabel="sinking of the base (mm)")
+    graph.set(xlabel="t (s)", ylabel="sinking of the base (mm)", ylim=(-0.01, 0.27))
     t = history.times[:off]
     energies.plot(t, history.work_second_order[:off], "C0o", label="work of the weight")
     energies.plot(t, history.energy[:off], "C2^", label="stored")
     energies.plot(t, history.dissipated_second_order[:off], "C1s", label="dissipated")
     energies.plot(t, evaluate_loss(t), "k-", label="closed form")
-    energies.set(xlabel="t (s)", ylabel="energy (N mm per mm)")
+    energies.set(xlabel="t (s)", ylabel="energy (N mm per mm)", ylim=(-0.004, 0.12))
     for each in (graph, energies):
         each.grid()
-        each.legend(fontsize="x-small")
+        each.legend(loc="upper left")
     return figure

@@ -1,6 +1,5 @@
 """A run warns if and only if its strains are not small; the warning gives the largest strain and its place."""
 
-import importlib
 import logging
 import re
 
@@ -8,13 +7,7 @@ import numpy as np
 import pytest
 
 import feng_han_huang
-import gallery
 import vemcvx as vx
-
-SLOW = ["twisted_pad", "bolted_flange", "block_dragged_along_a_curve", "brake_pad_on_disc"]
-SLOW += ["cattaneo_mindlin", "spherical_indenter"]
-FORMAL = {"manufactured_full_slip"}
-"""Problems whose docstring says that a run warns about their strains."""
 
 
 def catch_warnings(caplog, run):
@@ -59,15 +52,3 @@ def test_large_strains_in_less_than_a_hundredth_of_the_body_are_ignored(caplog):
     )
     assert catch_warnings(caplog, run) == []
     assert found[0].von_mises(-1).max() > 0.05 * 200.0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in gallery.problem_files()]
-)
-def test_problem_files_warn_if_their_docstring_says_so(caplog, name):
-    problem = importlib.import_module(name)
-    found = catch_warnings(caplog, lambda: gallery.small_run(problem))
-    assert bool(found) == (name in FORMAL)
-    if found:
-        assert "a run warns about them" in problem.__doc__

@@ -128,33 +128,14 @@ def test_a_missed_accuracy_exits_with_three_and_keeps_its_steps(tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--mesh", "penrose"], "--mesh: there is no family 'penrose'"),
-        (["--mesh", "gone.vtu"], "gone.vtu"),
         (["--solver", "Guroby"], "--solver: there is no solver 'Guroby'"),
         (["--solver", "Gurobi"], "solver 'GUROBI': cvxpy does not find it here"),
-        (["--solver", "direct"], "Direct: the program has absolute values"),
-        (["--set", "gravity=9.81"], "has no parameter 'gravity'"),
-        (["--set", "young"], "--set: found 'young'"),
-        (["--set", "poisson=0.5"], r"Elasticity: found poisson = 0\.5 in cell 0"),
-        (["--store", "some"], "store: found 'some'"),
-        (["--accuracy", "2"], "accuracy = 2.0"),
         (["--n", "0"], "Invalid value for '--n'"),
         (["--steps", "many"], "Invalid value for '--steps'"),
-        (["--results", "slip"], "--results: "),
-        (["--probe", "0,0"], "--probe: displacements of points are written to DIR"),
-        (["--probe", "0,0", "--probe", "2", "--out", "o"], "--probe: found '0,0', '2'"),
-        (["--probe", "2,0", "--out", "o"], r"--probe: point 0 at \[2. 0.\] lies outside the body"),
         (["--out", PROBLEM], "cannot be used as a folder"),
-        (["--resume", "typo"], "typo holds no interrupted run"),
-        (["--resume", ".", "--out", "."], "--resume: "),
-        (["--target", "0.1", "--store", "last"], "--target: adaptive runs take neither --resume"),
-        (["--target", "3"], "target"),
-        (["--target", "0.1", "--of", "stress"], "--of: found quantity 'stress'"),
-        (["--of", "work"], "--of: work"),
     ],
 )
-def test_invalid_options_exit_with_two(tmp_path, monkeypatch, options, says):
-    monkeypatch.chdir(tmp_path)
+def test_invalid_options_exit_with_two(options, says):
     refused = invoke("run", PROBLEM, "--n", 4, "--steps", 2, *options)
     assert refused.exit_code == 2, refused.output
     assert "Traceback" not in refused.output

@@ -173,11 +173,6 @@ def test_two_collections_are_equal_byte_for_byte(tmp_path):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
 
 
-def test_unknown_formats_are_refused(tmp_path):
-    done = invoke("collection", "--out", tmp_path / "new", "--format", "sif")
-    assert (done.exit_code, "--format: found format 'sif'" in output_of(done)) == (2, True)
-
-
 @pytest.mark.slow
 def test_the_script_confirms_the_whole_collection(tmp_path):
     done = invoke("collection", "--out", tmp_path)

@@ -148,30 +148,11 @@ def test_the_command_exits_with_three_if_no_solver_is_certified(solvers, accurac
     assert "Traceback" not in done.output
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--solvers", "newton,simplex"], "--solvers: there is no solver 'simplex'"),
-        (["--solvers", " , "], "--solvers: found ' , '"),
-        (["--set", "bond=3"], "--set: .* has no parameter 'bond'"),
-        (["--accuracy", "2"], "found accuracy = 2.0"),
-        (["--option", "clarabel=3"], "--option: found 'clarabel=3'"),
-        (["--option", "scs.max_iters=3"], "--option: 'scs' is none of the chosen solvers"),
-        (["--option", "newton.speed=3"], "--option: newton has no setting 'speed'"),
-        (["--option", "newton.max_iterations=many"], "Newton: found max_iterations = 'many'"),
-        (["--time-limit", "0"], "--time-limit: found 0"),
-        (["--csv", "nowhere/a.csv"], "--csv: nowhere/a.csv cannot be written"),
-        pytest.param(
-            ["--solvers", "newton", "--json", "/dev/full"],
-            "--json: /dev/full cannot be written: No space left on device",
-            marks=pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no full disk to write to"),
-        ),
-    ],
-)
-def test_invalid_options_are_refused(options, says):
-    done = invoke(PROBLEM, "--n", 4, "--steps", 2, *options)
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no full disk to write to")
+def test_a_full_disk_is_named():
+    done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--solvers", "newton", "--json", "/dev/full")
     assert done.exit_code == 2, done.output
-    assert re.search(says, " ".join(done.output.split()))
+    assert "--json: /dev/full cannot be written: No space left on device" in " ".join(done.output.split())
 
 
 @pytest.mark.long

@@ -32,20 +32,6 @@ def test_export_writes_the_programs_of_the_run(tmp_path):
     assert np.array_equal(whole.w, program.w)
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        *((["--steps", steps], f"--steps: found '{steps}'") for steps in ("0", "4-2", "1-2-3", "65", "one")),
-        (["--steps", "1", "--format", "sif"], "--format: found format 'sif'"),
-    ],
-)
-def test_invalid_steps_and_formats_are_refused(tmp_path, options, says):
-    done = invoke("export", PROBLEM, "--n", 2, "--out", tmp_path / "new", *options)
-    assert done.exit_code == 2
-    assert says in done.output
-    assert not (tmp_path / "new").exists()
-
-
 @pytest.mark.long
 def test_foreign_files_are_not_overwritten(tmp_path):
     mine = tmp_path / "feng_han_huang_1.json"

@@ -64,15 +64,6 @@ def test_show_describes_every_stage(pad):
     assert "Traction" in second
 
 
-@pytest.mark.parametrize(
-    "options", [["--steps", "4"], ["--target", ".1"], ["--bound"], ["--store", "last"], ["--set", "nu=0.3"]]
-)
-def test_options_that_stages_do_not_have_are_refused(pad, options):
-    code, printed = call("run", "pad.py", *options)
-    assert code == 2
-    assert options[0] in printed
-
-
 def test_commands_and_files_that_stages_do_not_fit_are_refused(pad):
     for command in (["compare"], ["export", "--steps", "1"], ["app"]):
         assert "it has stages and no scene(**parameters); only `vemcvx run`" in call(*command, "pad.py")[1], command

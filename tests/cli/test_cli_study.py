@@ -13,7 +13,6 @@ import pytest
 from called import call
 
 import vemcvx as vx
-from vemcvx.base.errors import ProblemError
 from vemcvx.cli.problem_file import Problem, read_problem, split_values
 from vemcvx.cost import study
 
@@ -83,19 +82,6 @@ def test_settings_are_combined_and_tuples_are_single_values(pad):
     assert Problem(pad, module).combine_settings(["axes=1,"]) == [("axes=1,",)]
 
 
-@pytest.mark.parametrize(
-    ("settings", "says"),
-    [
-        (["friction=1,"], "found 'friction=1,', with a comma at the end"),
-        (["friction=.1,.2", "friction=.3"], "friction is given twice"),
-        (["friction=1,2,1"], "friction is 1 twice in 'friction=1,2,1'"),
-    ],
-)
-def test_repeated_settings_are_refused(pad, settings, says):
-    with pytest.raises(ProblemError, match=f"^--set: {says}"):
-        read_problem(pad).combine_settings(settings)
-
-
 @pytest.mark.long
 def test_a_study_writes_a_table_and_the_files_of_each_run(pad, tmp_path):
     words = ("--set", "friction=.1,.3", "--set", "kind=hard,soft", "--results", "slip,pressure,sticking")
@@ -145,19 +131,6 @@ def test_a_study_with_missed_accuracies_exits_with_three(pad):
     code, printed = run(pad, "--set", "friction=.1,.2", "--accuracy", "1e-17")
     assert code == 3, printed
     assert printed.count("not certified") >= 2
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--results", "slips"), "--results: there is no result 'slips'"),
-        (("--report",), "--report"),
-    ],
-)
-def test_options_that_a_study_does_not_have_are_refused(pad, words, message):
-    code, printed = call("run", str(pad), "--set", "friction=.1,.2", *words)
-    assert code == 2
-    assert message in " ".join(printed.split())
 
 
 def test_foreign_files_are_refused_before_any_run(pad, tmp_path):

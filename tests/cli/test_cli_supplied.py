@@ -67,11 +67,6 @@ def test_a_local_file_precedes_a_problem_of_the_same_name(tmp_path):
         assert supplied.problem_path(path) == Path(path)
 
 
-@pytest.mark.parametrize("name", ["feng_han_huangs", "hard_cases", "gallery"])
-def test_unknown_names_of_problems_are_refused(name):
-    assert f"{name}: there is no such problem file here" in refuse("run", name)
-
-
 def test_a_lesson_is_copied_and_overwrites_nothing(tmp_path):
     assert run("lesson").split()[:4] == ["1", "one", "slider:", "a"]
     printed = run("lesson", "1")
@@ -114,18 +109,6 @@ def test_a_lesson_for_homework_is_copied_without_solutions(tmp_path, options, su
     printed = run("lesson", "1", "--no-solutions", *options)
     assert [printed.split()[0]] == [path.name for path in tmp_path.iterdir()] == [name]
     assert "lesson_1_solutions" not in (tmp_path / name).read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("word", "says"),
-    [
-        ("--notebook", "found --notebook without a number"),
-        ("--no-solutions", "without a number"),
-        ("99", "no lesson 99"),
-    ],
-)
-def test_options_without_a_number_and_unknown_lessons_are_refused(word, says):
-    assert says in refuse("lesson", word)
 
 
 def test_a_package_without_problem_files_is_refused(tmp_path, monkeypatch):

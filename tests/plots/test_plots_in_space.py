@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 from pages import assert_drawn_within_the_page
-from scenes import paper_scene, small
 
 import block_in_space as block
 import vemcvx as vx
@@ -109,21 +108,6 @@ def test_an_inclined_face_is_drawn_along_its_normal():
     assert np.linalg.norm(layout.flat(slip), axis=1) == pytest.approx(np.linalg.norm(slip, axis=1), rel=1e-9)
     assert find_areas(layout.corners).sum() == pytest.approx(np.sqrt(2.0), rel=1e-9)
     assert_drawn_within_the_page(contact_face(slope))
-
-
-def test_plane_bodies_and_invalid_options_are_refused(history):
-    plane = vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0])
-    for draw in (contact_face, friction_disc, deformed_body):
-        with pytest.raises(vx.HistoryError, match=f"^{draw.__name__}: this body is plane"):
-            draw(plane)
-    for draw, options, says in (
-        (contact_face, {"show": "stress"}, "found show 'stress'"),
-        (contact_face, {"window": ((0.0, np.nan), (0.0, 1.0))}, "window: found "),
-        (deformed_body, {"view": (0.0, 0.0, 1.0)}, "view"),
-        (deformed_body, {"stress": "large"}, "found stress 'large'"),
-    ):
-        with pytest.raises(vx.HistoryError, match=says):
-            draw(history, **options)
 
 
 @pytest.mark.long

@@ -174,27 +174,6 @@ def test_the_loop_of_a_loaded_body_is_load_against_mean_displacement(pressed):
     assert "Load of top" in vx.plots.hysteresis_loop(pressed).axes[0].get_title()
 
 
-MISTAKES = {
-    "no boundary": (lambda h: h.force("botom"), "force: there is no boundary named 'botom'"),
-    "no effect": (lambda h: h.force(vx.Clamp(on="right")), "force: found Clamp"),
-    "nothing": (lambda h: h.force(3), "force: found 3"),
-    "two effects": (lambda h: h.force(COHESIVE), "force: two effects share the force on some sides: .*TrescaF"),
-    "a load": (lambda h: h.moment(vx.Pressure), "moment: found a load"),
-    "a point": (lambda h: h.moment("left", about=(1.0,)), "moment: about: found an array of shape"),
-    "no plane": (lambda h: h.section((0.5, 0.5), (0.0, 0.0)), "section: found a normal of length 0"),
-    "no cut": (lambda h: h.section((5.0, 0.5), (1.0, 0.0)), "section: the plane through .* does not cut the body"),
-    "no field": (lambda h: h.mean("strain"), "mean: there is no field 'strain'"),
-    "no cells": (lambda h: h.mean(on="core"), "mean: on= selects the cells where a cell datum"),
-}
-
-
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_wrong_arguments_are_refused(pressed, mistake):
-    ask, says = MISTAKES[mistake]
-    with pytest.raises(vx.SceneError, match=says):
-        ask(pressed)
-
-
 def test_the_reaction_of_a_contact_side_is_zero_and_a_hint_is_logged(pressed, caplog):
     assert not pressed.reaction("bottom").any()
     assert "history.force('bottom')" in caplog.text

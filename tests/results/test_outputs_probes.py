@@ -132,19 +132,5 @@ def test_values_along_a_line_are_those_of_its_cells(field):
         assert values[at] == pytest.approx(wanted, abs=1e-14 * np.abs(cells).max())
 
 
-@pytest.mark.parametrize(
-    ("ask", "says"),
-    [
-        (lambda h: h.probe([[3, 0], [2, 0], [0, 9]]), r"\(and so do 2 others\)"),
-        (lambda h: h.along((0, 0), (2, 0)), "along: point 51 .* lies outside the body"),
-        (lambda h: h.probe([[np.nan, 0.5]]), "probe: found NaN or infinite values"),
-        (lambda h: h.along((0, 0), (1, 0, 0)), "along: end: found an array"),
-    ],
-)
-def test_wrong_points_and_lines_are_refused(ask, says):
-    with pytest.raises(vx.SceneError, match=says):
-        ask(run("squares", 2))
-
-
 def test_no_points_have_no_values():
     assert run("squares", 2).probe(np.zeros((0, 2))).shape == (len(TIMES), 0, 2)

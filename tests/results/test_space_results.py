@@ -12,7 +12,6 @@ from solids import SOLIDS, solid
 import block_in_space as block
 import circular_hysteresis as circles
 import vemcvx as vx
-from vemcvx import plots
 from vemcvx.meshes.io.vtu import TYPES
 from vemcvx.results import places
 from vemcvx.results.files import read_archive, write_archive
@@ -135,16 +134,3 @@ def test_probes_and_lines_have_the_exact_displacement(history):
     stress = history.along([0.1, 0.1, 0.1], [0.5, 0.5, 0.5], count=3, field="stress").values
     assert stress.shape == (len(history.stored), 3, 6)
     assert list(history.table("probes", x))[3:] == ["x", "y", "z", "displacement_x", "displacement_y", "displacement_z"]
-
-
-@pytest.mark.parametrize("x", [[9.0, 9.0, 9.0], [0.5, 0.5, -1e-6]])
-def test_a_probe_outside_the_body_is_refused(history, x):
-    with pytest.raises(vx.SceneError, match="^probe: point 1 at .* lies outside the body"):
-        history.probe([[0.5, 0.5, 0.5], x])
-
-
-@pytest.mark.parametrize("name", ["deformed_mesh", "friction_traction", "stick_slip_map", "wear", "stressed_body"])
-def test_functions_of_the_plane_are_refused_in_space(history, name):
-    for call in (lambda: history.out_of_plane_stress(1), lambda: getattr(plots, name)(history)):
-        with pytest.raises(vx.SceneError, match="exists in the plane only"):
-            call()

@@ -5,16 +5,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import re
+import shlex
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from typer.testing import CliRunner
 
 import vemcvx as vx
+from vemcvx.cli import app
 
 FILE = Path(__file__).with_name("messages.txt")
 CALLS = [line for line in FILE.read_text().splitlines() if line and line[0] not in "# "]
@@ -36,6 +40,20 @@ def march(times=(0.0, 1.0), **parts):
     return vx.march(vx.System(**{"K": K, "load": load, **parts}), times, **options)
 
 
+class ExitCode2(vx.VemcvxError):
+    """The refusal that a command prints before it exits with code 2."""
+
+
+def vemcvx(words):
+    """Run a command in an empty folder, and raise its refusal."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        done = CliRunner().invoke(app, shlex.split(words))
+    if done.exit_code == 2:
+        raise ExitCode2(
+            done.output.strip().removeprefix("vemcvx: ").replace(str(FILE.parents[2]), "ROOT").replace("\\", "/")
+        )
+
+
 def list_names():
     """Return the names that calls of the file may use."""
     steel, held = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
@@ -43,9 +61,9 @@ def list_names():
     gripped = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
     mesh = vx.meshes.squares(2)
     given = {"steel": steel, "held": held, "pull": pull, "gripped": gripped, "mesh": mesh, "np": np, "sp": sp, "vx": vx}
-    history = run(steel, held, pull, *gripped)
-    folder = Path(tempfile.gettempdir()) / "not there"
-    return given | {"run": run, "march": march, "load": load, "K": K, "history": history, "folder": folder}
+    given |= {"history": run(steel, held, pull, *gripped), "solid": run(steel, held, mesh=vx.meshes.cubes(1))}
+    given |= {"run": run, "march": march, "load": load, "K": K, "vemcvx": vemcvx}
+    return given | {"folder": Path(tempfile.gettempdir()) / "not there"}
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +76,7 @@ def quote_error(call, known):
     with pytest.raises(vx.VemcvxError) as found:
         eval(call, dict(known))
     words = f"{type(found.value).__name__}: {found.value}".replace(tempfile.gettempdir(), "TMP")
-    return "    " + re.sub(r"x[0-9a-f]{8,}", "x...", words).replace("\n", "\n    ")
+    return "    " + re.sub(r"x[0-9A-Fa-f]{8,}", "x...", words).replace("\n", "\n    ")
 
 
 def read_errors():

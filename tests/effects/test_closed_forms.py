@@ -165,7 +165,7 @@ def test_thermal_strain(body):
     free = body.run(body.walls, heat)
     assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
-    # Heat counts as a load; the energy is 1/2 a(u, u). Each step, work exceeds energy and dissipation by 1/2 a(du, du).
+    # Heat counts as a load; energy is 1/2 a(u, u). In each step, work exceeds energy plus dissipation by 1/2 a(du, du).
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
     assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
     rest = np.diff(free.work - free.energy - free.dissipated)

@@ -236,7 +236,7 @@ def test_files_contain_quantities_and_their_errors(tmp_path):
 
 @pytest.mark.long
 def test_a_load_that_begins_and_ends_within_a_step_is_found():
-    """At the requested instants only the preload acts, so that errors must be estimated between them, too."""
+    """At the requested instants only the preload acts, so that errors must also be estimated between them."""
 
     def shaken(t):
         return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])

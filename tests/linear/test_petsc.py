@@ -1,4 +1,4 @@
-"""PETSc on two ranks under mpiexec: the same answers, shared work, and errors of one rank, which end both."""
+"""PETSc on two ranks under mpiexec: answers are the same, the work is shared, and an error of one rank ends both."""
 
 import os
 import re

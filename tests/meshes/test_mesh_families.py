@@ -207,7 +207,7 @@ def test_hexagons_are_regular_where_they_fit():
     columns, rows = 6, 4
     mesh = meshes.hexagons((columns, rows), ((0.0, 6.0), (0.0, 4.0 * np.sqrt(0.75))))
     whole = [cell for cell in mesh.cells if len(cell) == 6]
-    assert len(whole) == 2 * columns - 1  # of the inner two rows, one has six hexagons, one five and two halves
+    assert len(whole) == 2 * columns - 1  # one of the two inner rows has six hexagons, the other five and two halves
     for cell in whole:
         sides = np.hypot(*(mesh.points[cell] - mesh.points[np.roll(cell, -1)]).T)
         np.testing.assert_allclose(sides, 1.0 / np.sqrt(3.0), rtol=1e-13)

@@ -67,7 +67,7 @@ def split_cube():
 
 
 def make_standard(name):
-    """Return a mesh of cells of standard kinds, which other programs have, too."""
+    """Return a mesh of cells of standard kinds, which other programs also have."""
     if name == "pyramids":
         return split_cube()
     if name == "wedges":

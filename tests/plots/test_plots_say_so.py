@@ -59,7 +59,7 @@ def find_labels(figure):
 
 
 @pytest.mark.parametrize("draw", [deformed_mesh, stressed_body])
-def test_a_picture_without_the_open_gap_says_so(opened, closed, draw):
+def test_titles_name_gaps_that_are_not_drawn(opened, closed, draw):
     """The mesh lacks the gap, so that magnified displacements would draw one body inside the other."""
     assert not opened.contact.closed[-1].all()
     assert NO_GAPS in draw(opened).axes[0].get_title()

@@ -56,14 +56,14 @@ def test_the_stiffness_reproduces_linear_functions(family):
 
 
 def test_the_closed_form_on_a_rough_table_is_an_integral_of_play_operators():
-    """T = play_{g x}(q) and u = int T agree with formulas at turning points; a loop of width dq loses dq^3 / (12 g)."""
+    """T = play_{g x}(q), for a pull q, and u = int T agree with formulas at reversals; loops lose dq^3 / (12 g)."""
     x = np.linspace(0, lesson.LENGTH, 2001)
     pull = lesson.course(lesson.TURNS, 0.25)
     u, _ = lesson.table_exactly(x)
     T = play(lesson.BOUND * x, pull)[lesson.turning_instants(pull, lesson.TURNS)]
     middle = 0.5 * (T[:, 1:] + T[:, :-1])
     integral = np.cumsum(middle[:, ::-1], axis=1)[:, ::-1] * (x[1] - x[0])
-    # The error of the trapezoidal rule at each of two kinks of T is the jump of the slope times step^2 / 8.
+    # The slope of T jumps at two points; there the trapezoidal rule is off by the jump times step^2 / 8.
     assert np.abs(u[:, :-1] - integral).max() < 2 * 2 * lesson.BOUND * (x[1] - x[0]) ** 2 / 8
     lost = lesson.table_dissipation((0, 1.5, -1.5, 1.5))
     assert lost[-1] - lost[1] == pytest.approx(lesson.HEIGHT * 3**3 / (12 * lesson.BOUND), rel=1e-14)

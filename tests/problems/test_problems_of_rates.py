@@ -24,7 +24,7 @@ def test_friction_that_grows_with_speed_creeps_to_its_steady_value():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.1)
 
 
-def test_friction_that_falls_with_speed_gives_a_saw_and_its_certificate_is_for_the_given_friction():
+def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the_given_friction():
     with pytest.warns(vx.SceneWarning, match="the ratio of softening to stiffness is 3;.*longer steps"):
         run = vx.simulate(brake.scene(-0.15), brake.mesh(3), brake.times(80), initial="settled")
     assert run.certificate_kind == "for the given friction"
@@ -32,7 +32,7 @@ def test_friction_that_falls_with_speed_gives_a_saw_and_its_certificate_is_for_t
     assert found.max() == pytest.approx(high)
     assert found[found.argmax() :].min() == pytest.approx(low)
     falls = run.times[1:][np.diff(found) < 0]
-    # A saw of period .02 and a step of .005: the pad slips in the step after the one that reaches mu_0 P.
+    # The sawtooth has the period .02, a step has .005: the pad slips in the step after the one that reaches mu_0 P.
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 

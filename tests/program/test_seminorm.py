@@ -64,7 +64,7 @@ def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
 @pytest.mark.arithmetic
 @mostly_long("far", [1.0, 1e2, 1e4, 1e8], 1, 3)
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
-def test_friction_carries_a_body_over_any_distance(far, solver):
+def test_friction_drags_a_body_over_any_distance(far, solver):
     """A carriage on a spring drags node 1 by friction 1; node 2, joined by a spring, rubs on the ground with 0.5."""
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     body = Kernel(np.array([[1.0], [1.0], [0.0]]), ("the translation",))

@@ -81,7 +81,7 @@ def test_shear_and_equal_compression_have_their_closed_forms(plane, gradient):
 
 @mostly_long("plane", ["strain", "stress"], 1)
 def test_blocked_and_free_expansion_have_their_closed_forms(plane):
-    """A body blocked on all sides has the hydrostatic stress -E alpha theta / (1 - 2 nu)."""
+    """In plane strain, a body blocked on all sides has the hydrostatic stress -E alpha theta / (1 - 2 nu)."""
     heat = vx.ThermalStrain(ALPHA, lambda x, t: np.full(len(x), THETA * t))
     material = vx.Elasticity(YOUNG, POISSON, plane=plane)
     size = YOUNG * ALPHA * THETA

@@ -113,7 +113,7 @@ class Body:
         self.basis = skfem.Basis(self.mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
         self.scalar = skfem.Basis(self.mesh, skfem.ElementTriP1(), intorder=2)
         self.n = len(self.points)
-        # Positions of both components of each node in vectors of skfem.
+        # Positions of the two components of each node in vectors of scikit-fem.
         self.order = self.basis.nodal_dofs.T.ravel()
         self.K, self.C = np.zeros((2 * self.n, 2 * self.n)), np.zeros((2 * self.n, 2 * self.n))
         low, high = self.points.min(axis=0), self.points.max(axis=0)

@@ -73,7 +73,7 @@ def test_the_safeguard_answers_convex_programs_whose_sets_cycle(seed):
 
 @pytest.mark.arithmetic
 @mostly_long("seed", [127, 1099])
-def test_discs_that_share_a_node_settle(seed):
+def test_active_sets_of_discs_that_share_a_node_settle(seed):
     """Friction acts while contact is closed, and the gap of one face moves the disc of another."""
     scene, mesh, kind = random_scene(seed)
     assert kind == "tresca_closed"

@@ -1,4 +1,4 @@
-"""The live page: its cells run, it shows a simulation's numbers and pictures, and it works in a browser."""
+"""The live page: its cells run, it shows numbers and pictures of a simulation, and it works in a browser."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def press_fit():
 
 
 def test_the_force_that_pushes_a_hub_off_is_the_friction_under_lames_pressure(press_fit):
-    # Both parts have the same moduli: p = E d / (b (C + D)) in plane stress (Lame), with C, D from the radii 1, 2, 3.
+    # For interference d and joint radius b, p = E d / (b (C + D)) (Lame, plane stress), C, D from the radii 1, 2, 3.
     pressure = 1000.0 * 2e-3 / 2.0 / ((4.0 + 1.0) / (4.0 - 1.0) + (9.0 + 4.0) / (9.0 - 4.0))
     push = 0.2 * pressure * 2.0 * np.pi * 2.0 * 20.0
     assert press_fit.reaction("hub.bottom")[-1, 1] == pytest.approx(push, rel=0.01)

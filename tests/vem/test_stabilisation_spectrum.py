@@ -53,7 +53,7 @@ def test_triangles_have_no_ratio():
     assert np.isnan(lesson.spectrum([(0, 0), (1, 0), (0, 1)])[0])
 
 
-def test_short_edges_cost_a_logarithm():
+def test_short_edges_reduce_the_least_ratio_like_a_logarithm():
     """1 / (least ratio) grows by the same amount per decade of the edge length; the greatest ratio is bounded."""
     ratios = [1e-2, 1e-3, 1e-4, 1e-5]
     found = np.array([lesson.spectrum(lesson.square_without_corner(ratio)) for ratio in ratios])

@@ -46,7 +46,7 @@ def test_errors_are_of_first_order():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, the D-recipe's error is a third larger than the default's; with `deviatoric` they are equal."""
+    """At nu = .49999, the D-recipe's error is a third larger than the default's; `deviatoric` makes them equal."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
@@ -125,7 +125,7 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 def compute_squares(history):
     """Sum the squares of "jumps", "boundary" and "stabilisation" edge by edge, without the constant c^2.
 
-    Return also the number of cells in which S_K is the larger of the two parts of "stabilisation".
+    Return also the number of cells in which the energy S_K of the form is the larger of the parts of "stabilisation".
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)

@@ -65,7 +65,7 @@ def test_quadrature_is_exact_for_degree_two_with_points_inside_cells_of_any_shap
 
 @pytest.mark.parametrize("name", [*FAMILIES, *SOLIDS])
 def test_vertices_share_the_force_on_a_cell_equally(name):
-    """Each of the n vertices of a cell K carries |K| f(centroid) / n of an affine force f."""
+    """Each of the n vertices of a cell K receives |K| f(centroid) / n of an affine force f."""
     mesh = small(name, 4) if name in FAMILIES else solid(name, 2, BOX)
     (offsets, nodes), expected = mesh.cell_nodes, np.zeros(mesh.points.shape)
     count = np.diff(offsets)

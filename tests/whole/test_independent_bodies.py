@@ -63,7 +63,7 @@ def support_lowest(rng, soft, other):
 
 
 def load_uppermost(rng, soft, name, other, free):
-    """Return a motion to and fro of the uppermost body; if it is free, a pressure, and a pull that friction bears."""
+    """Return a motion to and fro of the uppermost body; for a free body, a pressure and a pull that friction bears."""
     down, aside, rate = rng.uniform(0.01, 0.03), rng.uniform(0.005, 0.03), rng.uniform(5, 9)
     if not free:
 
@@ -137,7 +137,7 @@ def assert_agreement(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("seed", [0, 3, 12, 25])
 def test_stacks_agree_with_independent_programs(seed):
-    """In stack 25, Coulomb's fixed point passes through friction bounds that are too small to hold the middle body."""
+    """In stack 25, Coulomb's fixed-point iteration passes through bounds that are too small to hold the middle body."""
     assert_agreement(seed)
 
 

@@ -2,13 +2,16 @@
 
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
-There are two scenes: the paper's, singular where supports meet loads, and an L-shaped bracket, also singular in its
-re-entrant corner. True errors are projected energy distances to a reference. The reference is the finest adaptive mesh,
-refined until it is nowhere coarser than the finest uniform mesh. The cells that the estimator marks are then refined
-twice more. An adaptive run starts from a coarse mesh and two instants, and its seconds include all passes. Its target
-is lowered until its true error is no larger than the error of the compared uniform run. The table also has the optimum
-for cells of equal sides. If the errors e_K of cells satisfy e_K^2 = c |K|^2, the best cells have sides proportional to
-c^-1/4: a mesh of (sum e_K)^2 / E^2 such cells has the error E.
+There are two scenes. Stresses of the paper's scene (`feng_han_huang.py`) are singular where supports meet loads. An
+L-shaped bracket also has a singular re-entrant corner. A true error is the distance to a reference run in the energy
+norm, for projected displacements. The mesh of the reference is the finest adaptive mesh, refined until it is nowhere
+coarser than the finest uniform mesh. Then the cells that the estimator marks are refined, twice.
+
+An adaptive run starts from a coarse mesh and one step, and its seconds include all passes. Several targets are tried
+for each uniform run: the table has the adaptive run with the fewest unknowns whose true error is no larger than the
+error of the uniform run. The column "limit" has the number of cells of the best mesh without stretched cells, divided
+by the number of cells of the uniform mesh. If the errors e_K of cells K of the area |K| satisfy e_K^2 = c |K|^2, the
+best cells have sides proportional to c^(-1/4). A mesh of (sum e_K)^2 / E^2 such cells has the error E.
 """
 
 from __future__ import annotations
@@ -39,7 +42,10 @@ TRIES = 7
 
 @dataclass(frozen=True)
 class Study:
-    """A scene, the function that meshes it with n squares per unit, and the numbers n of its meshes."""
+    """A scene, and the function `mesh(n)` that meshes it with n squares per unit of length.
+
+    `coarse` is the n of the first adaptive mesh, `sizes` has the n of uniform meshes.
+    """
 
     name: str
     scene: vx.Scene
@@ -50,7 +56,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Run:
-    """One simulation: its history, unknowns, seconds in all, estimated and true relative error."""
+    """One simulation: its history, number of unknowns, total seconds, estimated and true relative error."""
 
     history: vx.History
     unknowns: int
@@ -77,7 +83,10 @@ def run_adaptive(run_study, target):
 
 
 def reference(run_study, run, n):
-    """Return a run on the mesh of `run`, refined to cells no larger than those of `mesh(n)`, and twice more."""
+    """Return a run on the mesh of `run`, refined to cells no larger than those of `mesh(n)`.
+
+    Then the cells with the largest estimated errors are refined, twice.
+    """
     mesh, h = run.history.mesh, run_study.mesh(n).h
     while (coarser := mesh.diameters > 1.01 * h).any():
         mesh = mesh.refine(coarser)
@@ -92,7 +101,7 @@ def measure_error(run, truth):
 
 
 def match_error(run_study, beside, truth):
-    """Return the smallest of a few adaptive runs at least as accurate as the uniform run `beside`."""
+    """Return the smallest of `TRIES` adaptive runs that is at least as accurate as the uniform run `beside`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
@@ -108,9 +117,9 @@ def match_error(run_study, beside, truth):
 
 
 def optimal_fraction(beside, run):
-    """Return the ratio of two numbers of cells at the same error: best mesh of unstretched cells, uniform mesh.
+    """Return the number of cells of the best mesh of unstretched cells, divided by the number of the uniform mesh.
 
-    The error density is taken from the adaptive run, which resolves the singular points.
+    Both meshes have the same error. Errors of cells are taken from the adaptive `run`, which resolves singular points.
     """
     return float(run.true.cells.sum() ** 2 / beside.true.absolute**2 / beside.history.mesh.n_cells)
 
@@ -120,7 +129,7 @@ def fit_slope(runs):
 
 
 def run_study(case):
-    """Return uniform runs, the two finest paired with adaptive runs, further adaptive runs, and the reference."""
+    """Return uniform runs, pairs of the two finest with adaptive runs, all adaptive runs, and the reference."""
     equal = [run_uniform(case, n) for n in case.sizes]
     finest, _ = run_adaptive(case, 1.2 * equal[-1].estimate)
     truth = reference(case, finest, case.sizes[-1])
@@ -179,7 +188,7 @@ def run_studies(sizes):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="coarser meshes, a run of seconds")
+    parser.add_argument("--small", action="store_true", help="coarser meshes: a run of a few seconds")
     parser.add_argument("--picture", type=Path, help="where to draw convergence and meshes (PNG)")
     given = parser.parse_args(arguments)
     results = run_studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))
@@ -187,11 +196,12 @@ def main(arguments=None):
     console.print(rows(results))
     for case, (equal, _, adapted, truth) in results:
         console.print(
-            f"{case.name}: orders {fit_slope(equal):.2f} uniform, {fit_slope(adapted):.2f} adaptive in the unknowns; "
+            f"{case.name}: error like unknowns^{fit_slope(equal):.2f} uniform, ^{fit_slope(adapted):.2f} adaptive; "
             f"reference of {truth.mesh.n_cells} cells, estimated error {vx.error_budget(truth, [2]).space[0]:.2%}"
         )
         parts = adapted[-1].history.seconds
-        console.print(f"    last pass: prepare {parts['prepare']:.2f} s, solve {parts['solve']:.2f} s")
+        seconds = f"prepare {parts['prepare']:.2f} s, solve {parts['solve']:.2f} s"
+        console.print(f"    last pass of the finest adaptive run: {seconds}")
     if given.picture is not None:
         picture(results).savefig(given.picture, dpi=110)
     return results

@@ -1,17 +1,16 @@
 r"""A ball in a socket, pressed from all sides and then pushed aside: the joint opens behind the ball.
 
-Ball and socket are meshed by tetrahedra: the lower halves of meshed cubes, inflated to balls. Cells of both bodies have
-the same width at the joint, so that both approximate the sphere by the same polyhedron.
+Both bodies lie below the plane x_3 = 0. They are meshed by tetrahedra: the lower halves of meshed cubes, inflated to
+half balls. Cells of both bodies have the same width at the joint, so that both approximate the sphere by the same
+polyhedron.
 
-Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p in both
-bodies and at the joint, whatever its shape. Then the grip, a square in the top of the ball, moves aside. The pressure
-rises in front of the ball and falls behind it, until the joint opens there. Where the ball slides along the socket,
-friction resists. At each instant the forces on the ball balance to rounding:
+Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p I in both
+bodies, whatever the shape of the joint. Then the grip, the middle of the flat top of the ball, moves aside. The
+pressure of the joint rises in front of the ball and falls behind the ball, until the joint opens there. Where the ball
+slides along the socket, friction resists. Let A be the area of the top of the ball outside of the grip, where p acts.
+At each instant the forces on the ball balance up to rounding:
 
-$$
-\text{sum of pressure and friction on the ball } - p (\text{area of the top}) e_3 + \text{ reaction of the grip } =
-0.
-$$
+$$ \text{sum of pressure and friction of the joint } - p A e_3 + \text{ reaction of the grip } = 0. $$
 
     vemcvx run problems/ball_in_socket.py --n 2 --steps 5 --accuracy 1e-6 --plot
 """
@@ -56,7 +55,7 @@ def scene(friction=FRICTION, aside=ASIDE):
 def inflate_cube(n, size, hollow=False):
     """Return tetrahedra of a half ball of the radius `size`: the lower half of a cube, inflated.
 
-    A hollow half ball lacks the ball of the radius `RADIUS` inside.
+    If it is `hollow`, the inner half ball of the radius `RADIUS` is left out.
     """
     made = vx.meshes.tetrahedra((2 * n, 2 * n, n), box=((-size, size), (-size, size), (-size, 0.0)))
     far, length = np.abs(made.points).max(axis=1), np.linalg.norm(made.points, axis=1)
@@ -79,13 +78,13 @@ def inflate_cube(n, size, hollow=False):
 
 
 def mesh(n, family="tetrahedra"):
-    """Return a half ball n cells deep in its socket, which is n cells thick."""
+    """Return a half ball and its socket; each is n cells thick."""
     ball, socket = inflate_cube(n, RADIUS), inflate_cube(2 * n, REACH, hollow=True)
     return vx.meshes.bodies({"ball": ball, "socket": socket})
 
 
 def times(steps):
-    """Return one step that presses, and steps that push."""
+    """Return the instants: in the first step the bodies are pressed, in the others the grip moves."""
     return np.append(0.0, np.linspace(1.0, 2.0, steps))
 
 
@@ -97,7 +96,7 @@ def joint_force(history):
 
 
 def picture(history):
-    """Draw the pushed ball in its socket, and the pressure along the joint before and after."""
+    """Draw the pushed ball in its socket, and the pressure along the joint before and after the push."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

@@ -2,7 +2,7 @@ r"""A cantilever bent by a force until its end meets a stop: from then on it is 
 
 The beam (0, L) x (0, H) is in plane stress with nu = 0 and clamped at x = 0. The force P t acts on its top at x = L/2,
 and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory with I = H^3 / 12, G = E / 2 and the
-shear factor 5/6 of a rectangle, the end deflects by
+shear factor 5/6 of a rectangle, a force P in the middle or R at the end deflects the end by
 
 $$
 \text{under } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\
@@ -10,8 +10,8 @@ $$
 $$
 
 The beam meets the stop when the first deflection equals the gap. From then on the force R of the stop keeps the end at
-the stop. Without shear deformation, R is 5/16 of the load beyond the load of first contact. The point force acts on
-one node: beam theory does not hold within about H of it.
+the stop. Without shear deformation, R is 5/16 of the part of P t that exceeds the load of first contact. The point
+force acts on one node: beam theory does not hold within about H of this node.
 
     vemcvx run problems/beam_on_a_stop.py --n 8 --steps 12 --plot
 """
@@ -59,7 +59,7 @@ def scene(gap=GAP):
 
 
 def mesh(n, family="squares"):
-    """Return a mesh whose stop is below the last cell of the bottom."""
+    """Return a mesh; its boundary `stop` is the last edge of the bottom."""
     made = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHT)))
     last = made.points[made.boundaries["bottom"]].mean(axis=1)[:, 0].max()
     return made.with_boundary("stop", lambda p: (p[:, 1] < 1e-9) & (p[:, 0] > last - 1e-9))

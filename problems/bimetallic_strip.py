@@ -1,22 +1,22 @@
 r"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, 1925).
 
-Half of a strip of length 2 L is computed; x = 0 is its middle. It has two layers of heights h1 (below) and h2 (above),
-with Young's moduli E1, E2 and expansions alpha1, alpha2, and is heated by theta. Sections stay plane, and neither a
-force nor a moment acts on them. The curvature is
+We compute half of a strip of length 2 L; x = 0 is the middle of the strip. The strip has two layers of heights h1
+(below) and h2 (above), with Young's moduli E1, E2 and expansions alpha1, alpha2, and is heated by theta. Sections stay
+plane, and neither a force nor a moment acts on them. The curvature is
 
 $$
 \kappa = 6 E_1 E_2 h_1 h_2 (h_1 + h_2) (\alpha_1 - \alpha_2) \theta \\
 \quad / (E_1^2 h_1^4 + 4 E_1 E_2 h_1^3 h_2 + 6 E_1 E_2 h_1^2 h_2^2 + 4 E_1 E_2 h_1 h_2^3 + E_2^2 h_2^4),
 $$
 
-and the end deflects by kappa L^2 / 2 against the middle. This is exact in plane stress away from the free end. Within
-a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error O((H / L)^2). Nothing
-is in contact. A soft foundation prevents a vertical translation; its force is zero, because the strip is in equilibrium
-without it.
+and the end deflects by kappa L^2 / 2 against the middle. In plane stress this curvature is exact away from the free
+end. Within a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error
+O((H / L)^2). Nothing is in contact. A soft foundation prevents a vertical translation; its force is zero, because the
+strip is in equilibrium without it.
 
-With grain=ANGLE the upper layer is wood. Its modulus is E2 along a grain at the angle a (in radians) to the strip,
-E2 / 10 across the grain, and G = E2 / 15. Young's modulus along the strip,
-1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2 with c = cos a, s = sin a, replaces E2 in the formula.
+With `--set grain=A` the upper layer is wood. Its modulus is E2 along a grain at the angle A (in radians) to the strip,
+E2 / 10 across the grain, and G = E2 / 15. With c = cos A, s = sin A, Young's modulus E of wood along the strip is given
+by 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2; it replaces E2 in the formula of the curvature.
 An oblique grain couples shear to tension. Then x = 0 is not a plane of symmetry, and the rollers there make an
 error O(H / L).
 

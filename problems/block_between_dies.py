@@ -1,13 +1,13 @@
 r"""A block between inclined dies that close along their normals: the same pressure on all dies and on the floor.
 
 A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
-these is parallel to an axis. Let c be a point of the floor. Each die closes along its own normal n by e t times the
-distance n . (x - c) of its side from c. Then
+these sides is parallel to an axis. Let c be a point of the floor, and e a rate. Each die closes along its own normal n
+by e t n . (x - c), where x is a point of its side: n . (x - c) is the distance of the side from c. Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 
-whatever the angles, because n . (x - c) is constant along a straight side, and a stress without shear needs no shear
-from smooth dies. The force on each die is p times its length, and so is the force on the floor, which is in unilateral
+whatever the angles: n . (x - c) is constant along a straight side, so that u fits the dies, and a stress without shear
+needs no friction. On each die and on the floor the force is p times the length of this side. The floor is a unilateral
 contact. The displacement is linear, hence exact on every mesh.
 
     vemcvx run problems/block_between_dies.py --mesh voronoi --n 8 --steps 4 --plot
@@ -21,7 +21,7 @@ YOUNG, POISSON, CLOSING = 100.0, 0.3, 0.02
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.5, 1.1], [0.35, 1.6]])
 FOOT = np.array([1.0, 0.0])
 DIES = {"right": 1, "top": 2, "left": 3}
-"""The number of each side, counted from the floor."""
+"""The number of each side; the floor is side 0."""
 MAGNIFIED = 5.0
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 10, "steps": 4}

@@ -1,18 +1,19 @@
 r"""A block dragged along a figure of eight: its friction has a constant magnitude and turns with the path.
 
 A block 2 x 2 x 1/2 with E = 1000, nu = 1/4 is pressed on a rigid floor with Coulomb friction, coefficient mu. A plate
-bonded to its top presses it. The plate goes down by a five-hundredth of the height, and is then dragged along
+bonded to its top presses it. Before t = 0 the plate goes down by a five-hundredth of the height. Then the plate is
+dragged along
 
 $$ U(t) = R (\sin t, \sin(2 t) / 2), \qquad 0 \le t \le 2 \pi. $$
 
-In full slip the friction on the whole sole, which transmits the force P, is
+Let P be the normal force on the sole, the bottom of the block. In full slip, the friction force on the sole is
 
 $$ F = -\mu P U' / |U'|, $$
 
-opposite to the velocity; in a step of backward Euler, opposite to the step U_n - U_{n-1}. A small effect is left out:
-the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H, the shear
-modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. Its direction differs from the
-direction of the plate's velocity by an angle O(r / R_c), with the radius of curvature R_c of the path.
+opposite to the velocity; in a step of backward Euler, opposite to the step U_n - U_{n-1}. This formula neglects a small
+effect: the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H, the
+shear modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. The directions of the velocities
+of sole and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """
@@ -33,13 +34,13 @@ def top(t):
 
 
 def friction(instants):
-    """Return the friction on the sole over P in each step, (N, 2): opposite to the step."""
+    """Return F / P in each step, (N, 2): opposite to the step."""
     steps = np.diff(top(instants), axis=0)
     return -FRICTION * steps / np.linalg.norm(steps, axis=1, keepdims=True)
 
 
 def scene(coefficient=FRICTION, crown=0.0):
-    """Return the scene; with `crown` the floor is lower by that much at a distance SIDE / 2 from its middle."""
+    """Return the scene; the floor falls off like a paraboloid, by `crown` at the distance SIDE / 2 from its middle."""
 
     def plate(x, t):
         return np.tile([*top(t), -DEPTH], (len(x), 1))
@@ -67,7 +68,7 @@ def times(steps):
 
 
 def sole_friction(history):
-    """Return the computed friction on the sole over P, (N + 1, 2)."""
+    """Return F / P as computed, (N + 1, 2)."""
     contact = history.contact
     force = np.einsum("smd,m->sd", contact.traction, contact.friction_lengths)[:, :2]
     return force / (contact.pressure @ contact.lengths)[:, None]

@@ -5,12 +5,12 @@ bilateral contact with Tresca friction, bound g = 4. On its left side acts the t
 
 $$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1, $$
 
-the paper's load on each slice, and a push along x_2. (With `aside` = 0 the problem is symmetric about x_2 = 1/2.) In
-space |v_tau| is the length of a vector of two components, and friction opposes slip in every direction.
-Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
+the paper's load on each slice x_2 = const, and a push along x_2. (With `aside` = 0 the problem is symmetric about
+x_2 = 1/2.) In space the slip velocity of a node has two components, and friction opposes slip in every direction.
+Stresses, g and f_2 are in MPa here (in the paper in daN/mm^2), lengths in mm, time in s.
 
-The loaded edge of the bottom slips first, and slip spreads to the right. The friction at a node first opposes the push;
-its direction then turns under the influence of the slip around it.
+The loaded edge of the bottom slips first, and slip spreads to the right. The friction at a node first opposes the push.
+Its direction turns when nodes around this node slip.
 
     vemcvx run problems/block_in_space.py --mesh cubes --n 12 --steps 16 --plot
 """
@@ -45,7 +45,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw which nodes of the bottom stick and slip, and the friction of all nodes in the disc of its bound."""
+    """Draw which nodes of the bottom stick and slip, and the friction vectors of all nodes in the disc of radius g."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

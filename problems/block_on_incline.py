@@ -6,9 +6,10 @@ by a growing displacement. When uphill motion impends, the horizontal force F sa
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371, $$
 
-whatever the shape, the material or the mesh: friction is mu times the pressure at every point, so that all forces add
-up to the forces on a rigid point mass. No equilibrium exists beyond that load; therefore the displacement is prescribed
-and not the force. Before the block slides, it creeps up from its pushed end; its lower edge may lift off.
+whatever the shape, the material or the mesh: when every point slips, friction is mu times the pressure at every point,
+so that all forces add up to the forces on a rigid point mass. No equilibrium exists beyond that load; therefore we
+prescribe the displacement and not the force. Before the whole block slides, slip spreads from the ends of its base,
+mainly from the pushed end.
 
     vemcvx run problems/block_on_incline.py --steps 20 --plot
 """
@@ -62,7 +63,7 @@ initial = "settled"
 
 
 def picture(history):
-    """Draw the pushed block, and its push over its weight, which stays constant once the block slides."""
+    """Draw the pushed block, and the ratio push / weight, which stays constant once the block slides."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,21 +1,22 @@
 r"""An orthotropic block sheared over a floor: it slides more easily one way than the other.
 
-The block (0, 2) x (0, 1/2), plane stress, is wood: E1 along a grain that rises at the angle `grain` from x, E2 across
-the grain. Its top is pressed down by D and then moved by U(t), back and forth. Coulomb friction, coefficient mu, acts
-on its bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of Composite Materials*, 1999, 2.6) couples
-shear to pressure by C26. With e = D / H and in the uniform state u = (a + gamma y, -e y) the tractions on the floor are
+The block (0, 2) x (0, H), H = 1/2, plane stress, is wood: E1 along a grain that rises at the angle `grain` from x, E2
+across the grain. Its top is pressed down by D and then moved by U(t), back and forth. Coulomb friction, coefficient mu,
+acts on its bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of Composite Materials*, 1999, 2.6)
+couples shear to pressure by C26. Let e = D / H. In a uniform state u = (a + gamma y, -e y) the block has the shear
+gamma and the slip a, and the tractions on the floor are
 
 $$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma. $$
 
-So a shear along the rise of the grain lowers the pressure, and a shear against it raises the pressure. |tau| = mu p at
+Here C26 > 0: a shear gamma > 0 lowers the pressure, and a shear gamma < 0 raises it. |tau| = mu p at
 
 $$
 \gamma^+ = e (\mu C_{22} + C_{26}) / (C_{66} + \mu C_{26}),
 \qquad \gamma^{-} = -e (\mu C_{22} - C_{26}) / (C_{66} - \mu C_{26}),
 $$
 
-and step by step gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this state
-act on the sides. It is linear, so virtual elements reproduce it, and its friction, on every mesh.
+and the steps are gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this
+state act on the sides. The displacement is linear, so virtual elements reproduce it and the friction on every mesh.
 
     vemcvx run problems/block_with_grain.py --mesh voronoi --n 4 --steps 48 --plot
 """
@@ -42,7 +43,7 @@ def elastic_matrix(grain=GRAIN):
 
 
 def top(t):
-    """Return how far the top is moved aside, and how far it is pressed down."""
+    """Return U(t) and D(t)."""
     return AMPLITUDE * np.interp(t, [1, 2, 4, 6], [0, 1, -1, 1]), PRESS * np.interp(t, [0, 1], [0, 1])
 
 

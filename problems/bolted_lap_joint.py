@@ -1,10 +1,10 @@
 r"""Two lapped plates clamped by two bolts, in space: the joint slips at mu times the bolt tension, then the bolts bear.
 
 Each bolt goes through a hole in both plates; it fits the hole of the lower plate and has the clearance c in the upper
-one. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened. Turning the nuts would push heads and
-plates into each other by delta, which is modelled as the gap -delta t under the heads. Then the end of the upper plate
-is moved along x. Heads, nuts and walls of the holes are smooth, so that the bolts take no shear before they touch the
-walls. At each instant, to rounding,
+hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the gap under the heads is -delta t,
+because turning the nuts shortens the shank between head and nut by delta. Then the end of the upper plate is moved
+along x. Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the walls
+of the upper holes. At each instant, up to rounding,
 
 $$
 \text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
@@ -13,7 +13,8 @@ N, \text{ which presses the plates together } = \text{ tension of the bolts } + 
 of the plates}.
 $$
 
-At friction = mu N the plates slip by c at constant pull. Then the bolts bear on the walls and transmit the rest.
+At friction = mu N the plates slip by c at constant pull. Then the bolts press on the walls and transmit the rest of the
+pull.
 
     vemcvx run problems/bolted_lap_joint.py --n 4 --steps 20 --accuracy 1e-6 --plot
 """
@@ -24,7 +25,8 @@ import vemcvx as vx
 
 YOUNG, POISSON, FRICTION = 210e3, 0.3, 0.2
 THICK, SHANK, HOLE, HEAD, HALF, END = 6.0, 3.0, 4.0, 7.0, 12.0, 42.0
-"""Thickness of a plate; radii of shank, hole and head; half the distance of the bolts; distance to the plate's end."""
+"""Thickness of a plate; radii of shank, hole and head; half the distance of the bolts; distance of a plate's end from
+the middle of the joint."""
 TIGHTENING, CLEARANCE, PULL = 0.05, 0.1, 0.16
 LAP, BOLTS = "lower|upper", ("left", "right")
 NUTS, HEADS = ([f"{plate}|{bolt}" for bolt in BOLTS] for plate in ("lower", "upper"))
@@ -82,7 +84,7 @@ def plate(n, side, heights):
 
 
 def bolt(n, x):
-    """Return shank, head and nut of a bolt, and a collar in the hole of each plate."""
+    """Return a bolt: shank, head and nut, and a collar in each hole, the only part that can touch the wall."""
     head, collar = (1.0, 1.6), (1 / 3, 2 / 3)
     parts = [tube([0.0, SHANK], n, [-1.6, -1.0, -2 / 3, -1 / 3, 0.0, 1 / 3, 2 / 3, 1.0, 1.6])]
     for radii, heights in (([SHANK, HOLE, HEAD], head), ([SHANK, HOLE], collar)):
@@ -98,7 +100,7 @@ def mesh(n, family="ring"):
 
 
 def times(steps):
-    """Return steps of which a fifth, at least one, tighten; the others pull."""
+    """Return the instants: a fifth of the steps, at least one, tighten the bolts; the others pull."""
     first = max(1, steps // 5)
     return np.append(np.linspace(0.0, 1.0, first + 1), np.linspace(1.0, 2.0, steps - first + 1)[1:])
 
@@ -114,7 +116,7 @@ def forces_on_upper_plate(history):
 
 
 def picture(history):
-    """Draw a section of the joint as the bolts bear, and the pull over the displacement of the end."""
+    """Draw a section of the joint when the bolts touch the walls, and the pull over the displacement of the end."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

@@ -1,23 +1,23 @@
 r"""An L-shaped bracket in space: stress is infinite along its re-entrant edge, and adaptive meshes recover the order.
 
-The displacement is the field of Williams in a corner of 270 degrees with free sides (J. Appl. Mech. 19, 1952) in polar
-coordinates r, phi,
+The displacement is the field of Williams in a corner of 270 degrees with free sides (J. Appl. Mech. 19, 1952). In polar
+coordinates r, f about the edge, with f = 0 on the bisector of the body,
 
 $$
-2 \mu u_r = r^a (-(a + 1) \cos(a + 1) f + C (\kappa - a) \cos(a - 1) f), \\
-2 \mu u_\phi = r^a ((a + 1) \sin(a + 1) f + C (\kappa + a) \sin(a - 1) f),
-\qquad C = -\cos(a + 1) b / \cos(a - 1) b,
+2 \mu u_r = r^a (-(a + 1) \cos((a + 1) f) + C (\kappa - a) \cos((a - 1) f)), \\
+2 \mu u_f = r^a ((a + 1) \sin((a + 1) f) + C (\kappa + a) \sin((a - 1) f)), \\
+C = -\cos((a + 1) b) / \cos((a - 1) b),
 $$
 
-with the angle f from the bisector of the body, b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin 2 a b = a.
-It is prescribed on the sides far from the edge. The ends slide in their planes. Strains are known everywhere.
+with b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin(2 a b) = a. This displacement is prescribed on the
+sides far from the edge. The ends z = const slide in their planes. Strains are known everywhere, and so is the error.
 
-Cells of size h(r) at the distance r from an edge make the squared error int r^(2a - 3) h^2 dr, and their number is
-int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for h = c r^((4 - 2a) / 5): both integrals
-then converge for a > 1/3, and the error is N^(-1/3), as for smooth fields, although cells are as short along the edge
-as across it. For the error e, adaptive meshes need e^(3/a - 3) = e^2.5 times the number of equal cells, up to a
-constant. We measured that adaptive meshes need .20 times the nodes of equal cubes at the error 19 %, and .16 times at
-17 %, although their cells are tetrahedra.
+Up to constants, cells of size h(r) at the distance r from the edge make the squared error int r^(2a - 3) h^2 dr, and
+their number N is int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for
+h = c r^((4 - 2a) / 5): then both integrals converge for a > 1/3, and the error is N^(-1/3), as for smooth fields,
+although cells are as short along the edge as across it. At the same relative error e, adaptive meshes need
+e^(3/a - 3) = e^2.5 times the number of equal cells, up to a constant. We measured that adaptive meshes need .20 times
+the nodes of equal cubes at e = 19 %, and .16 times at e = 17 %, although their cells are tetrahedra.
 
     vemcvx run problems/bracket_in_space.py --n 16 --steps 1 --plot
 """
@@ -49,7 +49,7 @@ def exact(x):
 
 
 def strain(x, t):
-    """Return strains (m, 6) at points (m, 3) by central differences, which give eight digits of a power of r."""
+    """Return strains (m, 6) at points (m, 3) by central differences, which give powers of r to eight digits."""
     step = 1e-5 * np.linalg.norm(x[:, :2] - 0.5, axis=1)[:, None]
     xx, xy = ((exact(x + step * axis) - exact(x - step * axis)).T / (2 * step[:, 0]) for axis in np.eye(3)[:2])
     none = 0.0 * xx[0]
@@ -91,7 +91,7 @@ def adapt(target):
 
 
 def picture(history):
-    """Draw the bracket on an adaptive mesh, and true errors over nodes beside the predicted powers."""
+    """Draw the bracket on an adaptive mesh, and true errors over the number of nodes N, beside the predicted powers."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

@@ -1,23 +1,24 @@
 r"""A brake pad on a disc that starts: friction that grows with speed creeps to a steady value, falling friction jumps.
 
-The pad (0, L) x (0, H) is pressed by P on the disc below it, which moves by V t. Friction per length depends on the
-speed v of slip,
+The pressure P presses the pad (0, L) x (0, H) on the disc below. The disc moves along x by V t. Friction per length
+depends on the speed v of slip,
 
 $$ g(v) = \max(\mu_0 P + c v, \mu_1 P), \qquad \mu_1 < \mu_0 . $$
 
-The back of the pad is held along x and the sides move with the compression of the pad, so that the pad is sheared
-uniformly, like a spring of the stiffness G / H per length. Its friction q sticks until G V t / H = mu_0 P, at the
-instant t_0. If friction grows (c > 0), then q = g(V - q' H / G), an exponential:
+The back (top) of the pad is held along x, and the sides move with the compression of the pad. Therefore the pad is
+sheared uniformly, like a spring of the stiffness G / H per length. The pad sticks until its friction q = G V t / H is
+mu_0 P, at the instant t_0. Then the speed of slip is V - q' H / G. If friction grows (c > 0), q = g(V - q' H / G) has
+the solution
 
 $$ q(t) = g(V) - c V e^{-(t - t_0) / \tau}, \qquad \tau = c H / G . $$
 
 Every step is a convex program, and its certificate is a bound. In the steady state, friction is g(V) on every mesh.
 
-If friction falls (c < 0), a step of uniform shear has one solution if the ratio of softening to stiffness, -c H / (G
-k) with the length k of the step, is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad
-begins to slip. On slow discs, V < (mu_0 - mu_1) P / -c, the pad then sticks again: q is a saw with the period (mu_0 -
-mu_1) P H / (G V). On faster discs, slip with mu_1 P is a second solution, which lasts. A warning names the ratio, and
-the certificate is "for the given friction": try `--set growth=-.15`.
+If friction falls (c < 0), a step of the length k has one solution (in uniform shear) if the ratio of softening to
+stiffness, -c H / (G k), is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad begins to
+slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period
+(mu_0 - mu_1) P H / (G V). On faster discs, slip at q = mu_1 P is a second solution, which lasts. Try
+`--set growth=-.15`: a warning names the ratio, and the certificate is "for the given friction".
 
     vemcvx run problems/brake_pad.py --n 4 --steps 80 --plot
 """
@@ -29,7 +30,7 @@ import vemcvx as vx
 LENGTH, HEIGHT, YOUNG = 40.0, 10.0, 200.0
 PRESSURE, AT_REST, SLIDING, GROWTH, SPEED = 2.0, 0.4, 0.3, 0.4, 1.0
 G = YOUNG / 2
-"""The shear modulus without Poisson's effect."""
+"""The shear modulus for nu = 0."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 80}
 
@@ -47,7 +48,7 @@ def friction(t, growth=GROWTH):
 
 
 def evaluate_saw():
-    """Return least and largest friction and the period of a pad whose friction falls fast, in short steps."""
+    """Return least friction, largest friction and period of the sawtooth of falling friction, in short steps."""
     low, high = SLIDING * PRESSURE, AT_REST * PRESSURE
     return low, high, (high - low) * HEIGHT / (G * SPEED)
 

@@ -1,19 +1,21 @@
-r"""A brake pad, pressed while its disc turns forward and relieved while it turns back: all cycles wear it alike.
+r"""A brake pad, pressed while its disc turns forward, relieved while it turns back: later cycles wear it alike.
 
-The disc is a ring a < r < b on a rigid hub, which rotates by the small angle phi(t). A pad lies on its rim, |x| < b sin
-alpha. Its sides are guided along y, and its flat top is pressed by P(t). Only Coulomb friction and unilateral contact
-join pad and disc. In a cycle the hub rotates forward by `ANGLE` under the full pressure, the pressure falls to a tenth,
-the hub rotates back, and the pad is pressed again. Both bodies are elastic; at first the pad sticks and is sheared.
+The disc is a ring a < r < b on a rigid hub, which rotates by the small angle phi(t). A pad lies on the rim of the disc,
+|x| < b sin alpha. The sides of the pad are guided along y, and the pressure P(t) acts on its flat top. Only Coulomb
+friction and unilateral contact join pad and disc. In a cycle the hub rotates forward by `ANGLE` under the full
+pressure, the pressure falls to a tenth, the hub rotates back, and the pad is pressed again. Both bodies are elastic; at
+first the pad sticks and is sheared.
 
-Once all of the pad slips, friction is mu p at every node, always at the radius b: the torque is mu b N, N = integral of
-p. The equilibrium of the pad along y is 2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds, with the angle
-theta measured forward from the middle of the pad. It gives N if p(theta) is known. For p_0 cos theta, as in a lining
-that has worn to fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
+Let p be the pressure between pad and disc, and N its integral over the arc. Once all of the pad slips, friction is mu p
+at every node, at the radius b: the torque is mu b N. The equilibrium of the pad along y is
+2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds, with the angle theta measured forward from the middle of
+the pad. This equation gives N if the shape of p(theta) is known. For p = p_0 cos theta, as in a lining that has worn to
+fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
 
 $$ N = 2 b \sin(\alpha) P (4 \sin \alpha) / (2 \alpha + \sin 2 \alpha), $$
 
-which is within 0.2 % of N for a uniform p; an elastic pad is close to both values. Friction dissipates energy in every
-step. From the second cycle on, it dissipates the same energy in each cycle.
+which is within 0.2 % of N for a uniform p; an elastic pad is close to both values. Friction dissipates energy while the
+hub rotates. From the second cycle on, it dissipates the same energy in each cycle.
 
     vemcvx run problems/brake_pad_on_disc.py --n 8 --steps 96 --plot
 """
@@ -44,7 +46,7 @@ def pad_pressure(t):
 
 
 def slip_torque(P):
-    """Return the torque mu b N of a pad that slips as a whole, for a pressure p_0 cos theta."""
+    """Return the torque mu b N of a pad that slips as a whole, for p = p_0 cos theta."""
     force = 2 * RIM * np.sin(ALPHA) * P
     return FRICTION * RIM * force * 4 * np.sin(ALPHA) / (2 * ALPHA + np.sin(2 * ALPHA))
 
@@ -83,7 +85,7 @@ def times(steps):
 
 
 def torque(history):
-    """Return the torque of the hub, against friction."""
+    """Return the torque of the hub on the disc, which balances friction."""
     hub = np.unique(history.mesh.boundaries["disc.inner"])
     (x, y), (fx, fy) = history.mesh.points[hub].T, np.moveaxis(history.forces[:, hub], 2, 0)
     return (fx * y - fy * x).sum(axis=1)

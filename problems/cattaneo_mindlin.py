@@ -1,15 +1,16 @@
 r"""Partial slip under a cylinder, pressed and then dragged: the contact sticks inside and slips at its edges.
 
-A tangential force Q < mu P is added to the force P of Hertz' contact. Where Dundurs' beta vanishes, pressure causes no
-slip; this is so for a rigid obstacle and a body with nu = 1/2. Then the solution of Cattaneo (1938) and Mindlin (1949)
-is a difference of two half-ellipses, of the half-width a of the contact and the half-width c of its sticking part,
+A tangential force Q < mu P is added to the force P of Hertz' contact. If Dundurs' constant beta vanishes, pressure
+alone causes no slip; beta is 0 for a rigid obstacle and a body with nu = 1/2. Then the traction of Cattaneo (1938) and
+Mindlin (1949) is a difference of two half-ellipses. Their half-widths are a, of the contact, and c, of its sticking
+part; p_0 is the largest pressure, and a root of a negative number counts as 0:
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-x^2/a^2} - \tfrac ca \sqrt{1-x^2/c^2}), \qquad c / a = \sqrt{1-Q/(\mu P)}, $$
 
 (Johnson, *Contact Mechanics*, 7.2). The top of a wide block is pressed down on the obstacle and then moved sideways
-without rotation; P and Q are measured. The block is finite: dragging it also strains its surface. As a bulk stress
-does, this moves the stick zone as a whole (Nowell and Hills, Int. J. Mech. Sci. 29, 1987), here by a/16 for all meshes
-and steps. The width of the stick zone stays.
+without rotation; P and Q are the computed forces. The block is finite, so that dragging also strains its surface. Like
+a bulk stress, this strain shifts the stick zone (Nowell and Hills, Int. J. Mech. Sci. 29, 1987), here by about a/16,
+whatever the mesh and the number of steps. The width of the stick zone does not change.
 
     vemcvx run problems/cattaneo_mindlin.py --n 20 --steps 8 --plot
 """
@@ -57,13 +58,13 @@ def mesh(n, family="graded"):
 
 
 def times(steps):
-    """Return steps of which a quarter press; the others drag."""
+    """Return the instants: a quarter of the steps press the block, the others drag it."""
     press = max(1, steps // 4)
     return np.concatenate([np.linspace(0, 1, press + 1), np.linspace(1, 2, steps - press + 1)[1:]])
 
 
 def fit_half_ellipse(x, p):
-    """Return half-width and peak of p^2 = p0^2 (1 - (x - m)^2 / a^2), least squares over the inner part; m is free."""
+    """Fit a, p0 and m in p^2 = p0^2 (1 - (x - m)^2 / a^2) where p > .35 max p, by least squares; return a and p0."""
     inner = p > 0.35 * p.max()
     curve, tilt, level = np.polyfit(x[inner], p[inner] ** 2, 2)
     top = level - tilt**2 / (4 * curve)
@@ -71,7 +72,10 @@ def fit_half_ellipse(x, p):
 
 
 def stick_half_width(history):
-    """Return c by two measures: fitted to (mu p - |q|)^2 = (mu p0 c/a)^2 (1 - x^2 / c^2), and from sticking nodes."""
+    """Return c by two measures: from a fit to the friction q, and from sticking nodes.
+
+    The fitted law is (mu p - |q|)^2 = (mu p0 c/a)^2 (1 - (x - m)^2 / c^2).
+    """
     contact = history.contact
     x, pressure = contact.points[:, 0], contact.pressure[-1]
     spare = FRICTION * pressure - np.abs(contact.traction[-1][:, 0])

@@ -4,18 +4,18 @@ The block (0, 2) x (0, 1) x (0, H), H = 1/2, with E = 1000, nu = 1/4, has the sh
 It rests in bilateral contact with Tresca friction, bound g. Its top is moved by U(t) = (U_1, U_2, 0): straight to a
 circle of radius R for t < 1, then around the circle, one turn per unit of time. On the sides act the shear tractions of
 a uniformly sheared block, so that the block is sheared uniformly: u = (a + gamma z, 0) with vectors a, gamma in the
-plane of the floor and, step by step,
+plane of the floor. The shear gamma and the slip a are, step by step,
 
 $$ \gamma_n = P((U_n - a_{n-1}) / H), \qquad a_n = U_n - \gamma_n H. $$
 
-P is the projection on the disc of radius g / mu: a play operator. With r = g H / mu < R the sole tends to the circle of
-radius sqrt(R^2 - r^2), and lags behind the top: the vector from sole to top is perpendicular to the radius of the sole.
+P is the projection on the disc of radius g / mu: the slip a is a play of U. With r = g H / mu < R the path of the sole
+tends to the circle of radius sqrt(R^2 - r^2). The sole lags behind the top: U - a is perpendicular to a.
 A turn dissipates 2 pi g A sqrt(R^2 - r^2). In steps of the angle alpha the radius of the sole's path is
 
 $$ \rho = \sqrt{R^2-r^2 \cos^2(\alpha/2)} - r \sin(\alpha / 2), $$
 
 and a turn of N steps dissipates 2 N g A rho sin(alpha/2). The displacement is linear, so virtual elements reproduce it
-on any mesh. (Two absolute values, one for each axis, in place of the disc would allow up to sqrt(2) g at 45 degrees.)
+on any mesh. (If each component of friction were bounded by g, friction of up to sqrt(2) g would be possible.)
 
     vemcvx run problems/circular_hysteresis.py --mesh voronoi3 --n 3 --steps 60
 """
@@ -93,12 +93,12 @@ def mesh(n, family="cubes"):
 
 
 def times(steps):
-    """Return as many steps for the path to the circle as for each turn."""
+    """Return the instants: the path to the circle has as many steps as each turn."""
     return np.linspace(0.0, 1.0 + TURNS, steps + 1)
 
 
 def picture(history):
-    """Draw the floor in the last step, and the circles of top and sole."""
+    """Draw the friction on the floor in the last step, and the circles of top and sole."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

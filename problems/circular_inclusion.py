@@ -1,16 +1,17 @@
 r"""A round fibre in a softer matrix: two materials, and a uniform stress inside the fibre.
 
-A large plate (plane strain, E1, nu1) with a bonded round inclusion of radius R (E2, nu2) is under the tension S along
-x. With kappa = 3 - 4 nu and m = mu2 / mu1, the field outside is the field of `plate_with_hole.py` with
+A large plate (plane strain, E1, nu1) with a bonded round fibre of radius R (E2, nu2) is under the tension S along
+x. With kappa = 3 - 4 nu and the ratio m = mu2 / mu1 of shear moduli, the solution in the matrix is the solution of
+`plate_with_hole.py` with the constants
 
 $$
 a = S R^2 / 2 (1 - m) / (1 + m \kappa_1), \qquad b = R^2 (2 d - S / 2), \qquad c = a R^2, \\
 d = m S (\kappa_1 + 1) / (4 (\kappa_2 - 1 + 2 m)),
 $$
 
-and inside sigma_xx + sigma_yy = 4 d, sigma_yy - sigma_xx = -S m (1 + kappa1) / (1 + m kappa1), sigma_xy = 0, at every
-point (Goodier, Trans. ASME 55, 1933; Eshelby 1957 for all ellipses; m = 0 is Kirsch's hole). The mesh ends at r = 4 R,
-where the displacement of that solution is prescribed. The middle of the fibre is one polygon of many sides.
+and at every point of the fibre sigma_xx + sigma_yy = 4 d, sigma_yy - sigma_xx = -S m (1 + kappa1) / (1 + m kappa1),
+sigma_xy = 0 (Goodier, Trans. ASME 55, 1933; Eshelby 1957 for all ellipses; m = 0 is Kirsch's hole). The mesh ends at
+r = 4 R, where the displacement of this solution is prescribed. The middle of the fibre is one polygon of 4n sides.
 
     vemcvx run problems/circular_inclusion.py --n 6 --steps 1 --plot
 """
@@ -26,7 +27,7 @@ SMALL = {"n": 12, "steps": 1}
 
 
 def constants(fibre=FIBRE):
-    """Return a, b, c, and the uniform stress (3,) inside."""
+    """Return a, b, c, and the uniform stress (3,) of the fibre."""
     mu1, mu2 = (E / (2 * (1 + nu)) for E, nu in (MATRIX, fibre))
     kappa1, kappa2 = 3 - 4 * MATRIX[1], 3 - 4 * fibre[1]
     m = mu2 / mu1
@@ -80,7 +81,7 @@ def picture(history):
     vx.plots.stressed_body(history, ax=body, stress="xx", window=((-2.5, 2.5), (-2.5, 2.5)), units=UNITS)
     x, sigma = history.mesh.centroids, history.stress(-1)
     angle, far = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x, axis=1)
-    ray = angle[(angle > 1e-6) & (far > RADIUS)].min()  # the ray of the first row of cells
+    ray = angle[(angle > 1e-6) & (far > RADIUS)].min()  # direction of the first row of cells
     row = np.abs(angle - ray) < 1e-6
     r, inside = np.linspace(RADIUS, REACH, 200), constants()[3]
     exact = outside(np.column_stack([r * np.cos(ray), r * np.sin(ray)]))[1]

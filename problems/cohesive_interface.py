@@ -1,18 +1,19 @@
 r"""A user-defined effect: a cohesive interface that softens; two glued blocks are pulled apart, and closed again.
 
-The blocks have heights H_1, H_2, moduli M_1, M_2 of uniaxial strain, and meshes that do not match; their sides stay
-plane. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks is rigid up to
-its strength c and flows from there on, across the interface and along it. Each place loses strength with its
-accumulated flow A: c(A) = max(c_0 (1 - A / A_c), 0). Contact keeps the opening a >= 0. The stress sigma and the opening
-obey
+The blocks have heights H_1, H_2 and moduli M_1, M_2 of uniaxial strain. Their sides stay plane, and their meshes do not
+match. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks is rigid up to
+its strength c. At this stress it flows, across the interface and along it. Each place loses strength with its
+accumulated flow A: c(A) = max(c_0 (1 - A / A_c), 0). Contact keeps the opening a >= 0. The stress is
 
-$$
-\sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2; \qquad da = (|\sigma| - c(A)) / (1 / C - c_0 / A_c)
-\qquad \text{where it flows}.
-$$
+$$ \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2. $$
 
-A step has one solution, and the blocks do not snap apart, if c_0 / A_c < 1 / C: the glue softens slowly enough. Once
-all strength is lost, the stress vanishes until the blocks touch again.
+In step n, let sigma* = (U_n - a_{n-1}) / C be the stress without flow. If |sigma*| > c(A_{n-1}) > 0, the glue flows
+
+$$ |a_n - a_{n-1}| = (|\sigma^*| - c(A_{n-1})) / (1 / C - c_0 / A_c) $$
+
+or less, if the blocks touch or all strength is lost before. A step has one solution, and the blocks do not snap apart,
+if c_0 / A_c < 1 / C: the glue softens slowly enough. Once all strength is lost, the stress vanishes until the blocks
+touch again.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """
@@ -115,7 +116,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw both blocks once the glue has flowed, and the stress over the displacement of the top."""
+    """Draw both blocks at t = 1, after the glue has flowed, and the stress over the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,17 +1,17 @@
 r"""A plug in a conical socket, pressed from all sides and twisted: the torque at which the joint slips.
 
 The joint is the part R_1 < r < R_2 of a cone whose side leans by alpha from the axis. Both bodies have the same
-material. Up to t = 1 all sides are pressed by the pressure p: the rim of the socket and the top of the plug are
-displaced by -p (1 - 2 nu) / E x, and p acts on all other sides. The stress is -p in both bodies and at the joint,
-whatever its shape. Then the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays.
-The rotation of round bodies does not change the pressure, nodes slip in circles, and the torque of full slip is
+material. Up to t = 1 the pressure p presses all sides: the rim of the socket and the top of the plug are displaced by
+-p (1 - 2 nu) / E x, and p acts on all other sides. The stress is -p I in both bodies, whatever the shape of the joint.
+Then the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round
+bodies does not change the pressure, and nodes slip in circles. The torque of full slip is
 
 $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
 
 the torque of a cone clutch under uniform pressure (Shigley, *Mechanical Engineering Design*, 16-9, with the axial force
 p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors, because nodes of one body on the chords of the other would wedge the
-rotating joint. Their layers do not match. The pressure of all nodes is p up to a relative error of (pi / 4n)^2. With
-n = 8 the torque is .64 % below the torque of the cone, because polygons replace the circles.
+rotating joint. Their layers do not match. The pressure at all nodes is p with a relative error below (pi / (4n))^2.
+With n = 8 the torque is .64 % below the torque of the cone, because polygons replace the circles.
 
     vemcvx run problems/cone_clutch.py --n 8 --steps 10 --accuracy 1e-6 --plot
 """
@@ -57,7 +57,7 @@ def scene(friction=FRICTION, angle=ANGLE):
 
 
 def lean_layers(flat, levels, inside):
-    """Return prisms over a ring that lean as the joint does: inside of the joint, or from the joint to the rim."""
+    """Return a ring extruded to prisms that lean like the joint: inside of it, or from it to the rim."""
     solid = flat.extruded(levels)
 
     r, cone = np.hypot(*solid.points[:, :2].T), SMALLER + SLOPE * solid.points[:, 2]
@@ -80,7 +80,7 @@ def mesh(n, family="ring"):
 
 
 def times(steps):
-    """Return one step that presses, and steps that rotate."""
+    """Return the instants: in the first step the bodies are pressed, in the others the plug is rotated."""
     return np.append(0.0, np.linspace(1.0, 2.0, steps))
 
 

@@ -1,9 +1,9 @@
-r"""A block on dashpots and springs: it sinks like an exponential, or creeps, and dashpots do not hold it back.
+r"""A block on dashpots and springs: it sinks exponentially or creeps; dashpots do not resist when it rises.
 
-The block (0, L) x (0, H) of the weight w per area hangs on springs of the stiffness s per length at its top, and its
-base rests on dashpots: the pressure on the base is c times the velocity into the support. It can move along y only, and
-nu = 0. Let a be the sinking of its base and p the pressure of the dashpots. At the depth H - y below the top, the
-vertical stress is w y - p, so that the top sinks by a + (p H - w H^2 / 2) / E, and forces balance:
+The block (0, L) x (0, H) of the weight w per area hangs on springs of the stiffness s per length at its top. Its base
+rests on dashpots: the pressure on the base is c times the velocity into the support. The block can move along y only,
+and nu = 0. Let a be the sinking of the base and p the pressure of the dashpots. At the height y the vertical stress is
+w y - p, so that the top sinks by a + (p H - w H^2 / 2) / E. Forces balance:
 
 $$
 s \Big( a + \frac{p H - w H^2 / 2}{E} \Big) + p = w H, \qquad p = c a', \qquad
@@ -14,8 +14,9 @@ $$
 The dashpots dissipate int c a'^2 dt = c a_inf^2 (1 - exp(-2 t / tau)) / (2 tau) per length. Without springs (`--set
 spring=0`) the block creeps at the constant speed w H / c, and all of its weight is on the dashpots.
 
-At t = 4 the weight is taken off. Dashpots resist approach only: they bear nothing, and the springs lift the block at
-once, a = 0. With squares all this is exact at nodes, up to errors O(k) of backward Euler, whose closed form is
+At t = 4 the weight is taken off. Dashpots resist approach only: now they exert no force, and the springs lift the block
+at once to a = 0. On squares, displacements of nodes are exact up to errors O(k) of backward Euler with steps of the
+length k. The steps have the closed form
 
 $$ a_n = (a_{n-1} + k a_\infty / \tau) / (1 + k / \tau) . $$
 
@@ -90,7 +91,7 @@ def measure_sinking(history):
 
 
 def picture(history):
-    """Draw the sunk block, its sinking beside the closed form, and the account of energy."""
+    """Draw the sunk block, its sinking beside the closed form, and the balance of energy."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.4, 3.4), layout="constrained")

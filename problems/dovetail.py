@@ -5,9 +5,9 @@ x > 0. The pull P(t) (1 + c z / l), -l < z < l, acts on the top of the whole bla
 pressed harder. Let N be the normal force on a flank, and T its friction force, which is directed towards the floor of
 the slot while the root slides out. Forces balance exactly:
 
-$$ N \sin b + T \cos b = P / 2, \qquad M_x = -c l P / 6, $$
+$$ N \sin b + T \cos b = P / 2, \qquad M_x = c l P / 6, $$
 
-where M_x is the moment of the forces on the flank about the x-axis.
+where M_x is the moment of the forces on the flank of the root about the x-axis.
 
 Friction is at most mu N, so that N stays between the lines of full slip,
 
@@ -62,7 +62,7 @@ def flank(y):
 
 
 def solid(x, y, layers, is_inside):
-    """Return hexahedra over a grid of lines x, y, whose right side (`is_inside`) or left side moves to the flank."""
+    """Return hexahedra over a grid of lines x, y; its right side (`is_inside`) or left side is moved to the flank."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     side = flank(y[j])
@@ -73,7 +73,7 @@ def solid(x, y, layers, is_inside):
 
 
 def mesh(n, family="hexahedra"):
-    """Return the mesh: the blade with n cells across half its neck, and the disc with cells that do not match these."""
+    """Return the mesh: the blade has n cells across half its neck; cells of blade and disc do not match."""
     across, root = np.linspace(0.0, 1.0, n + 1), np.linspace(-ROOT, 0.0, 2 * n + 1)
     blade = solid(across, np.append(root, np.linspace(0.0, BLADE, n + 1)[1:]), 2 * n, True)
     disc = solid(np.linspace(0.0, 1.0, 2 * n + 1), np.linspace(-ROOT, 0.0, 2 * n + 2), 2 * n + 1, False)

@@ -2,8 +2,8 @@
 
     python problems/effectivity.py [--small] [--picture FILE]
 
-The estimate is the sum of the three parts of `vx.error_budget`; the constant in it is the same in all cases. Each case
-has a reference for the true error:
+The estimate is the sum of the three parts of `vx.error_budget`; its constant is the same in all cases. Each case has a
+reference for the true error:
 
 - Full slip with two Poisson's ratios, where steps make no error: the closed form.
 - The paper's scene with h = k: the solution on squares of side 1/256.
@@ -37,7 +37,7 @@ NEARLY = 0.4999995
 
 @dataclass(frozen=True)
 class Found:
-    """One run: its true relative error, and its largest error budget."""
+    """One run: its true relative error, and the largest of its error budgets over time."""
 
     case: str
     family: str
@@ -53,7 +53,7 @@ class Found:
 def run_full_slip(family, n, poisson):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
-    # At poisson = .4999995 rounding alone allows certified errors of 1e-7.
+    # At poisson = .4999995 rounding limits certified errors to 1e-7.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, n + 1), solver=solver, store="last")
     true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))
@@ -67,7 +67,7 @@ def run_block(family, n, truth):
 
 
 def run_reversal(steps):
-    """Return a run that only time steps make inexact; its estimate has the part for time only."""
+    """Return a run whose errors come from time steps only; its estimate has the part for time only."""
     mesh = vx.meshes.squares(16)
     coarse, fine = (
         vx.simulate(missed_reversal.scene(), mesh, missed_reversal.times(count)) for count in (steps, 16 * steps)
@@ -122,7 +122,7 @@ def picture(found):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="coarser meshes, a run of seconds")
+    parser.add_argument("--small", action="store_true", help="coarser meshes: a run of a few seconds")
     parser.add_argument("--picture", type=Path, help="where to draw the ratios (PNG)")
     given = parser.parse_args(arguments)
     found = run_all(*(((4, 8), 64) if given.small else ((8, 16, 32), 256)))

@@ -1,22 +1,23 @@
-r"""A block that yields by the criterion of von Mises: Problem 2.1 with second-order cones.
+r"""A block that yields by the criterion of von Mises: Problem 2.1 of the paper with second-order cones.
 
-The model of `elastoplastic_truss.py` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7). The plastic
-strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
+This is the model of `elastoplastic_truss.py` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7).
+The plastic strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
 
 $$
 N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}(1, 1, -2) / \sqrt{6},
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-where N_2 has a strain out of the plane, which no plane displacement has. With the deviator s = 2 mu (dev eps - P) of
-the stress, the hardening modulus H and the yield stress sigma_y,
+where N_2 has a strain out of the plane, which no plane displacement has. Let s = 2 mu (dev eps - P) be the deviator of
+the stress, H the hardening modulus and sigma_y the yield stress. Stored energy and loss of energy per volume are
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
-\qquad |s - H P| \le R = \sqrt{2/3} \sigma_y, \qquad \text{loss} \qquad R |P'|.
+\qquad \text{loss} \qquad R |P'|, \qquad |s - H P| \le R = \sqrt{2/3} \sigma_y.
 $$
 
-On virtual elements P is constant on cells, and couples to the deviatoric strain of Pi u. For y = (u, p)
+On virtual elements P is constant on each cell K of the area |K|. It couples to the deviatoric strain of Pi u, where Pi
+is the projection on linear fields. For y = (u, p), a cell has the bilinear form a, and the block has the loss j:
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -24,16 +25,18 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-with one cone of three components per cell. The library has no plasticity: K is assembled below from its matrices.
+with p.N = P, and one cone of three components per cell for the multiplier lambda_K. The library has no plasticity: the
+stiffness matrix is assembled below from matrices of the library.
 
-**Exact on every mesh.** Under tractions on the whole boundary that belong to a uniform stress S(t), the block stays
-uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy). Each
-step is the *return mapping*
+**Exact on every mesh.** Under the tractions of a uniform stress S(t) on the whole boundary, stress and strain in the
+block are uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy)
+in the basis. Each step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
 Under shear alone, S_xy = tau, the return mapping is the play of `spring_slider_chain.py`: p_3 = play_R(sqrt 2 tau) / H,
-and gamma = tau / mu + sqrt 2 p_3 has no error in time. If the direction of s changes, backward Euler makes an error.
+and the shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone between instants. If the
+direction of s changes, backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """
@@ -66,7 +69,7 @@ class Block(NamedTuple):
 
 
 def block(mesh, stress):
-    """Return the block under tractions of the uniform stresses (N + 1, 3), (xx, yy, xy), at t = 0, 1, ..., N."""
+    """Return the block under the tractions of uniform stresses (N + 1, 3), (xx, yy, xy), at t = 0, 1, ..., N."""
     space, n = Space(mesh), mesh.n_cells
     work = stress_load(space)
     elastic = stiffness(space, np.full(n, LAM), np.full(n, MU))
@@ -86,9 +89,9 @@ def block(mesh, stress):
 
 
 def _support_unknowns(mesh):
-    """Return the numbers of three unknowns that are fixed: lower left corner, and height of the lower right corner.
+    """Return the numbers of three unknowns that are fixed: u of the lower left corner, u_y of the lower right corner.
 
-    No force arises there, because the tractions balance.
+    The reactions there are zero, because the tractions balance.
     """
     corner = np.argmin(mesh.points.sum(axis=1))
     other = np.argmax(mesh.points[:, 0] - mesh.points[:, 1])
@@ -123,7 +126,7 @@ def cell_strains(mesh, posed, trajectory):
 
 
 def picture(path, stress, p):
-    """Draw the path of the stress, and of the centre H P that follows it, in the plane of deviators."""
+    """Draw the paths of the stress s and of the centre H P of the yield surface, in the plane of deviators."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 

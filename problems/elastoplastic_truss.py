@@ -1,29 +1,31 @@
-r"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1.
+r"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1 of the paper.
 
-Bars have the strain e = G u (elongation over length), the plastic strain p, and a stored energy per volume
+Bars have the strain e = G u (elongation divided by length), the plastic strain p, the stored energy per volume and the
+stress
 
 $$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p). $$
 
-They flow while |sigma - H p| = sigma_y, in the direction of sigma - H p; each unit of |p'| dissipates sigma_y. With
-V = A L, y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and Reddy, Plasticity (2nd ed.,
-2013), chapter 7, the paper's reference [8]:
+Bars flow while |sigma - H p| = sigma_y, in the direction of sigma - H p, and dissipate sigma_y |p'| per volume. With
+the volumes V = A L of the bars, y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and
+Reddy, Plasticity (2nd ed., 2013), chapter 7, the paper's reference [8]:
 
 $$
 K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b V_b \sigma_{y,b} |q_b|,
 \qquad \text{load } = (\text{forces}, 0).
 $$
 
-The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite: it is the assumption of ellipticity.
-(Isotropic hardening adds the accumulated plastic strain k with |p'| <= k'. Then j is a seminorm on a cone and infinite
-elsewhere, and not a sum of norms w_i |B_i v|.)
+The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite, as the paper's assumption of
+ellipticity demands. (Isotropic hardening adds the accumulated plastic strain k with |p'| <= k'. Then j is finite only
+on the cone |q| <= k', and so is not a sum of norms w_i |B_i v|.)
 
 **One bar.** p = E/(E+H) play_r(e) with r = sigma_y / E (see `spring_slider_chain.py`), that is sigma = E_t e +
-(E - E_t) stop_r(e) with the tangent E_t = E H/(E+H). After loading to sigma_1 > sigma_y it yields backwards at
-sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
+(E - E_t) stop_r(e) with stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H). After loading to sigma_1 > sigma_y
+the bar yields backwards at sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
-theta to it, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is the sum of two
-functions like sigma(e) of one bar, and its inverse v(F) is a sum of plays like p(e) (L = A = 1):
+theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two
+functions of the kind sigma(e). Its slope is k_0 up to F_1, where the middle bar yields, then k_1 up to F_2, where all
+bars yield, then k_2. The inverse v(F) is a sum of plays (L = A = 1):
 
 $$
 k_0 = E (1 + 2 c^3), \qquad k_1 = E_t + 2 c^3 E, \qquad k_2 = E_t (1 + 2 c^3), \\
@@ -31,8 +33,8 @@ F_1 = k_0 r, \qquad F_2 = F_1 + k_1 (r / c^2 - r), \\
 v = F / k_0 + (1 / k_1 - 1 / k_0) \operatorname{play}_{F_1}(F) + (1 / k_2 - 1 / k_1) \operatorname{play}_{F_2}(F).
 $$
 
-Between F_1 and F_2 only the bar in the middle flows; after unloading its neighbours keep it compressed. Backward Euler
-makes no error as long as F is monotone between instants.
+Between F_1 and F_2 only the bar in the middle flows; after unloading the inclined bars keep it compressed. Backward
+Euler makes no error as long as F is monotone between instants.
 
     python problems/elastoplastic_truss.py --picture elastoplastic_truss.png
 """
@@ -49,11 +51,11 @@ from spring_slider_chain import course, march, play, sample
 YOUNG, HARDENING, YIELD = 200.0, 20.0, 1.0
 COSINE = 0.6
 TURNS = (0, 3, -3, 3, 0)
-"""Turning points of the force on three bars: all of them yield."""
+"""Turning points of the force on three bars, which makes all bars yield."""
 
 
 class Truss(NamedTuple):
-    """Bars between nodes; (m,) material data, or one number for all bars."""
+    """Bars between nodes; material data are arrays (m,), or one number for all m bars."""
 
     points: np.ndarray
     bars: np.ndarray
@@ -143,7 +145,7 @@ def girder(bays=10):
 
 
 def load_end(truss, F):
-    """Return the force F down at the end of a girder, and a third of it halfway."""
+    """Return nodal forces: F down at the free end of a girder, and F / 3 down halfway."""
     force = np.zeros((len(F), 2 * len(truss.points)))
     force[:, -1] = -F
     force[:, 2 * (len(truss.points) // 2) + 1] = -F / 3

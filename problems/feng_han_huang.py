@@ -6,11 +6,11 @@ Tresca friction with the bound g = 4 resists sliding. The top is free. On the le
 
 $$ f_2(x, t) = (8 (1.25 - x_2) t, -0.01 t), \qquad 0 \le t \le 1, $$
 
-which pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and
-u_0 = 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
+which pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and the
+block is undeformed at t = 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
 
-At first all nodes stick. After a fifth of the time the loaded corner begins to slip. Slip spreads to the right as the
-load grows, while friction points to the left at its bound. At the end nearly half of the contact slips.
+At first all nodes stick. At t = .2 the loaded corner begins to slip. Slip spreads to the right as the load grows; where
+nodes slip, friction is at its bound and points to the left. At the end nearly half of the contact slips.
 
     vemcvx run problems/feng_han_huang.py --mesh voronoi --n 24 --steps 64 --plot
 """
@@ -24,7 +24,7 @@ SMALL = {"n": 16, "steps": 32}
 
 
 def course(t):
-    """Return the load at the instant t over the load at t = 1."""
+    """Return the load at the instant t, divided by the load at t = 1."""
     return t
 
 

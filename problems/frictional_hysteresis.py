@@ -2,14 +2,14 @@ r"""A block sheared back and forth over a rough floor: stick, slip and reversal 
 
 The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 1/4, has the shear modulus mu. It rests in bilateral
 contact with Tresca friction, bound g. Its top is moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. On its sides act
-the shear tractions +-mu gamma of a uniformly sheared block, so that the block is sheared uniformly: u = (a + gamma y,
-0) with, step by step,
+the shear tractions +-mu gamma of a uniformly sheared block, so that the block is sheared uniformly:
+u = (a + gamma y, 0). The shear gamma and the slip a are, step by step,
 
 $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm g / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
 The block sticks (a is constant) while mu |gamma| < g, and slips as a whole otherwise. A closed loop of the amplitude
 U0 > g H / mu dissipates 4 g L (U0 - g H / mu). The displacement is linear, so virtual elements reproduce it on any
-mesh: every difference from it is an algebraic error.
+mesh: every difference from this closed form is an algebraic error.
 
     vemcvx run problems/frictional_hysteresis.py --mesh nonconvex --n 4 --steps 40
 """
@@ -48,7 +48,7 @@ def exact(points, instants, floor=0.0):
 
 
 def scene():
-    instants = times(25)  # gamma is linear between these: its kinks are at multiples of 1/5
+    instants = times(25)  # gamma is linear between these instants: its slope jumps at multiples of 1/5 only
     gamma, _ = exact_solution(instants)
 
     def shear(sign):

@@ -3,9 +3,10 @@
     python problems/hard_cases.py [--picture FILE]
 
 For every case the table states what is required: an answer, an answer with a warning, or a refusal in one clear
-sentence. It also states what Newton, Clarabel and OSQP did: the certified relative energy error of the worst step, its
-rounding floor, the true error if a closed form exists, iterations and seconds. A solver that misses its accuracy
-reports that it cannot solve the case. Wrong behaviour is listed at the end; the command then fails.
+sentence. The table also states what Newton, Clarabel and OSQP did: the certified relative energy error of the worst
+step, the largest rounding floor of that error, the true error if a closed form exists, the most iterations of a step,
+and seconds. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked WRONG
+below its case; the command then fails.
 """
 
 from __future__ import annotations
@@ -81,11 +82,11 @@ def count_rows(rows: Sequence[Row]) -> str:
     asked = {name: sum(f.solver == name for f in findings) for name in able}
     wrong = sum(bool(f.complaint) for f in findings)
     words = ", ".join(f"{name} does {able[name]} of {asked[name]}" for name in able)
-    return f"{len(rows)} cases; {words} and reports where it cannot; {wrong} findings are wrong"
+    return f"{len(rows)} cases; {words}; solvers report the other cases; {wrong} findings are wrong"
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw certified errors of all answered cases, solver by solver, with the requested accuracies."""
+    """Draw the certified errors of each solver in all answered cases, and the requested accuracies."""
     answered = [row for row in rows if any(np.isfinite(f.certified) for f in row[2])]
     half = (len(answered) + 1) // 2
     figure = new_figure(11.0, 0.21 * half + 1.3)

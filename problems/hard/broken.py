@@ -1,4 +1,4 @@
-"""Broken meshes, data and files: each is refused in one sentence that names the fault."""
+"""Broken meshes, data and files: each is refused in one sentence that names the fault (unused nodes: a warning)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def mesh(name, points, cells, says, must=REFUSAL):
 
 
 def file(name, suffix, says, change=lambda data: data):
-    """Return the case of a sound mesh file, changed by `change`."""
+    """Return the case of a sound mesh file whose bytes are changed by `change`, under a name with this suffix."""
 
     def make():
         with tempfile.TemporaryDirectory() as folder:
@@ -46,17 +46,17 @@ def bad(name, says, **settings):
 
 CASES = (
     mesh("a cell that crosses itself", SQUARE, [[0, 2, 1, 3]], "crosses itself"),
-    mesh("a spike", [*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], "crosses or touches itself"),
+    mesh("a cell with a spike", [*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], "crosses or touches itself"),
     mesh("cells that overlap", [*SQUARE, (0.5, 0.4)], [[0, 1, 2, 3], [0, 1, 4]], "overlap"),
     mesh("a gap of 1e-9", [*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)], [[0, 1, 2, 3], [4, 5, 6, 7]], "gap"),
     mesh("a hanging node of one cell only", [*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], BOTH[1]], "hanging nodes included"),
-    mesh("a node twice", [*SQUARE, (0, 1)], [[0, 1, 2, 3], [0, 3, 4]], "same place"),
-    mesh("a cell twice", SQUARE, [[0, 1, 2, 3], [0, 1, 2, 3]], "overlap"),
-    mesh("two vertices", SQUARE, [[0, 1]], "at least 3"),
-    mesh("no area", [(0, 0), (1, 0), (2, 0)], [[0, 1, 2]], "no area"),
+    mesh("two nodes in one place", [*SQUARE, (0, 1)], [[0, 1, 2, 3], [0, 3, 4]], "same place"),
+    mesh("a cell listed twice", SQUARE, [[0, 1, 2, 3], [0, 1, 2, 3]], "overlap"),
+    mesh("a cell of two vertices", SQUARE, [[0, 1]], "at least 3"),
+    mesh("a cell without area", [(0, 0), (1, 0), (2, 0)], [[0, 1, 2]], "no area"),
     mesh("NaN among the points", [*SQUARE[:3], (0, np.nan)], [[0, 1, 2, 3]], "must be finite"),
     mesh("infinity among the points", [*SQUARE[:3], (0, np.inf)], [[0, 1, 2, 3]], "must be finite"),
-    mesh("three coordinates", np.zeros((4, 3)), [[0, 1, 2, 3]], "(n_nodes, 2)"),
+    mesh("points in space", np.zeros((4, 3)), [[0, 1, 2, 3]], "(n_nodes, 2)"),
     mesh("node numbers that are not whole", SQUARE, [[0.0, 1.0, 2.0]], "node numbers"),
     mesh("a node that is not there", SQUARE, [[0, 1, 7]], "names node 7"),
     mesh("no cells", SQUARE, [], "at least one cell"),
@@ -67,14 +67,14 @@ CASES = (
         "belong to no cell",
     ),
     file("a file cut short", ".vtu", "mesh.vtu", lambda data: data[: len(data) // 2]),
-    file("a file of another kind", ".vtu", "mesh.vtu", lambda data: b"\x89PNG\r\n" + bytes(200)),
+    file("a .vtu file that is a picture", ".vtu", "mesh.vtu", lambda data: b"\x89PNG\r\n" + bytes(200)),
     file("an empty file", ".vtu", "mesh.vtu", lambda data: b""),
-    file("a file of no known kind", ".docx", "mesh.docx"),
+    file("a file with an unknown suffix", ".docx", "mesh.docx"),
     Case("a format that loses polygons", write_polygons_as_gmsh, REFUSAL, ".msh files do not keep polygons"),
     bad("NaN in the bound", "found NaN", bound=np.nan),
     bad("NaN in a modulus", "found NaN", young=np.where(np.arange(16) == 3, np.nan, 1.0)),
     bad("moduli of another mesh", "one per cell", young=np.ones(9)),
-    Case("NaN in the load, later", lambda: on(MESH, lambda t: np.nan if t > 0.5 else 0.0), REFUSAL, "found NaN"),
+    Case("NaN in a later load", lambda: on(MESH, lambda t: np.nan if t > 0.5 else 0.0), REFUSAL, "found NaN"),
     bad("a boundary that is not there", "no boundary named 'rihgt'", clamp="rihgt"),
     Case("repeated instants", lambda: on(MESH, times=[0, 0.5, 0.5, 1]), REFUSAL, "must increase strictly"),
     Case("decreasing instants", lambda: on(MESH, times=[0, 1, 0.5]), REFUSAL, "must increase strictly"),

@@ -1,11 +1,12 @@
 """A hard case: the required behaviour of a correct program, and the findings of a run.
 
-The certificate's claim is under test. Let u_n' be the run in which every step is solved exactly. Then
+The certificate's claim is under test. Let u_n be the answer to step n, gap_n its certified duality gap, and |.|_a the
+energy norm. Let u_n' be the answers of a run in which every step is solved exactly. Then
 
     |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + the stated rounding floors.
 
-If a case has a closed form, the left side is measured. Otherwise two solvers' answers may differ by at most the sum of
-their two bounds. A solver that misses its accuracy must report it; a solver that reports nothing must be right.
+If a case has a closed form, the left side is measured. The answers of two solvers may differ by at most the sum of
+their bounds. A solver that misses its accuracy must report it; a solver that reports nothing must be right.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from vemcvx.scene import PosedScene, pose_scene
 
 ANSWER, WARNING, REFUSAL = "answer", "answer with a warning", "refuse with an error"
 ACCURACY = 1e-6
-"""The largest relative error that the solvers below are asked for."""
+"""The requested relative error of Clarabel and OSQP."""
 SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=ACCURACY), vx.OSQP(accuracy=ACCURACY))
 ROUNDING = 1e-13
-"""Relative rounding of closed forms and of the energy norm itself."""
+"""Relative rounding error of closed forms and of the energy norm itself."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Case:
     """A further claim: returns an empty string if it holds, else the fault."""
     solvers: tuple[vx.Solver, ...] = SOLVERS
     beyond: bool = False
-    """True if doubles cannot certify the case, so that Newton, too, may report that it cannot solve it."""
+    """True if double precision cannot certify the case: then Newton, too, may report that it cannot solve the case."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Finding:
     error: float = np.nan
     """The true relative energy error, if there is a closed form."""
     allowed: float = np.nan
-    """The certified error of all steps plus floors."""
+    """The certified error of all steps plus their rounding floors."""
     iterations: int = 0
     seconds: float = 0.0
     complaint: str = ""
@@ -86,7 +87,7 @@ class Finding:
 
 
 def run(case: Case) -> list[Finding]:
-    """Return every solver's finding; complaints about a pair of solvers are added to the second."""
+    """Return every solver's finding; a complaint about two answers that differ is added to the second answer."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -103,7 +104,7 @@ def run(case: Case) -> list[Finding]:
 
 
 def make_refusal(solver: vx.Solver, error: vx.VemcvxError, seconds: float = 0.0) -> Finding:
-    """Return the finding of an error."""
+    """Return the finding for a solver that raised an error."""
     did = REFUSAL if not isinstance(error, vx.NotAccepted | vx.NotCertified) else "says it cannot"
     return Finding(solver.name, did, str(error), seconds=seconds)
 

@@ -1,4 +1,4 @@
-"""Cells: tiny edges, flat angles, needles, cells whose centroid is outside; the solution is known on all of them."""
+"""Cells: tiny edges, flat angles, needles, centroids outside of their cells; the solution is known on all meshes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def polygon_among_triangles(corners):
 
 
 def squash(aspect):
-    """Return squares squeezed to a layer of needles of the aspect ratio `aspect` along the floor."""
+    """Return seven rows of needles along the floor, with an aspect ratio of about `aspect`, and a row of tall cells."""
     nx, ny = 8, 8
     heights = np.concatenate([np.linspace(0, 0.125 * ny / aspect, ny), [1.0]])
     points = np.array([(x, y) for y in heights for x in np.linspace(0, 1, nx + 1)])

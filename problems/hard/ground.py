@@ -16,7 +16,7 @@ HYSTERESIS_STEPS = 10
 
 @cache
 def voronoi(n):
-    """Return the unit square in n x n Voronoi cells, made once."""
+    """Return the unit square in n x n Voronoi cells; the mesh is cached."""
     return vx.meshes.voronoi(n)
 
 
@@ -41,7 +41,7 @@ def block(course=cyclic, *, young=200.0, poisson=0.3, bound=4.0, clamp="right", 
 
 
 def on(mesh, course=cyclic, *, times=TIMES, **settings):
-    """Return the block on a mesh."""
+    """Return the setting of the paper's block on a mesh."""
     return Setting(block(course, **settings), mesh, times)
 
 
@@ -66,7 +66,7 @@ def fit_box(points, cells):
 
 
 def draw_cells(*rows):
-    """Return cells drawn with letters: each cell is the union of the squares with its letter, on the unit square."""
+    """Return cells of the unit square drawn with letters: each cell is the union of the squares with its letter."""
     picture = np.array([list(row) for row in rows[::-1]])
     height, width = picture.shape
     number = np.arange((width + 1) * (height + 1)).reshape(height + 1, width + 1)
@@ -84,7 +84,7 @@ def draw_cells(*rows):
 
 
 def trace_outline(follows):
-    """Return the outline, given the next node of each node."""
+    """Return the outline of a cell; `follows` has the next node of each of its nodes."""
     start = node = next(iter(follows))
     outline = []
     while not outline or node != start:

@@ -1,4 +1,4 @@
-"""Materials: nearly incompressible ones, and stiff beside soft ones."""
+"""Materials: nearly incompressible ones, and stiff ones beside soft ones."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from vemcvx.vem import Space, strains
 
 MESH = 12
 NEAR = 0.4999
-"""The largest Poisson's ratio at which answers are certified to 1e-8 here."""
+"""The largest of the Poisson's ratios below at which answers are certified to 1e-8."""
 
 
 def strain_error(history, poisson):
-    """Return the relative error of Pi u in the mu part of the energy, at the centroids."""
+    """Return the relative error of the strains of Pi u at centroids, in the part of the energy with mu."""
     mesh = history.mesh
     x, y = mesh.centroids.T
     exact = full_slip.strain(x, y, 1.0, full_slip.lame(poisson))

@@ -1,4 +1,4 @@
-"""Solvers: limits, absence, failure in the middle of a run, and steps in which nothing happens."""
+"""Solvers: limits of iterations and time, missing solvers, failure in the middle of a run, steps without motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CANNOT = "says it cannot"
 
 @dataclass(frozen=True)
 class Unreliable(vx.Newton):
-    """A solver that returns a wrong solution with status "solved" from its fourth call on."""
+    """A solver that from its fourth call on returns wrong solutions with the status "solved"."""
 
     @property
     def name(self):
@@ -39,7 +39,7 @@ def setting_with_check(case_times=TIMES, **more):
 
 
 def resting_load():
-    """Return a load that changes in every fourth step only: in other steps nothing moves by more than the accuracy."""
+    """Return a load that changes in every fourth step only: otherwise nothing may move by more than the accuracy."""
     return on(MESH, lambda t: np.floor(4 * t), times=np.linspace(0, 1, 17))
 
 
@@ -49,12 +49,12 @@ def rests(setting, history):
     return (
         ""
         if list(np.flatnonzero(moved) + 1) == [4, 8, 12, 16]
-        else f"it moves in the steps {np.flatnonzero(moved) + 1}"
+        else f"the body moves in the steps {np.flatnonzero(moved) + 1}"
     )
 
 
-def all_but_one_degenerate():
-    """Return a case in which every term is at its bound and none slips: |lam| = w and s = 0 at once."""
+def all_degenerate():
+    """Return a case in which the friction of every node is at its bound although no node slips."""
     from hard.friction import at_the_threshold
 
     return at_the_threshold()
@@ -86,14 +86,14 @@ CASES = (
         solvers=(vx.OSQP(options={"max_iter": 10}),),
     ),
     Case(
-        "a solver that is not there",
+        "a solver that is not installed",
         setting_with_check(),
         CANNOT,
         "cvxpy does not find it",
         solvers=(vx.ThroughCvxpy("MOSEKK"),),
     ),
-    Case("one that fails in the fourth step", setting_with_check(), CANNOT, "step 4", solvers=(Unreliable(),)),
-    Case("one that takes no friction", setting_with_check(), CANNOT, "does not accept", solvers=(vx.Direct(),)),
+    Case("a solver that fails in the fourth step", setting_with_check(), CANNOT, "step 4", solvers=(Unreliable(),)),
+    Case("a solver that accepts no friction", setting_with_check(), CANNOT, "does not accept", solvers=(vx.Direct(),)),
     Case(
         "accuracy beyond rounding",
         setting_with_check(),
@@ -102,5 +102,5 @@ CASES = (
         solvers=(vx.Clarabel(accuracy=1e-15),),
     ),
     Case("loads that rest", resting_load, holds=rests),
-    Case("all terms at their bound, none slipping", all_but_one_degenerate),
+    Case("all terms at their bound, none slipping", all_degenerate),
 )

@@ -1,4 +1,4 @@
-"""Supports: hardly any, none but friction, none at all; bodies in two parts and bodies with hinges."""
+"""Supports: a short clamp, friction alone, no support at all; bodies in two parts and bodies with hinges."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def is_balanced(setting, history):
     return "" if left <= 1e-5 * 3.8 else f"friction is {left:.1e} off balance"
 
 
-def one_node():
+def clamp_one_edge():
     """Return a body clamped at the two nodes of one edge."""
     mesh = vx.meshes.squares(10).with_boundary("spot", lambda x: (x[:, 0] > 0.999) & (x[:, 1] > 0.9))
     return on(mesh, clamp="spot")
@@ -77,7 +77,7 @@ CASES = (
     Case(
         "no support at all", lambda: on(MESH, clamp=None, contact=None, bound=None), REFUSAL, "its loads do not balance"
     ),
-    Case("a clamp of one edge", one_node),
+    Case("a clamp of one edge", clamp_one_edge),
     Case("a second part without support", parts, REFUSAL, "part 2 of 2 of the body floats"),
     Case("two parts, both held", lambda: parts(clamp=["right", "second"])),
     Case("a hinge", hinge, REFUSAL, "about hinges"),

@@ -22,7 +22,7 @@ def pulse(t):
 
 
 def stays(setting, history):
-    """Return a fault unless residual stresses stay after the release, and nothing changes any more."""
+    """Return a fault unless residual stresses remain after the load is gone, and nothing changes any more."""
     late = np.flatnonzero(TIMES >= 0.75)
     moved = np.abs(history.displacement[late] - history.displacement[late[0]]).max()
     still = moved <= ACCURACY * np.abs(history.displacement).max()
@@ -34,13 +34,13 @@ def tiny_steps(t):
 
 
 def increments_have_digits(setting, history):
-    """Return a fault unless sticking steps of 1e-10 of the load have the shape of the linear solution."""
+    """Return a fault unless the increments in sticking steps of 1e-10 of the load are proportional to each other."""
     if "Newton" not in history.solver:
         return ""
     steps = np.diff(history.displacement[1:], axis=0)
     linear = steps[0] / np.abs(steps[0]).max()
     worst = max(np.abs(step / np.abs(step).max() - linear).max() for step in steps)
-    # The displacement itself is stored to 16 digits, of which a step of 1e-10 leaves six.
+    # Displacements are stored to 16 digits, so that increments of 1e-10 times the displacement have six.
     return "" if worst < 1e-4 else f"increments differ by {worst:.1e}"
 
 

@@ -48,7 +48,7 @@ def solve_plain(name):
 
 
 def plain(history):
-    """Return the history of the same solver in plain units."""
+    """Return the history that the same solver computes in the units of the paper."""
     return solve_plain(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
 
 

@@ -29,7 +29,7 @@ bound = norm(tau - force(v))
 
 # %% [markdown]
 # **1.** $\sigma$ lies on the circle whose diameter joins $\mathbb C\,\varepsilon(v)$ and $\tau$. The mean of both
-# fields is its centre, so the distance of $\sigma$ to the mean is the radius, half the bound.
+# fields is the centre, so the distance of $\sigma$ from the mean is the radius, half the bound.
 
 # %%
 mean = 0.5 * (tau + force(v))
@@ -37,9 +37,9 @@ print(f"the error of the mean is {norm(sigma - mean):.6f}, half the bound is {0.
 assert abs(norm(sigma - mean) - 0.5 * bound) < 1e-12 * bound
 
 # %% [markdown]
-# **2.** The difference of the two energies is half the square of the diameter:
+# **2.** The difference of both energies is half the squared diameter of the circle:
 # $\tfrac12 |v|^2 - f^T v + \tfrac12 |\tau|^2 = \tfrac12 |\delta|^2$ with $\delta = \tau - \mathbb C\,\varepsilon(v)$,
-# because $f^T v = \tau^T \varepsilon(v)$. So the duality gap of lesson 6 is half the squared diameter of the circle.
+# because $f^T v = \tau^T \varepsilon(v)$. So without friction the duality gap of lesson 6 is $\tfrac12 |\delta|^2$.
 
 # %%
 above, below = 0.5 * v @ K @ v - f @ v, -0.5 * norm(tau) ** 2
@@ -48,9 +48,9 @@ assert below < 0.5 * u @ K @ u - f @ u < above
 assert abs(above - below - 0.5 * bound**2) < 1e-10
 
 # %% [markdown]
-# **3.** Add a combination of all states without a load, and minimise $|\delta|$: a least-squares problem. For a net
-# there are finitely many such states. With all of them the bound becomes the error itself. A continuum has infinitely
-# many, and one takes the states of a mesh.
+# **3.** Add a combination of states without a load that minimises $|\delta|$. This is a least-squares problem. A net
+# has finitely many independent states of this kind, and with all of them the bound becomes the error itself. A
+# continuum has infinitely many, and one takes the states of a mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)
@@ -63,8 +63,8 @@ assert better < bound
 # %% [markdown]
 # **4.** Keep only the terms of some nodes in the sum, and divide by the smallest reserve $w_i - |\lambda_i|$ of these
 # nodes. This bounds the sum of their slips. So the *size* of the slips is certainly small. It is not certain that a
-# node sticks, because a slip of any small size is possible. In a net one could also bound $|\lambda_i|$ node by node;
-# in a continuum an error bound in energy bounds no traction at a point.
+# node sticks, because a slip of any small size is possible. In a net one could also bound the friction of the solution
+# node by node; in a continuum a bound in the energy norm bounds no traction at a point.
 
 # %%
 w = np.full(free, 0.8)

@@ -3,30 +3,32 @@
 
 # %% [markdown]
 # *You need:* energy norms and weak forms; the gap of a step (lesson 6); error estimates (lesson 7). *You will see:* a
-# bound of the error from any two admissible fields, good or bad, without the solution. Friction changes the bound, and
-# `vx.error_bound` computes it for a body and for a displacement that one may measure.
+# bound of the error from any two admissible fields, good or bad, without the solution. Friction changes the bound.
+# `vx.error_bound` computes the bound for a body, and for a displacement that one may measure.
 #
-# A certificate (lesson 6) bounds the distance of an answer to the best one *on its mesh*. A residual estimate measures
-# the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is needed.
+# A certificate (lesson 6) bounds the distance of an answer to the best answer *on its mesh*. A residual estimate
+# measures the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is
+# needed.
 #
 # ## 1. A net of springs
 #
-# A net of springs is held at its left side, and its nodes move out of the plane by $u_i$. A spring from $i$ to $j$ is
-# stretched by $\varepsilon = u_i - u_j$. In all springs the stretches $\varepsilon(u)$ cause the forces
+# A net of springs is held along one side, and its nodes move out of the plane by $u_i$. A spring from $i$ to $j$ is
+# stretched by $u_i - u_j$. The vector $\varepsilon(u)$ of all stretches causes the forces $\sigma$, which balance the
+# load $f$:
 #
-# $$\sigma = \mathbb C\, \varepsilon(u), \qquad \varepsilon^T \sigma = f,$$
+# $$\sigma = \mathbb C\, \varepsilon(u), \qquad \varepsilon^T \sigma = f.$$
 #
-# where $\mathbb C$ contains the stiffnesses of the springs, and the matrix $\varepsilon^T$ sums up the forces at each
+# Here $\mathbb C$ contains the stiffnesses of the springs, and the matrix $\varepsilon^T$ sums up the forces at each
 # node. The stiffness matrix of the net is $K = \varepsilon^T \mathbb C\, \varepsilon$. There are two sets of admissible
 # fields:
 #
 # $$\begin{gathered} \text{displacements } v \text{ that are zero where the net is held,} \\
 # \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f . \end{gathered}$$
 #
-# Displacements need no equilibrium, and forces need no displacement. Fields of both kinds are easy to find. The
-# solution $u$ with $\sigma = \mathbb C\, \varepsilon(u)$ belongs to both sets. Norms of forces are
-# $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, norms of displacements $|v|^2 = v^T K v$. So
-# $|v| = |\mathbb C\, \varepsilon(v)|$.
+# Displacements need no equilibrium, and forces need no displacement. Fields of both kinds are easy to find. Only the
+# solution belongs to both sets: $u$ is an admissible displacement, and $\sigma = \mathbb C\, \varepsilon(u)$ are
+# admissible forces. The norm of forces is $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, the norm of displacements is
+# $|v|^2 = v^T K v$. So $|v| = |\mathbb C\, \varepsilon(v)|$.
 
 # %%
 import cvxpy as cp
@@ -63,7 +65,7 @@ def norm(tau):
     return np.sqrt(np.sum(tau**2 / C))
 
 
-unloaded = np.linalg.svd(stretch.T)[2][len(u) :]  # forces in equilibrium without a load, one state per row
+unloaded = np.linalg.svd(stretch.T)[2][len(u) :]  # states of force without a load, one per row
 
 
 def admissible(scale_v, scale_tau):
@@ -79,9 +81,9 @@ assert np.allclose(stretch.T @ tau, f)
 # %% [markdown]
 # ## 2. The circle
 #
-# The difference of two admissible forces, $\sigma - \tau$, is in equilibrium without a load, and does no work on any
-# admissible displacement. So $\sigma - \tau$ and $\mathbb C\, \varepsilon(u - v)$ are orthogonal in the norm of forces.
-# Pythagoras' theorem says
+# The difference of two admissible forces, $\sigma - \tau$, is in equilibrium without a load. Such forces do no work on
+# any admissible displacement, so $\sigma - \tau$ and $\mathbb C\, \varepsilon(u - v)$ are orthogonal in the norm of
+# forces. Pythagoras' theorem says
 #
 # $$|u - v|^2 + |\sigma - \tau|^2 = |\delta|^2, \qquad \delta = \tau - \mathbb C\, \varepsilon(v) .$$
 #
@@ -133,8 +135,8 @@ _figure
 #
 # <details><summary>Answer</summary>
 #
-# The bound is the hypotenuse, and the errors of $v$ and $\tau$ are the legs of a right triangle. So the bound is close
-# if the error of $\tau$ is small. A bad $\tau$ never makes the bound wrong, but makes it large. If both legs are equal,
+# The bound is the hypotenuse of a right triangle whose legs are the errors of $v$ and $\tau$. So the bound is close if
+# the error of $\tau$ is small. A bad $\tau$ never makes the bound wrong, but makes it large. If both legs are equal,
 # the bound is $\sqrt 2$ times the error. For a bound of 1.1 times the error, the error of $\tau$ must be less than half
 # of the error of $v$. So more work on $\tau$ improves the bound, and one may stop at any time.
 #
@@ -144,10 +146,10 @@ _figure
 #
 # We are interested in one quantity, the displacement of one node, $Q(u) = u_i$. Let $z$ be the solution of the same net
 # under a unit force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a circle of its
-# own. Products of forces are $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
-# $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$ is a product of two forces, one on each
-# circle. Let $\delta_z$ be the difference $\delta$ for $z$. The centres of both circles give a value $m$, and the radii
-# bound the deviation:
+# own. The product of two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
+# $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$. The force $\sigma$ lies on the first
+# circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let $\delta_z$ be the difference $\delta$ for $z$. The
+# centres of both circles give a value $m$, and the radii bound the deviation:
 #
 # $$\begin{gathered} \big|\, Q(u) - m \,\big| \le \tfrac12\, |\delta|\,|\delta_z| , \\
 # m = Q(v) + f^T v_z - (\mathbb C\,\varepsilon(v), \mathbb C\,\varepsilon(v_z)) + \tfrac12 (\delta, \delta_z) .
@@ -173,15 +175,16 @@ for _scale in (0.4, 0.2, 0.1, 0.05):
     widths.append(0.5 * norm(_delta) * norm(_delta_z))
     print(f"errors of size {_scale}: u_i = {u[node]:.4f} lies in {_m:.4f} ± {widths[-1]:.4f}")
     assert abs(u[node] - _m) <= widths[-1]
-# Half the error of the fields leads to a quarter of the interval.
+# If the errors of the fields are halved, the interval has about a quarter of its length.
 assert widths[0] / widths[-1] > 40
 
 # %% [markdown]
 # ## 4. Friction
 #
 # Now friction acts at every node, with the bounds $w_i$: $u$ minimises $\tfrac12 v^T K v - f^T v + \sum_i w_i |v_i|$.
-# Admissible forces come with a friction $|\lambda_i| \le w_i$ and satisfy $\varepsilon^T \tau = f - \lambda$. The
-# deviation from the friction law adds a term $\Phi$, which lesson 6 has in its gap:
+# Admissible forces $\tau$ come with friction forces $|\lambda_i| \le w_i$ and satisfy
+# $\varepsilon^T \tau = f - \lambda$. The deviation from the friction law adds a term $\Phi$, which lesson 6 has in its
+# gap:
 #
 # $$\Phi = \sum_i (w_i |v_i| - \lambda_i v_i) \;\ge\; 0 , \qquad
 #   |u - v|^2 \le (\delta,\, \mathbb C\,\varepsilon(u - v)) + \Phi .$$
@@ -190,7 +193,8 @@ assert widths[0] / widths[-1] > 40
 #
 # $$|u - v| \le \tfrac12 |\delta| + \sqrt{\tfrac14 |\delta|^2 + \Phi} .$$
 #
-# The circle has become a ball: the solution lies on its surface or inside.
+# The circle has become a ball with the same centre and with this root as its radius. The solution lies on its surface
+# or inside.
 
 # %%
 w = rng.uniform(0.2, 1.0, len(u))
@@ -207,12 +211,12 @@ for _scale in np.repeat([0.01, 0.1, 1.0], 20):
     ratios.append((_diameter / 2 + np.sqrt(_diameter**2 / 4 + _phi)) / norm(force(exact - _v)))
 n_stick = np.sum(np.abs(exact) < 1e-6)
 print(f"{n_stick} of {len(u)} nodes stick; bound over error {min(ratios):.2f} ... {max(ratios):.2f}")
-# Clarabel's own error is below a millionth.
+# The error of Clarabel's answer is below a millionth.
 assert min(ratios) > 1.0 - 1e-4
 assert min(ratios) < 1.5  # good pairs have good bounds
 
 # %% [markdown]
-# **Question:** Which friction $\lambda$ makes $\Phi = 0$? Why is this not always the best choice?
+# **Question:** Which friction $\lambda$ makes $\Phi = 0$? Why is this $\lambda$ not always the best choice?
 #
 # <details><summary>Answer</summary>
 #
@@ -225,13 +229,14 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 #
 # ## 5. A body
 #
-# A finite element mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. They are
-# polynomials on the triangles of every cell, their tractions agree across edges, and they satisfy
+# A mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. They are polynomials on
+# the triangles into which every cell is split, their tractions agree across edges, and with the body force $f$ they
+# satisfy
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #
-# The function `vx.error_bound` computes the best such stresses of a certain polynomial degree. The bound compares with
-# the solution for the *body*, not with the solution on the mesh.
+# The function `vx.error_bound` computes the best such stresses of a certain polynomial degree. It bounds the distance
+# to the solution for the *body*, not to the solution on the mesh.
 
 # %%
 
@@ -263,11 +268,12 @@ assert max(one.low for _, one in bounds.values()) < min(one.high for _, one in b
 assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 
 # %% [markdown]
-# The error is known within a few per cent from both sides, without a finer mesh. The interval of the mean assumes
-# nothing about which nodes stick and which slip; with friction this makes the interval wider.
+# The error, in the energy norm, is known from both sides without a finer mesh. For $n = 12$ the upper bound is 14 per
+# cent above the lower bound. The interval of the mean assumes nothing about which nodes stick and which slip; this
+# makes the interval wider than it would be without friction.
 #
-# **Question:** A colleague's residual estimate for $n = 12$ is 0.018, and the lower bound is 0.022. Which of them is
-# right?
+# **Question:** A colleague's residual estimate of the error for $n = 12$ is 0.018, and the lower bound is 0.022. Which
+# of them is right?
 #
 # <details><summary>Answer</summary>
 #
@@ -282,8 +288,9 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 # 1. Show that the error of the mean of both fields, $\tfrac12(\tau + \mathbb C\,\varepsilon(v))$, is exactly half the
 #    bound, and check it.
 # 2. The complementary energy $-\tfrac12 |\tau|^2$ is below the least energy $\tfrac12 |u|^2 - f^T u$, and the energy of
-#    any $v$ is above. How are these two energies related to the circle?
-# 3. Improve a bad $\tau$: add the state of force without a load that makes the bound smallest. What remains?
+#    any $v$ is above the least energy. How are these two energies related to the circle?
+# 3. Improve a bad $\tau$: add the state of force without a load that makes the bound smallest. How large is the bound
+#    then?
 # 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. Which
 #    statement about nodes that seem to stick is certain, and which is not?
 #

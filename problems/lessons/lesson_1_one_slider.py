@@ -5,8 +5,8 @@
 # *You need:* convex functions of one variable, and their derivatives. *You will see:* an inequality where you expect an
 # equation, a convex program with the same solution, and its dual, whose unknown is the force of friction.
 #
-# A block on a rough table is attached to a spring and pulled by a force. The problem has one unknown, and yet all that
-# makes frictional contact special.
+# A block on a rough table is attached to a spring and pulled by a force. The problem has only one unknown, but it has
+# everything that makes frictional contact special.
 #
 # Equation numbers refer to Feng, Han and Huang, *A virtual element method for a quasistatic frictional contact
 # problem*. Run the cells in order; every cell asserts what its text claims.
@@ -19,14 +19,15 @@ import numpy as np
 # ## 1. The inequality
 #
 # The block is at the position $u$; at $u = 0$ the spring is relaxed, and its stiffness is $K$. A force $f(t)$ pulls the
-# block; friction takes the part $\lambda$ of this force, at most the *friction bound* $w$. **Question:** the block
-# rests at $u = 0$, and the pull grows slowly from zero. What is $\lambda$ before the block moves?
+# block. Friction takes the part $\lambda$ of this force, and $|\lambda|$ is at most the *friction bound* $w$.
+# **Question:** the block rests at $u = 0$, and the pull grows slowly from zero. What is $\lambda$ before the block
+# moves?
 #
 # <details><summary>Answer</summary>
 #
-# The block rests at $u = 0$ and the spring carries no force, so friction takes the whole pull: $\lambda = f$. It can do
-# so while $|f| \le w$. At rest the force of friction is therefore not given by the position or the velocity, but by the
-# balance of forces.
+# The block rests at $u = 0$ and the spring carries no force, so friction takes the whole pull: $\lambda = f$. Friction
+# can do so while $|f| \le w$. At rest the force of friction is therefore not given by the position or the velocity, but
+# by the balance of forces.
 #
 # </details>
 
@@ -71,7 +72,7 @@ block_and_spring()
 # conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function $j(v) = w|v|$.
 # This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
 #
-# $$j(v) \ge j(\dot u) + \lambda\,(v - \dot u) \qquad \text{for all } v.$$
+# $$j(v) \ge j(\dot u) + \lambda\,(v - \dot u) \qquad \text{for all velocities } v.$$
 #
 # Insert $\lambda = f - Ku$, and the force of friction is eliminated. The result is the variational inequality (2.3) of
 # the paper, with $a(u, v) = Kuv$:
@@ -82,7 +83,8 @@ block_and_spring()
 # ## 2. One step in time, and the program
 #
 # Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, where $u_{prev}$ is the position one time step $k$ earlier.
-# Rename $u_{prev} + kv$ to $v$; lesson 4 shows why $k$ then cancels. The inequality (2.34) of one step is
+# Rename $u_{prev} + kv$ to $v$, which is then a position; lesson 4 shows why $k$ cancels. The inequality (2.34) of one
+# step is
 #
 # $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #
@@ -90,13 +92,13 @@ block_and_spring()
 #
 # $$P(u) = \tfrac12 K u^2 - f u + w\,|u - u_{prev}|,$$
 #
-# a parabola plus a kink at the old position. *Proof.* $P$ is convex, so $u$ is its minimiser if and only if zero is a
-# subgradient of $P$ at $u$. Equivalently, $f - Ku$ is a subgradient of $w|\cdot - u_{prev}|$ at $u$, and this is the
-# inequality. $\square$
+# a parabola plus a term with a kink at the old position. *Proof.* $P$ is convex, so $u$ is its minimiser if and only if
+# zero is a subgradient of $P$ at $u$. Equivalently, $f - Ku$ is a subgradient of $w|\cdot - u_{prev}|$ at $u$, and this
+# is the inequality. $\square$
 #
-# The minimum lies at the kink, and the block sticks, or it lies where the derivative on one side of the kink vanishes.
-# To the right of the kink it vanishes at $u = (f - w)/K$, to the left at $u = (f + w)/K$. In all three cases the new
-# position is the old one, clipped to the interval between these two:
+# If the minimum lies at the kink, the block sticks. Otherwise the minimum lies where the derivative of $P$ vanishes: at
+# $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases the new position is
+# the old one, clipped to the interval between these two positions:
 #
 # $$u = \mathrm{clip}\Bigl(u_{prev},\; \frac{f - w}{K},\; \frac{f + w}{K}\Bigr).$$
 
@@ -115,7 +117,8 @@ def step_by_hand(u_prev, f):
 
 # %% [markdown]
 # Does the clip minimise $P$, and does it solve the inequality? We compare it with 8001 other positions $v$. Both sides
-# are sums of a few numbers below 100, each rounded to 1e-16 of its size. So differences below 1e-13 are rounding.
+# of each comparison are sums of a few numbers below 100, each rounded to 1e-16 of its size. So differences below 1e-13
+# are rounding.
 
 # %%
 others = np.linspace(-4.0, 4.0, 8001)
@@ -133,7 +136,7 @@ def solves_the_inequality(u, u_prev, f):
 cases = [(u_prev, f) for u_prev in (-1.0, 0.0, 0.7) for f in (-3.0, -0.4, 0.0, 1.9)]
 assert all(is_minimum(step_by_hand(*case), *case) for case in cases)
 assert all(solves_the_inequality(step_by_hand(*case), *case) for case in cases)
-# The tests can fail: a position that is wrong by a hundredth passes neither.
+# Both tests can fail: a position that is wrong by 0.01 passes neither of them.
 assert not any(is_minimum(step_by_hand(*case) + 0.01, *case) for case in cases)
 assert not any(solves_the_inequality(step_by_hand(*case) + 0.01, *case) for case in cases)
 print(f"{len(cases)} steps by hand minimise the energy and solve the inequality")
@@ -173,18 +176,19 @@ energies((0.0, 0.8, 2.6))
 # %% [markdown]
 # ## 3. The dual
 #
-# The kink is a maximum of linear functions: with the slip $s = u - u_{prev}$ of the step,
+# The term with the kink is a maximum of linear functions: with the slip $s = u - u_{prev}$ of the step,
 #
 # $$w|s| = \max_{|\lambda| \le w} \lambda s .$$
 #
 # So the program is a minimum over $u$ of a maximum over $\lambda$. We may exchange the two, because the function is
-# convex in $u$ and linear in $\lambda$, and because the set of the $\lambda$ is bounded:
+# convex in $u$ and linear in $\lambda$, and because the interval of the admissible $\lambda$ is closed and bounded:
 #
 # $$\begin{aligned} & \min_u \max_{|\lambda| \le w} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev}) \\
 #   =\; & \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}. \end{aligned}$$
 #
-# The inner minimum is now smooth, and it lies where $K u = f - \lambda$. **The multiplier is the force that friction
-# takes**, the $\lambda$ of section 1. Insert this $u$, and a function of $\lambda$ remains, the *dual energy*
+# The inner function of $u$ is now smooth, and its minimum lies where $K u = f - \lambda$. **The multiplier is the force
+# that friction takes**, the $\lambda$ of section 1. Insert this $u$, and a function of $\lambda$ remains, the *dual
+# energy*
 #
 # $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le w.$$
 #
@@ -215,12 +219,12 @@ print("in all cases: balance of forces, complementarity, and equal values of bot
 # ## 4. Any guess of the force bounds the energy from below
 #
 # For *every* $u$ and every $|\lambda| \le w$ we have $D(\lambda) \le P(u)$: a minimum of maxima is at least the maximum
-# of minima. The difference $P(u) - D(\lambda)$ is the **gap**. It is zero at the solution $u^*$, and it bounds the
-# distance to $u^*$:
+# of minima. The difference $P(u) - D(\lambda)$ is the **gap**. The gap is zero if $u$ and $\lambda$ solve their
+# programs, and it bounds the distance to the solution $u^*$:
 #
 # $$\tfrac12 K (u - u^*)^2 \;\le\; P(u) - P(u^*) \;\le\; P(u) - D(\lambda).$$
 #
-# The first inequality holds because $P$ is $\tfrac12 Ku^2$ plus a convex function, so it grows at least like this
+# The first inequality holds because $P$ is $\tfrac12 Ku^2$ plus a convex function. So $P$ grows at least like this
 # parabola away from its minimum. The right side does not contain $u^*$. This is the main idea of the package: every
 # answer comes with a $\lambda$, and the gap certifies the answer, whichever solver computed it. Lesson 6 continues
 # here.
@@ -236,7 +240,7 @@ print(f"{len(guesses)} guesses of position and force: the gap bounds the error o
 # %% [markdown]
 # The picture shows both programs on one energy scale: $P$ over positions on the left, $D$ over forces on the right. The
 # minimum of $P$ is as high as the maximum of $D$. **Question:** the block sticks in the upper row and slips in the
-# lower one. How does the graph of $D$ show this?
+# lower row. How does the graph of $D$ show this?
 #
 # <details><summary>Answer</summary>
 #

@@ -16,7 +16,7 @@ def step(u_prev, f, bound=w):
 
 # %% [markdown]
 # **1.** The block stays while $(f - w)/K \le 0.7 \le (f + w)/K$, that is for $|f - 0.7 K| \le w$: for pulls from 0.4 to
-# 2.4. At the two ends it stays as well; a thousandth beyond them it moves.
+# 2.4, both included. Pulls of 0.399 and of 2.401 move the block.
 
 # %%
 inside, beyond = (0.4 + 1e-3, 1.0, 2.4 - 1e-3), (0.4 - 1e-3, 2.4 + 1e-3)
@@ -53,7 +53,7 @@ assert abs(gap - sum(terms)).max() < 1e-14
 # **4.** Friction depends on the slip relative to the table, $s = u - u_{prev} - \Delta$. So $u_{prev} + \Delta$
 # replaces $u_{prev}$ in $P$, in the clip and in $D$. The belt carries the block along while
 # $(f - w)/K \le u_{prev} + \Delta \le (f + w)/K$. On a belt that never stops, with $\Delta = 0.1$ in every step, the
-# block comes to rest at $(f + w)/K$. There the force of the spring equals the pull plus all that friction can carry.
+# block comes to rest at $(f + w)/K$. There the force of the spring equals the pull plus the friction bound.
 
 
 # %%
@@ -70,9 +70,9 @@ assert ride(50) == w / K
 # %% [markdown]
 # **5.** Clipping two points to the same interval does not increase their distance. A second proof carries over to many
 # unknowns (lesson 4). Take $v = u_{prev,1} + u_2 - u_{prev,2}$ in the inequality of the first block: with this $v$ the
-# first block slips as the second block does. Exchange the roles, and add both inequalities. The terms in $w$ cancel,
-# and $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps add up and are not
-# amplified.
+# first block has the slip of the second. Exchange the roles, and add both inequalities. The terms in $w$ cancel, and
+# $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps add up at most; later steps
+# do not amplify them.
 
 # %%
 pairs = rng.uniform(-2.0, 2.0, size=(200, 3))

@@ -5,7 +5,7 @@
 # *You need:* lesson 1; vectors and matrices. *You will see:* the program of a step in ten lines of cvxpy, what a conic
 # solver returns beside the positions, and how an absolute value becomes a cone in the plane.
 #
-# Lesson 1 had one slider; here are four in a row. Equation numbers refer to the paper of Feng, Han and Huang.
+# Lesson 1 had one slider; this lesson has four in a row. Equation numbers refer to the paper of Feng, Han and Huang.
 
 # %%
 import cvxpy as cp
@@ -17,8 +17,9 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Four blocks in a row are joined by springs of stiffness one. The last block is tied to a wall, the first is pulled.
-# Block $i$ has its own friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in lesson 1,
+# Four blocks in a row are joined by springs of stiffness one. Such a spring also ties the last block to a wall. The
+# first block is pulled. Block $i$ has its own friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in
+# lesson 1,
 #
 # $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\
 #   K = \begin{pmatrix} 1 & -1 \\ -1 & 2 & -1 \\ & -1 & 2 & -1 \\ & & -1 & 2 \end{pmatrix}. \end{gathered}$$
@@ -26,9 +27,11 @@ import vemcvx as vx
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
 # The constraints of a conic program are *cones*, and its objective is linear or, as here, quadratic. So we replace each
-# absolute value by a variable $d_i$, a distance, and one cone. At the minimum $d_i$ is equal to the absolute value:
+# absolute value by a variable $d_i$, a distance, and require
 #
 # $$|u_i - u_{prev,i}| \le d_i .$$
+#
+# This is one cone for each block. At the minimum $d_i$ equals the absolute value, because a larger $d_i$ costs energy.
 
 # %%
 K = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -44,19 +47,19 @@ problem.solve(solver="CLARABEL")
 print("positions", np.round(u.value, 6) + 0.0)
 
 # %% [markdown]
-# **By hand.** Blocks 1 and 2 slide forward, and friction takes 0.5 from each. The first spring carries the remaining
+# **By hand.** Blocks 1 and 2 slide forward, and friction takes 0.5 at each. The first spring carries the remaining
 # $1.2 - 0.5 = 0.7$, the second spring $0.7 - 0.5 = 0.2$. Block 3 takes 0.2 by its own friction and does not move. So
 # $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
 #
-# How close should the solver come? Clarabel stops at a gap of about 1e-8. The gap bounds the error in the energy norm,
-# by $\sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of $K$ is 0.12, so the error of the positions is
-# at most 4.1e-4. For blocks that should stick, the bound is much better. If the slip in the solution is zero, a
-# computed slip $s_i$ makes the gap at least (lesson 6)
+# How close should the solver come? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$
+# of the positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest
+# eigenvalue of $K$ is 0.12, so $|e|$ is at most 4.1e-4. Blocks that should stick have a much better bound. If the slip
+# in the solution is zero, a computed slip $s_i$ makes the gap at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
 # where $\lambda_i$ is the force of friction in the solution. This bound is *linear* in the slip. Here $\lambda_3 = 0.2$
-# and $\lambda_4 = 0$, so block 3 slips by at most 1e-8/0.3, block 4 by 1e-8/0.5.
+# and $\lambda_4 = 0$, so block 3 slips by at most 1e-8/0.3, block 4 by at most 1e-8/0.5.
 
 # %%
 by_hand = np.array([0.9, 0.2, 0.0, 0.0])
@@ -76,8 +79,8 @@ print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {all
 #   \end{aligned}$$
 #
 # The inner minimum is at $K u = f - \lambda$: the multiplier is the force that friction takes. A block with
-# $|\lambda_i| < w_i$ sticks. Where a block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force *on* the block is
-# $-\lambda_i$, opposite to the slip.
+# $|\lambda_i| < w_i$ sticks. Where a block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force of friction *on*
+# the block is $-\lambda_i$, opposite to the slip.
 #
 # **What the solver returns.** For the cone $|s_i| \le d_i$ it returns a pair $(\xi_i, \zeta_i)$ in the *dual cone*.
 # This is the set of all pairs with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone, so again
@@ -88,13 +91,13 @@ print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {all
 #
 # - Stationarity in $d_i$ gives $w_i - \xi_i = 0$: **the first component is the friction bound**.
 # - Stationarity in $u$ gives $Ku - f - \zeta = 0$, so $\zeta_i = -\lambda_i$: **the second component is the force on
-#   the block**. Mind the minus.
+#   the block**. Note the sign.
 # - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, means that there is full friction against the slip, or no slip.
 
 # %%
 xi = np.array([cone.dual_value[0].item() for cone in cones])
 lam = np.array([-cone.dual_value[1].item() for cone in cones])
-# An error e in u is an error K e in the forces, and no eigenvalue of K exceeds 4 (Gershgorin).
+# An error e in u causes an error K e in the forces, and no eigenvalue of K exceeds 4 (Gershgorin).
 assert np.abs(xi - w).max() < 4 * allowed
 assert np.abs(lam - [0.5, 0.5, 0.2, 0.0]).max() < 4 * allowed
 assert np.abs(lam - (f - K @ u.value)).max() < 4 * allowed
@@ -176,7 +179,7 @@ def step_in_the_plane(pull, before):
 
 
 # %% [markdown]
-# We pull along $x$ first, as before. In a second step we turn the pull by 60 degrees and increase it a little. Where a
+# We pull along $x$ first, as before. In a second step we turn the pull by 60 degrees and increase it to 1.6. Where a
 # block slides, the force is on the rim of the disc and has the direction of the slip *of this step*:
 #
 # $$\lambda_i = w_i\,\frac{s_i}{|s_i|} .$$
@@ -185,7 +188,7 @@ def step_in_the_plane(pull, before):
 #
 # How exactly does the solver satisfy this? Complementarity holds up to the gap: $w|s| - \lambda \cdot s \le$ 1e-8. For
 # a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
-# $w|s|(1 - \cos\theta) \approx w|s|\theta^2/2$.
+# $w|s|(1 - \cos\theta) \approx w|s|\theta^2/2$. So $\theta$ is at most 2e-4 if $w = 0.5$ and $|s| = 1$.
 
 # %%
 along, turned = np.zeros((4, 2)), np.zeros((4, 2))
@@ -203,19 +206,19 @@ assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 
 # %% [markdown]
 # For each block the picture shows the disc, the force $\lambda_i$ in it, and the direction of the slip (dashed).
-# **Question:** in the second step block 1 is pulled at 60 degrees, but it slips at 77 degrees. Why not at 60?
-# And would the sum of absolute values, $|s_x| + |s_y|$, give the same picture?
+# **Question:** in the second step block 1 is pulled at 60 degrees, but slips at 77 degrees. Why not at 60 degrees? And
+# would the sum of absolute values, $|s_x| + |s_y|$, give the same picture?
 #
 # <details><summary>Answer</summary>
 #
 # Friction takes the part of the pull that the springs do not carry. The spring to block 2 is still stretched along $x$
 # from the first step and carries $(0.69, 0.90)$, at 52 degrees. Of the pull $(0.80, 1.39)$ this leaves $(0.11, 0.49)$,
 # at 77 degrees, and the block slips in this direction. Blocks 2 and 3 slip at 60 and 47 degrees, each in the direction
-# of the force that its two springs leave.
+# of the sum of its two spring forces.
 #
-# No. With $|s_x| + |s_y|$ each component of the force has a bound of its own, and the disc becomes a square. A block
-# that slips in both components then has its force in a corner of the square, $(0.5, 0.5)$. The force is at 45 degrees
-# whatever the direction of the slip, and $\sqrt 2$ times as long.
+# The sum of absolute values gives another picture. Each component of the force then has its own bound, and the disc
+# becomes a square. A block that slips forward in $x$ and $y$ has its force in a corner of the square, $(0.5, 0.5)$. The
+# force is at 45 degrees whatever the direction of the slip, and $\sqrt 2$ times as long as in the disc.
 #
 # </details>
 
@@ -248,12 +251,12 @@ discs_picture()
 # %% [markdown]
 # ## 4. The same from the package
 #
-# `vx.march` takes any such problem: a matrix, a load as a function of time, and the norm terms. `vx.Newton` is a
-# semismooth Newton method (lesson 5), `vx.Clarabel` the interior-point method of section 1: two very different solvers.
-# Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6). So the distance of two answers is
-# at most the sum of both certificates:
+# `vx.march` takes any such problem: a matrix, a load as a function of time, and the terms $w_i |s_i|$ (`vx.Norms`).
+# `vx.Newton` is a semismooth Newton method (lesson 5), `vx.Clarabel` the interior-point method of section 1: two very
+# different solvers. Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6). So the
+# distance of the answers $u_N$ and $u_C$ is at most the sum of both certificates:
 #
-# $$|u_1 - u_2|_K \le \sqrt{2\,\mathrm{gap}_1} + \sqrt{2\,\mathrm{gap}_2}, \qquad |u|_K^2 = u^T K u .$$
+# $$|u_N - u_C|_K \le \sqrt{2\,\mathrm{gap}_N} + \sqrt{2\,\mathrm{gap}_C}, \qquad |u|_K^2 = u^T K u .$$
 
 # %%
 system = vx.System(K, lambda time: time * f, vx.Norms(np.eye(4), w))
@@ -274,10 +277,10 @@ print(f"the answers are {apart:.0e} apart; the certificates allow {claimed:.0e}"
 # 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First compute it by hand:
 #    a block moves back only if its springs pull it by more than 0.5. Then use `march` with the times 0, 1, 2.
 # 2. Set $w = 0$. What remains of the program, of the dual, and of the answer?
-# 3. From rest, at which pull does block 4 begin to move in one step?
+# 3. Block 1 is pulled in one step from rest. Which pull must be exceeded before block 4 moves?
 # 4. Replace the disc by the square $|\lambda_x|, |\lambda_y| \le w$, that is $|s|$ by $|s_x| + |s_y|$. Pull by 1.2 at
-#    45 degrees. How much larger is the force of friction than with the disc? Why can a solver of quadratic programs now
-#    solve this step?
+#    45 degrees. How much larger is the friction on block 1 than with the disc? Why can a solver of quadratic programs
+#    now solve this step?
 # 5. The dual pair of the cone of block 3 is $(\xi_3, \zeta_3) = (0.5, -0.2)$. How does the least energy change if $w_3$
 #    grows by 0.01? How does it change if block 3 starts at $u_{prev,3} = 0.01$?
 #

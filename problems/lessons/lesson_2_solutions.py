@@ -2,8 +2,8 @@
 """# Solutions to the exercises of lesson 2, four nodes"""
 
 # %% [markdown]
-# We repeat the chain of the lesson. `march` takes its steps and is exact up to rounding. All numbers are of size one,
-# so we allow 1e-13.
+# We repeat the chain of the lesson. `march` with `Newton` is exact up to rounding. All numbers are of size one, so we
+# allow 1e-13.
 
 # %%
 import cvxpy as cp
@@ -26,10 +26,10 @@ def near(found, expected):
 
 
 # %% [markdown]
-# **1.** We let go at (0.9, 0.2, 0, 0). The spring between blocks 1 and 2 pulls block 1 back by 0.7 > 0.5, so block 1
-# moves. Block 2 is pulled forward by 0.7 and backward by 0.2, in all by 0.5. Friction just holds this force, and the
-# force decreases as block 1 comes back. Block 1 stops when its spring carries 0.5, at $u_1 = 0.2 + 0.5 = 0.7$. No other
-# block moves.
+# **1.** The blocks are at (0.9, 0.2, 0, 0) when we let go. The spring between blocks 1 and 2 pulls block 1 back by 0.7.
+# This is more than 0.5, so block 1 moves. Block 2 is pulled forward by 0.7 and backward by 0.2, in all by 0.5. Friction
+# just holds this force, and the force decreases as block 1 comes back. Block 1 stops when its spring carries 0.5, at
+# $u_1 = 0.2 + 0.5 = 0.7$. No other block moves.
 
 # %%
 back = path(lambda time: f * (2 - time if time > 1 else time), [0.0, 1.0, 2.0])
@@ -39,7 +39,7 @@ print("after the pull", back[1], "and after letting go", back[2])
 
 # %% [markdown]
 # **2.** The smooth part of the energy remains, and the answer solves the linear system $Ku = f$. The only admissible
-# $\lambda$ is zero, and the dual value is the energy. All blocks move, also block 4.
+# $\lambda$ is zero, and the value of the dual is the least energy. All blocks move, also block 4.
 
 # %%
 assert near(path(lambda time: time * f, [0.0, 1.0], np.zeros(4))[1], np.linalg.solve(K, f))
@@ -59,10 +59,10 @@ assert last_block(2.0 + 1e-6) > 1e-8
 
 # %% [markdown]
 # **4.** At 45 degrees each component of the pull is $1.2/\sqrt 2 = 0.85$. With the square, friction takes 0.5 of each
-# component. Together this is 0.707, which is $\sqrt 2$ times the force of the disc. The friction of a sliding block
-# then depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each is a pair of
-# linear inequalities. A solver of quadratic programs such as OSQP accepts these. A disc has no corners and needs a
-# second-order cone.
+# component. Together this is 0.707, which is $\sqrt 2$ times the force with the disc. So with the square, friction
+# depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each can be written with a
+# variable and two linear inequalities. A solver of quadratic programs such as OSQP accepts these. A disc has no corners
+# and needs a second-order cone.
 
 
 # %%

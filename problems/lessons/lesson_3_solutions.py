@@ -19,7 +19,7 @@ def vertex_normals(x):
 
 
 def projection(x):
-    """Return the strains (3, 2n) and the vertex values (2n, 2n) of Pi v, by six equations."""
+    """Return the matrices that map v to the strains (3, 2n) and the vertex values (2n, 2n) of Pi v."""
     N, (X, Y), zero, one = vertex_normals(x), x.T, np.zeros(len(x)), np.ones(len(x))
     length = np.linalg.norm(np.roll(x, -1, axis=0) - x, axis=1)
     mean = 0.5 * (length + np.roll(length, 1)) / length.sum()
@@ -39,9 +39,9 @@ def cell_stiffness(x, Lambda, mu, eta):
 
 
 # %% [markdown]
-# **1.** On a triangle exactly one linear field has the six given vertex values. This field satisfies the definition
-# of $v$, and $v$ is unique, so $v$ is linear and $\Pi v = v$. The method is P1 finite elements, as the paper's Remark
-# 4.1 says. We allow 1e-13 for rounding, as in the lesson.
+# **1.** On a triangle exactly one linear field has the six vertex values of $v$. It is harmonic, and linear on every
+# edge. Only one such field has given vertex values, so $v$ is this field, and $\Pi v = v$. The method is P1 finite
+# elements, as the paper's Remark 4.1 says. We allow 1e-13 for rounding, as in the lesson.
 
 # %%
 triangle = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.1]])
@@ -81,10 +81,10 @@ assert 4 / mu < locked < 0.1 * sound
 print(f"deflection with eta = mean of C: {locked:.2f}, with 2 mu: {sound:.1f}, by shear alone: {4 / mu:.2f}")
 
 # %% [markdown]
-# **3.** Five vertices have ten values. Six dimensions are linear fields, so four modes satisfy $\Pi v = 0$; the square
-# without the hanging node has two. The patch test still holds: linear fields still belong to the space. If a field is
-# linear on the whole edge, a vertex in the middle changes no integral over the boundary. No rule requires that edges
-# meet at an angle.
+# **3.** Five vertices have ten values. The linear fields have six dimensions, so four modes satisfy $\Pi v = 0$. The
+# square without the hanging node has two such modes. The patch test still holds: linear fields still belong to the
+# space. If a field is linear on the whole edge, a vertex in the middle changes no integral over the boundary. No rule
+# requires that edges meet at an angle.
 
 # %%
 square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -96,8 +96,8 @@ assert np.abs(projection(hanging)[1] @ straight - straight).max() < 1e-13
 
 # %% [markdown]
 # **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part is
-# the first condition (three numbers), its antisymmetric part the third condition. A gradient does not need the mean
-# over the boundary. The code calls $N_i/|\omega|$ `slopes`.
+# the first condition (three numbers), its antisymmetric part the third condition. The second condition, the mean over
+# the boundary, is not needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
 
 # %%
 pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7]])
@@ -108,8 +108,8 @@ strain_of_v = projection(pentagon)[0] @ v.ravel()
 assert np.abs(strain_of_v - [gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]]).max() < 1e-13
 
 # %% [markdown]
-# **5.** In Pa, all moduli and the load are multiplied by $10^6$. With $\eta = 2\mu$ so is the matrix, and $u$ does not
-# change. With $\eta = 1$ the second term does not change, and is a millionth of its proper size. Then
+# **5.** In Pa, all moduli and the load are multiplied by $10^6$. With $\eta = 2\mu$ the matrix is multiplied, too, and
+# $u$ does not change. With $\eta = 1$ the stabilisation is not multiplied, and is a millionth of its proper size. Then
 # hourglass modes cost almost no energy, and the answer depends on whether you wrote MPa or Pa.
 
 # %%

@@ -10,7 +10,7 @@
 # from the vertex values.
 #
 # Equation numbers refer to the paper of Feng, Han and Huang. The paper calls a cell $K$; here a cell is $\omega$, and
-# $K$ stays a stiffness.
+# $K$ is a stiffness matrix.
 
 # %%
 import matplotlib.pyplot as plt
@@ -23,13 +23,13 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Functions that we never evaluate
 #
-# On a polygon $\omega$ with vertices $x_1, \dots, x_n$ the space (3.11) contains fields $v$ whose components are
+# On a polygon $\omega$ with vertices $x_1, \dots, x_n$ the space (3.11) contains the fields $v$ whose components are
 # harmonic inside and linear on every edge. A field is determined by its $2n$ vertex values. All linear fields belong to
 # the space, and the fields of two cells agree on a common edge. But we do not know $v$ inside the cell.
 #
 # By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary, and there $v$ is
-# linear on each edge. Let $N_i = \tfrac12(|e_{i-1}| n_{i-1} + |e_i| n_i)$ be half the sum of the outward normals of the
-# two edges at $x_i$, each normal as long as its edge. Then
+# linear on each edge. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the outward unit normal $n_i$, and let
+# $N_i = \tfrac12(|e_{i-1}| n_{i-1} + |e_i| n_i)$. Then
 #
 # $$\int_\omega \nabla v \,dx = \int_{\partial \omega} v \otimes n \,ds = \sum_i v_i \otimes N_i .$$
 #
@@ -45,7 +45,7 @@ import vemcvx as vx
 
 # %%
 def vertex_normals(x):
-    """Return N_i; the edge from x_i to x_(i+1), turned by -90 degrees, is its outward normal times its length."""
+    """Return N_i. If the vertices are ordered counterclockwise, an edge turned by -90 degrees is |e_i| n_i."""
     edges = np.roll(x, -1, axis=0) - x
     normals = np.column_stack([edges[:, 1], -edges[:, 0]])
     return 0.5 * (normals + np.roll(normals, 1, axis=0))
@@ -60,7 +60,7 @@ def functionals(x):
         (zero, N[:, 1]),  # integral of e_yy
         (N[:, 1], N[:, 0]),  # integral of 2 e_xy
         (mean, zero),  # mean over the boundary, x
-        (zero, mean),  # and y
+        (zero, mean),  # mean over the boundary, y
         (-N[:, 1], N[:, 0]),  # integral of the rotation, d v_y / dx - d v_x / dy
     ]
     return np.array([np.column_stack(row).ravel() for row in rows])
@@ -68,8 +68,8 @@ def functionals(x):
 
 # %% [markdown]
 # Linear fields are combinations of two translations, one rotation and three fields of constant strain. Their vertex
-# values are the columns of a matrix $V$. The linear field with the same six functionals as $v$ has coefficients that
-# solve a system with the matrix $FV$, so
+# values are the columns of a matrix $V$. The linear field with the same values of the six functionals as $v$ has
+# coefficients that solve a system with the matrix $FV$, so
 #
 # $$\begin{aligned} \Pi_* &= (FV)^{-1} F && (\text{vertex values to coefficients}), \\
 #   \Pi &= V\,\Pi_* && (\text{vertex values to vertex values}). \end{aligned}$$
@@ -112,18 +112,19 @@ print(f"Pi is a projection of rank 6 on the {len(Pi)} vertex values of a pentago
 # $$a_\omega^h(u, v) = |\omega|\; \varepsilon(\Pi u) : \mathbb C\, \varepsilon(\Pi v)
 #   + S_\omega(u - \Pi u,\; v - \Pi v).$$
 #
-# The first term is exact if one of the two fields is linear (*consistency*, (2.8)). But its rank is 3, and a pentagon
-# has ten unknowns, of which three are rigid motions. So four deformations would cost no energy (*hourglass modes*).
-# They are the fields with $\Pi v = 0$.
+# The first term is exact if one of the two fields is linear (*consistency*, (2.8)). But its rank is 3. A pentagon has
+# ten unknowns, and three independent motions are rigid. So four deformations would cost no energy: the fields with
+# $\Pi v = 0$, called *hourglass modes*.
 #
-# The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This need not be the true energy,
-# only an energy of the same size (*stability*, (2.9)). In vertex values,
+# The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This energy need not be the true one,
+# but it must be of the same size (*stability*, (2.9)). In vertex values,
 #
 # $$S_\omega = \eta\,(I - \Pi)^T (I - \Pi), \qquad \eta = 2\mu .$$
 #
-# The text of the paper has $\eta = 1$, which depends on the unit of stress: `Elasticity(stabilisation="unit")`. Lamé's
-# moduli are $\mu$ and $\Lambda$ here, because $\lambda$ is a force of friction in these lessons. In plane strain the
-# stress is $\mathbb C \varepsilon = 2\mu\,\varepsilon + \Lambda\,(\mathrm{tr}\, \varepsilon)\, I$.
+# The text of the paper has $\eta = 1$ (in the package `Elasticity(stabilisation="unit")`). With this $\eta$ the answer
+# depends on the unit of stress (exercise 5). Lamé's moduli are $\mu$ and $\Lambda$ here, because $\lambda$ is a force
+# of friction in these lessons. In plane strain the stress is
+# $\mathbb C \varepsilon = 2\mu\,\varepsilon + \Lambda\,(\mathrm{tr}\, \varepsilon)\, I$.
 
 
 # %%
@@ -150,8 +151,9 @@ assert apart < 1e-13
 print(f"the matrices by hand and by the package differ by {apart:.1e}")
 
 # %% [markdown]
-# Count the zero eigenvalues: three with the stabilisation, for the rigid motions, and seven without it. Eigenvalues
-# below 1e-13 of the largest one count as zero. The smallest nonzero eigenvalue is a third of the largest.
+# Count the zero eigenvalues: three with the stabilisation, for the rigid motions, and seven without the stabilisation.
+# Eigenvalues below 1e-13 of the largest eigenvalue count as zero. With the stabilisation the smallest nonzero
+# eigenvalue is a third of the largest.
 
 
 # %%
@@ -172,8 +174,8 @@ assert free_modes(cell_stiffness(pentagon, *moduli, eta=0.0)) == 7
 #
 # <details><summary>Answer</summary>
 #
-# The first term gives the energy of the strains. They are linear fields, so $\Pi v = v$, and $S_\omega$ is zero on
-# them. The second term gives the energy of the hourglasses: their mean strain is zero, so the first term is zero, and
+# The first term gives the energy of the modes of strain. They are linear fields, so $\Pi v = v$ and $S_\omega = 0$. The
+# second term gives the energy of the hourglasses: their mean strain is zero, so the first term is zero, and
 # $S_\omega(v, v) = \eta |v|^2$. If you increase $\eta$, the eigenvalues of the two hourglasses, which equal $\eta$,
 # increase. The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
 #
@@ -214,7 +216,8 @@ modes()
 #
 # $$u = Ax + b \text{ on the boundary} \quad\Rightarrow\quad u = Ax + b \text{ at all vertices.}$$
 #
-# The test covers all of section 1 (consistency). It would fail for a wrong normal, weight or rotation.
+# The test checks consistency, so it fails for wrong normals. It does not check the stabilisation: a wrong mean over the
+# boundary changes $\Pi$, but $v - \Pi v$ still vanishes for linear $v$.
 
 
 # %%
@@ -231,7 +234,7 @@ def assemble(mesh, Lambda, mu, eta=None):
 
 
 def patch_test(mesh):
-    """Return the largest error, and the error allowed for rounding: the condition number times 2e-16."""
+    """Return the largest error, and the error that rounding may cause: the condition number times 2e-16."""
     K = assemble(mesh, *moduli)
     linear = (mesh.points @ np.array([[1.0, 0.3], [-0.2, 0.5]]) + 0.1).ravel()
     held = np.unique(mesh.boundaries["boundary"])
@@ -256,9 +259,10 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # $$\mathrm{div}\, u = 0 .$$
 #
 # A mesh *locks* if this constraint prevents deformations that the body can perform. With P1 triangles
-# $\mathrm{div}\, u = 0$ is one condition per triangle, that is two per node: as many as unknowns. On squares it is one
-# condition per node, half as many as unknowns. In (3.13) the modulus $\Lambda$ multiplies the mean divergence alone,
-# once per cell, whatever the number of vertices. A stabilisation with $\eta = 2\mu$ adds no further condition.
+# $\mathrm{div}\, u = 0$ is one condition per triangle, that is two per node: there are as many conditions as unknowns.
+# On squares $\mathrm{div}\, u = 0$ is one condition per node: there are half as many conditions as unknowns. In (3.13)
+# the modulus $\Lambda$ multiplies the mean divergence alone, once per cell, whatever the number of vertices. A
+# stabilisation with $\eta = 2\mu$ adds no further condition.
 
 
 # %%
@@ -271,7 +275,7 @@ def end_load(mesh):
 
 
 def deflections(mesh, poissons):
-    """Return f'u for each Poisson's ratio; K is linear in Lambda and mu (eta = 2 mu), so two assemblies suffice."""
+    """Return f^T u for each Poisson's ratio. K is linear in Lambda and mu (eta = 2 mu): two assemblies suffice."""
     K_Lambda, K_mu, f = assemble(mesh, 1.0, 0.0), assemble(mesh, 0.0, 1.0), end_load(mesh)
     clamped = np.unique(mesh.boundaries["left"])
     free = np.setdiff1d(np.arange(len(f)), np.concatenate([2 * clamped, 2 * clamped + 1]))
@@ -296,11 +300,11 @@ cantilever = {
 #
 # which is 206 at $\nu = \tfrac12$ and $E = 1$. The clamp makes the body a little stiffer.
 #
-# And how much does a body deflect that *cannot* bend? Vertical motions $u = (0, v(x))$ have no divergence at all and
-# belong to every space. So shear remains, with a deflection of at least $4/\mu = 12$. Locked triangles have this
-# deflection and little more: on both meshes less than a tenth of 206, and refinement does not help. Squares and
-# hexagons lose less than a quarter on the coarse mesh, and refinement divides the loss by two or more. (The error of
-# the deflection is the *square* of the error in the energy norm.)
+# And how much does a body deflect that *cannot* bend? The shear $u = (0, -x)$ has no divergence, and it belongs to the
+# space of every mesh. So shear remains, with a deflection of at least $4/\mu = 12$. Locked triangles have this
+# deflection and little more: less than a tenth of 206 on both meshes, and refinement does not help. On coarse squares
+# and hexagons the deflection is too small by less than a quarter, and refinement at least halves this error. (The error
+# of the deflection is the *square* of the error in the energy norm.)
 
 # %%
 beam = 12 * 4.0**3 / 3 * (1 - poissons**2) + 1.2 * 4 * 2 * (1 + poissons)
@@ -340,9 +344,9 @@ locking(cantilever)
 #
 # <details><summary>Answer</summary>
 #
-# The right ends of the two curves of triangles: the deflection is 14.63 with 4 cells across and 14.66 with 8, and the
-# beam has 206. On a triangle three vertices determine a linear field, so $\Pi v = v$ and $S_\omega = 0$ (exercise 1):
-# the factor $\eta$ multiplies zero. The first term locks, because it forbids changes of area in every triangle, two
+# The right ends of the two curves of triangles: the deflection is 14.63 with 4 cells across and 14.66 with 8. The beam
+# deflects by 206. On a triangle three vertices determine a linear field, so $\Pi v = v$ and $S_\omega = 0$ (exercise
+# 1): the factor $\eta$ multiplies zero. The first term locks, because it forbids changes of area in every triangle, two
 # conditions per node.
 #
 # </details>

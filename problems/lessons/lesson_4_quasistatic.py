@@ -4,10 +4,10 @@
 # %% [markdown]
 # *You need:* lessons 1 and 2. *You will see:* that the time step $k$ cancels from the program, that the answer depends
 # on the whole *path* of the load, and that every step has an exact energy balance. In this balance backward Euler
-# itself loses a part of order $O(k)$.
+# itself loses an energy of order $O(k)$.
 #
-# Lessons 1 and 2 took one step; here many steps follow each other. Equation numbers refer to the paper of Feng, Han and
-# Huang.
+# Lessons 1 and 2 took single steps; here many steps follow each other. Equation numbers refer to the paper of Feng, Han
+# and Huang.
 
 # %%
 import matplotlib.pyplot as plt
@@ -28,8 +28,8 @@ import vemcvx as vx
 #
 # $$j(v/k) = j(v)/k .$$
 #
-# Write $(v - u_{n-1})/k$ for the test function; it takes all values as $v$ does. Then the difference of test function
-# and velocity is $(v - u_n)/k$, and every term has the factor $1/k$, which cancels:
+# Write $(v - u_{n-1})/k$ for the test function: since $v$ takes all values, so does this quotient. Then the difference
+# of test function and velocity is $(v - u_n)/k$, and every term has the factor $1/k$, which cancels:
 #
 # $$a(u_n, v - u_n) + j(v - u_{n-1}) - j(u_n - u_{n-1}) \ge \langle \ell_n, v - u_n \rangle \quad \text{for all } v.$$
 #
@@ -38,8 +38,8 @@ import vemcvx as vx
 # $$\min_u \; \tfrac12 a(u, u) - \langle \ell_n, u \rangle + j(u - u_{n-1}).$$
 #
 # So time only labels the loads: if the same loads come faster or slower, the path is the same (*rate independence*). We
-# check this on the four sliders of lesson 2. The unit of time is one second, or $2^{-40}$ seconds: a power of two, so
-# that rounding does not change any load. Both answers agree in all bits.
+# check this on the four sliders of lesson 2. The unit of time is one second in one run and $2^{-40}$ seconds in the
+# other. This is a power of two, so rounding does not change any load, and both answers agree in all bits.
 
 # %%
 chain = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -48,7 +48,7 @@ instants = np.linspace(0.0, 5.0, 41)
 
 
 def course(t):
-    """Return the course of a load that goes up to 1, down to -1, and up to 1 again, at t = 1, 3, 5."""
+    """Return the value at t of a load that is 0, 1, -1 and 1 at t = 0, 1, 3 and 5, and linear in between."""
     return np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
@@ -84,7 +84,7 @@ def walk(loads):
 
 
 def there_and_back(steps):
-    """Return `steps` loads from 0 to the peak, twice as many to its negative, and as many back."""
+    """Return the loads of `steps` steps from 0 to the peak, twice as many to its negative, and as many back."""
     down = np.linspace(peak, -peak, 2 * steps + 1)
     return np.concatenate([np.linspace(0, peak, steps + 1), down[1:], -down[1:]])
 
@@ -105,10 +105,11 @@ print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}"
 #
 # <details><summary>Answer</summary>
 #
-# On its two vertical sides, which begin at a reversal. The slider rests at $u = (f_{\max} - w)/K = 1$ while the load
-# falls from $f_{\max} = 3$ to $f_{\max} - 2w = 1$, and at $u = -1$ while the load rises from $-3$ to $-1$. Both sides
-# have the height $2w = 2$: the force of friction changes from $w$ to $-w$ before the slider moves. (From the start at
-# $u = 0$ the slider waits for $w$ only, because the force of friction starts at zero.)
+# On the two vertical sides of the loop, each of which begins at a reversal. The slider rests at
+# $u = (f_{\max} - w)/K = 1$ while the load falls from $f_{\max} = 3$ to $f_{\max} - 2w = 1$, and at $u = -1$ while the
+# load rises from $-3$ to $-1$. Both sides have the height $2w = 2$: the force of friction changes from $w$ to $-w$
+# before the slider moves. (From the start at $u = 0$ the slider waits for $w$ only, because the force of friction
+# starts at zero.)
 #
 # </details>
 
@@ -144,8 +145,8 @@ loop_picture()
 #
 # This balance is exact. The last term is an error of backward Euler: the work uses the load at the end of the step,
 # which exceeds the mean load of the step by half of the change of the load. There are $O(1/k)$ steps with slips of
-# $O(k)$, so the sum of these terms is $O(k)$. For our slider it is known. If the load changes by $\Delta f$ in every
-# step, the slider slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
+# $O(k)$, so the sum of these terms is $O(k)$. For our slider the sum is known. If the load changes by $\Delta f$ in
+# every step, a slider that moves slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
 #
 # $$\sum_n \tfrac12 K s_n^2 = \tfrac12\, \Delta f \cdot \frac{5 (f_{\max} - w)}{K} .$$
 
@@ -170,15 +171,15 @@ for _steps in (30, 60, 120):
 # ## 4. A body
 #
 # Now we pull the body of the paper's Section 4 (with half its friction bound) to and fro. The body is elastic, and each
-# node of its lower side acts like a slider. The nodes do not start to slip at the same time, so the loop is bent
-# instead of having corners. The energy balance is the same. With the increments $s_n = u_n - u_{n-1}$,
+# node of its lower side acts like a slider. The nodes do not start to slip at the same time, so the sides of the loop
+# are bent. The energy balance is the same. With the increments $s_n = u_n - u_{n-1}$,
 #
 # $$\sum_n \langle \ell_n, s_n \rangle = \tfrac12 a(u_N, u_N) + \sum_n j(s_n) + \sum_n \tfrac12 a(s_n, s_n),$$
 #
 # and the package reports the first three terms as `history.work`, `.energy` and `.dissipated`. The last sum is the
-# numerical loss of backward Euler, which halves with the time step. We assert a ratio between 1.9 and 2.1, because some
-# nodes start to slip in the middle of a step. The package warns if the numerical loss exceeds 5 % of the work, as it
-# does here; `history.work_second_order` does not contain it.
+# numerical loss of backward Euler, which is halved if the time step is halved. The ratio is not exactly 2, because some
+# nodes start to slip in the middle of a step, so we assert a ratio between 1.9 and 2.1. The package warns if the
+# numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` does not contain this loss.
 
 
 # %%
@@ -240,21 +241,21 @@ body_picture(histories[40])
 # Just after a reversal. Then all eight nodes of the lower side stick, and the body is as stiff as if it were glued to
 # the floor. The nodes start to slip one after another. A node that slips carries a constant force and adds no
 # stiffness; just before the next reversal a single node still sticks. The slope, load over mean displacement, has
-# fallen from 62.7 to 39.7: the body has lost 37 % of its stiffness. At the reversal it recovers all of it.
+# fallen from 62.7 to 39.7: the body has lost 37 % of its stiffness. At the reversal its stiffness is 62.7 again.
 #
 # </details>
 #
-# ## 5. Memory fades or stays, it never grows
+# ## 5. Memory fades or stays, but never grows
 #
-# Two bodies with different pasts carry the same load from some instant on. Their states are $u_n$ and $\bar u_n$. Take
-# $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and exchange the roles for the second. If
-# we add both inequalities, the terms in $j$ cancel, and
+# Two equal bodies with different pasts carry the same load from some instant on. Their states are $u_n$ and $\bar u_n$.
+# Take $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and exchange the roles for the
+# second. If we add both inequalities, the terms in $j$ cancel, and
 #
 # $$\begin{gathered} a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1}) \\
 #   \Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a . \end{gathered}$$
 #
 # The map of a step is *nonexpansive* in the energy norm; this is (2.38), the main point of Theorem 2.5. So the errors
-# of steps add up and are not amplified, and the certificates of steps may be added over time.
+# of steps add up at most and are not amplified, and the certificates of steps may be added over time.
 
 # %%
 later = np.linspace(1.0, 9.0, 161)
@@ -296,14 +297,14 @@ memory_picture()
 # %% [markdown]
 # ## Exercises
 #
-# 1. Pull the slider of section 2 to $f_{\max}$ and back to 0. If no step ends exactly at the peak, the steps pass over
-#    it. How large can the error of the final position be? (Backward Euler uses the loads at the ends of steps only.)
+# 1. Pull the slider of section 2 to $f_{\max}$ and back to 0. Backward Euler uses the loads at the ends of steps only,
+#    so it misses the peak if no step ends there. How large can the error of the final position be?
 # 2. If the load only grows, one step or a hundred steps bring a slider to the same place. Why? Does this also hold for
 #    the chain?
 # 3. Add a damper: $K u + c\,\dot u + \lambda = f$. How do section 1 and the energy balance change?
 # 4. Twenty sliders, each on its own spring of stiffness 1, with the bounds 0.1, 0.2, ..., 2, share a displacement $U$.
-#    Draw the force over $U$ for $U$ up to 2 and back to -2. Show that the branch down is the first loading, twice as
-#    large (Masing's rule).
+#    Draw the total force over $U$ for $U$ up to 2 and back to -2. Show that the branch down is the curve of the first
+#    loading, magnified by two (Masing's rule).
 # 5. Why does (2.1) require $a(u_0, v) + j(v) \ge \langle \ell(0), v \rangle$? What does `march` report if a load of 2.4
 #    acts on the chain from the start, at $u_0 = 0$?
 #

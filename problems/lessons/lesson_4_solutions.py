@@ -18,11 +18,11 @@ def walk(loads, u=0.0, bound=w):
 
 
 # %% [markdown]
-# **1.** After a largest load $f$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
+# **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
 # $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ it does not depend on
-# the peak. For a smaller peak, the error is the part of the peak that the steps do not see, divided by $K$. In the
-# worst case the steps see nothing of the peak, and the error is $w/K$. No certificate of a step can detect this.
-# (`vemcvx` has an indicator for it: see `missed_reversal.py` among the problems.)
+# the peak. For a smaller peak $f$, let $\tilde f$ be the largest load at the end of a step. If $\tilde f \ge w$, the
+# error is $(f - \tilde f)/K$. The worst case is $f \ge 2w$ and $\tilde f \le w$: the error is $w/K$. No certificate of
+# a step can detect this error. (`vemcvx` has an indicator for it: see `missed_reversal.py` among the problems.)
 
 
 # %%
@@ -37,9 +37,9 @@ assert error(peak=3.0, seen=0.5) == w / K
 # %% [markdown]
 # **2.** For one slider a growing load means $u_n = \max(u_{n-1}, (f_n - w)/K)$, and the last load determines the end.
 # The same holds for the chain. If one block moves forward, it pulls the others forward, because no entry of $K$ off the
-# diagonal is positive. So no block ever turns back, and the last step has the friction of the whole path. A
-# stiffness matrix of elasticity also has positive entries. Then a node may turn back while the load grows, and the
-# number of steps matters.
+# diagonal is positive. So no block ever turns back, and every block that has moved ends with the friction $w_i$, after
+# one step as after a hundred. A stiffness matrix of elasticity also has positive entries off the diagonal. Then a node
+# may turn back while the load grows, and the number of steps matters.
 
 
 # %%
@@ -79,9 +79,9 @@ print("ends for fast, slower and slow loads:", np.round(ends, 4), "without a dam
 # **4.** The force $\lambda_i$ of a slider follows $U$ until it reaches its bound:
 # $\lambda_i \leftarrow \mathrm{clip}(\lambda_i + dU, \pm w_i)$. On first loading all forces start from zero, so the
 # total is $R(U) = \sum_i \min(U, w_i)$. This function is concave, and its slope is the number of sliders that stick. At
-# $U = 2$ all sliders slip. On the way back each force can change by twice its bound before the slider slips again.
-# After going back by $x$ the total is $R(2) - \sum_i \min(x, 2 w_i) = R(2) - 2 R(x/2)$: the branch is the first
-# loading, magnified by two.
+# $U = 2$ all forces are at their bounds. On the way back each force can change by twice its bound before its slider
+# slips again. After going back by $x$ the total is $R(2) - \sum_i \min(x, 2 w_i) = R(2) - 2 R(x/2)$: the branch is the
+# first loading, magnified by two.
 
 # %%
 bounds = np.arange(1, 21) / 10

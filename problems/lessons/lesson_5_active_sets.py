@@ -3,8 +3,8 @@
 
 # %% [markdown]
 # *You need:* lessons 1 and 2; Newton's method. *You will see:* a step solved by guessing which nodes stick. A body
-# takes five or six guesses, and in the plane the convergence is superlinear. On two blocks the guesses cycle for ever,
-# and a safeguard prevents this.
+# takes six guesses, and for slips in the plane the convergence is superlinear. On two blocks the guesses cycle for
+# ever, and a safeguard prevents this.
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
 # this lesson guesses these sets, solves the system, checks the guess, and guesses again. This is Newton's method for an
@@ -32,8 +32,8 @@ import vemcvx as vx
 #
 # We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation says $s_i = 0$. Otherwise
 # $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two kinks. So Newton's method is:
-# find the linear piece on which $\hat\lambda$ lies, replace the function by this piece, and solve. This is an *active
-# set* iteration:
+# find the linear piece on which $\hat\lambda$ lies, replace the clip by this piece, and solve. This is an *active set*
+# iteration:
 #
 # - If $|\hat\lambda_i| \le w_i$, node $i$ sticks: $u_i = u_{prev,i}$.
 # - Otherwise node $i$ slips in the direction of $\hat\lambda_i$, with the force
@@ -42,7 +42,7 @@ import vemcvx as vx
 
 # %%
 def newton_step(program, u, lam, gamma):
-    """Solve the system of the sets that (u, lam) suggest; return positions, forces and sides."""
+    """Return positions, forces and sides (0: sticks, 1 or -1: slips) for the sets that follow from (u, lam)."""
     K, f, w, u_prev = program
     trial = lam + gamma * (u - u_prev)
     side = np.where(np.abs(trial) <= w, 0.0, np.sign(trial))
@@ -53,7 +53,7 @@ def newton_step(program, u, lam, gamma):
 
 
 def active_sets(program, gamma, rounds=40):
-    """Return the answer and all guesses, from rest, until a guess repeats the one before: this is the solution."""
+    """Return the answer and all guesses. Start from rest, and end when a guess repeats the guess before it."""
     u, lam, sides = program[3], np.zeros(len(program[3])), []
     while len(sides) < rounds:
         u, lam, side = newton_step(program, u, lam, gamma)
@@ -64,13 +64,13 @@ def active_sets(program, gamma, rounds=40):
 
 
 # %% [markdown]
-# Why is a repeated guess a solution? Its $u$ and $\lambda$ solve the linear system of the guess, so all equations hold.
-# The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
+# Why does a repeated guess give the solution? Its $u$ and $\lambda$ solve the linear system of the guess, so all
+# equations hold. The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
 #
 # **A body.** We take the paper's Section 4 on squares, with 32 nodes on the ground. The package keeps the program of
-# every step. It has eliminated all interior unknowns, so a full matrix for the 32 nodes remains. The package writes the
-# program of a step for the slips, so `b`, which takes the place of $u_{prev}$, is zero here. The package calls the load
-# `g`.
+# every step. It has eliminated all unknowns except the positions of these nodes, so a full matrix for 32 nodes remains.
+# The package writes the program of a step for the slips, so `b`, which takes the place of $u_{prev}$, is zero here. The
+# package calls the load `g`.
 
 
 # %%
@@ -97,13 +97,13 @@ def shift(K, size):
 
 u, lam, sides = active_sets(body, shift(body[0], 0.1))
 assert len(sides) <= 8
-# The certificate of the package does not depend on the method that found u and lam.
+# The certificate of the package does not depend on the method that found u and lam. Its floor is the rounding error.
 certificate = step.certify(u, lam[:, None])
 assert certificate.gap <= 10 * certificate.floor
 print(f"{len(sides)} guesses; nodes that slip: {np.count_nonzero(sides, axis=1)}; gap {certificate.gap:.0e}")
 
 # %% [markdown]
-# The picture has one row per guess, the first at the top. The end of the slipping zone moves to its place in ever
+# The picture has one row per guess, the first at the top. The end of the slipping zone moves to its final place in ever
 # shorter steps. There are finitely many sets, and Newton's method on a piecewise linear function is *exact* as soon as
 # the piece is right. **Question:** why is the first row all blue?
 #
@@ -135,8 +135,8 @@ sets_picture()
 # %% [markdown]
 # ## 2. In the plane: superlinear convergence
 #
-# Where a node slips in two directions (a body on a table), the clip becomes the projection on a disc. Outside the disc,
-# the projection $w\hat\lambda/|\hat\lambda|$ is no longer linear. Newton's method needs its derivative,
+# A node of a body on a table can slip in two directions. Then the clip becomes the projection on a disc. Outside the
+# disc, the projection $w\hat\lambda/|\hat\lambda|$ is not linear. Newton's method needs its derivative,
 #
 # $$\frac{w}{|\hat\lambda|}\left(I - \frac{\hat\lambda \hat\lambda^T}{|\hat\lambda|^2}\right).$$
 #
@@ -146,9 +146,9 @@ sets_picture()
 #
 # $$\frac{\gamma w}{|\hat\lambda| - w} .$$
 #
-# The projection has a kink on the rim of the disc, but it is *semismooth*: near a solution, the linearisation at
-# $\hat\lambda$ is accurate in the direction of the solution. This is sufficient for superlinear convergence (Qi and Sun
-# 1993).
+# The projection has a kink on the rim of the disc, but it is *semismooth*: near a solution, the error of the
+# linearisation at $\hat\lambda$ is small compared with the distance to the solution. This is sufficient for superlinear
+# convergence (Qi and Sun 1993).
 
 
 # %%
@@ -170,10 +170,10 @@ def plane_step(K, f, w, u_prev, iterate, gamma):
 
 
 # %% [markdown]
-# Twenty blocks stand in a row that is tied at one end. The first pull is along the row, the second pull has another
-# direction. We measure the distance to the last iterate in the energy norm. Far from the solution the error falls by
-# about a fifth per round, while the front moves from block to block, because only neighbours are coupled. Then the
-# error collapses. *Superlinear* means that the factor itself tends to zero:
+# Twenty blocks stand in a row that is tied at one end and pulled at the other. The first pull is along the row, the
+# second pull has another direction. We measure the distance to the last iterate in the energy norm. Far from the
+# solution the error falls by about a fifth per round: only neighbours are coupled, so slip spreads from block to block.
+# Then the error collapses. *Superlinear* means that the factor itself tends to zero:
 #
 # $$\frac{|u^{(m+1)} - u^*|_K}{|u^{(m)} - u^*|_K} \to 0 .$$
 
@@ -223,8 +223,8 @@ errors_picture()
 # %% [markdown]
 # ## 3. Cycles
 #
-# Two blocks: a spring joins the first to the second, another spring the second to the wall. The first block is pulled
-# back by 3, the second forward by 2, and both friction bounds are 1:
+# A spring joins a first block to a second block, another spring joins the second block to the wall. The first block is
+# pulled back by the force 3, the second forward by the force 2, and both friction bounds are 1:
 #
 # $$K = \begin{pmatrix} 1 & -1 \\ -1 & 2 \end{pmatrix}, \quad f = (-3, 2), \quad w = (1, 1).$$
 #
@@ -237,8 +237,8 @@ errors_picture()
 # | (back, forward) | $u = (-3, -1)$: the second block moves back | (back, back) |
 # | (back, back) | $u = (-1, 1)$: the second block moves forward | (back, forward) |
 #
-# The guesses jump over the solution between them, in which the second block sticks, and this never ends. Each iterate
-# looks like an answer.
+# The solution lies between these two guesses, and the iteration jumps over it for ever. Each iterate looks like an
+# answer.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -253,8 +253,8 @@ print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", posit
 # %% [markdown]
 # With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the trial
 # force is $\hat\lambda_2 = 1 + \gamma_2 \cdot (-1)$, which lies within $\pm 1$ while $\gamma_2 \le 2$. A small shift
-# helps: the package takes 0.1 divided by the flexibility. But it is not a proof of convergence. We try 60 random
-# programs.
+# helps: the package takes 0.1 divided by the flexibility. But a small shift does not guarantee convergence. We try 60
+# random programs.
 
 
 # %%
@@ -281,7 +281,7 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # We need a measure of progress, and a slow method that always converges.
 #
 # *The measure* is the gap of lesson 1 (exercise 3), here for vectors, with $r = f - \lambda - Ku$ and $\lambda$ clipped
-# to its bounds. It is zero at the solution and nowhere else:
+# to its bounds. The gap is zero at the solution and nowhere else:
 #
 # $$\mathrm{gap}(u, \lambda) = \tfrac12 r^TK^{-1}r + \sum_i(w_i|s_i| - \lambda_i s_i) .$$
 #
@@ -295,13 +295,13 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # The iteration converges, because $D$ is concave and its gradient has the Lipschitz constant $1/\rho$. We call one such
 # iteration a *sure step*.
 #
-# *The combination:* continue Newton's method as long as the gap is halved at least once in five rounds. Otherwise take
-# one sure step, from the point where the last sure step ended, and continue Newton's method from the result of this
-# step.
+# *The combination:* continue Newton's method as long as the smallest gap so far is halved at least once in five rounds.
+# Otherwise take one sure step, from the point where the last sure step ended, and continue Newton's method from the
+# result. Until the gap is halved again, Newton's method has one round between two sure steps.
 #
-# **Theorem.** The best gap tends to zero. *Proof.* If the gap is halved again and again, the claim holds. If not, then
-# from some round on there are always further sure steps. They are the iterates of the projected gradient, so the gap of
-# these iterates tends to zero, and it is halved after all: a contradiction. $\square$
+# **Theorem.** The smallest gap tends to zero. *Proof.* If the gap is halved again and again, the claim holds. If not,
+# then from some round on there are always further sure steps. They are the iterates of the projected gradient, so the
+# gap of these iterates tends to zero, and it is halved after all: a contradiction. $\square$
 
 
 # %%
@@ -335,9 +335,9 @@ def solve_safely(program, gamma, patience=5, rounds=1000):
 
 
 # %% [markdown]
-# We keep the large shift of ten, which makes the programs hard. Now every program is solved: the gap is below 1e-12 of
-# the energy, so the error is below 1e-6 in the energy norm. Where Newton's method alone would cycle, a few sure steps
-# lead it to the right sets.
+# We keep the large shift of ten, which makes the programs hard. Now every program is solved: the gap is below
+# $10^{-12} \cdot \tfrac12 f^T K^{-1} f$, so the error in the energy norm is below 1e-6 of the norm of the answer
+# without friction. Where Newton's method alone would cycle, sure steps lead it to the right sets.
 
 # %%
 runs = [solve_safely(program, shift(program[0], 10.0)) for program in programs]
@@ -376,7 +376,7 @@ def safeguard_picture():
 safeguard_picture()
 
 # %% [markdown]
-# The package's `vx.Newton` works in this way, with the small shift and a faster sure method (accelerated projected
+# The package's `vx.Newton` works in this way, with the small shift and faster sure steps (accelerated projected
 # gradients for the forces). It also treats cones, bounds and springs. **Question:** the last round of the blue curve
 # falls by many orders of magnitude at once. Which section of this lesson explains this?
 #
@@ -391,11 +391,12 @@ safeguard_picture()
 # ## Exercises
 #
 # 1. At which shift does the cycle of the two blocks begin? Predict it from the table, then try.
-# 2. Show that with one unknown and a start from rest nothing cycles, whatever the shift. What about another start?
+# 2. Show that with one unknown and a start from rest the guesses never cycle, whatever the shift. What about another
+#    start?
 # 3. Try `active_sets` on a rod of 100 elements that is pulled at its end. How many guesses does it need, and why more
 #    than for the body? Does it help to start from the answer to 9/10 of the pull?
-# 4. Use sure steps alone on the 60 programs. How many does the hardest program need for a gap of 1e-6 of the energy?
-#    Which number derived from $K$ determines this?
+# 4. Use sure steps alone on the 60 programs. How many steps does the hardest program need for a gap of 1e-6 of the
+#    energy? Which number derived from $K$ determines this?
 # 5. The cycle of section 3 has length two. How long are the cycles of the random programs?
 #
 # Solutions: `lesson_5_solutions.py`.

@@ -31,8 +31,8 @@ def active_sets(program, gamma, rounds=40, start=None):
 
 # %% [markdown]
 # **1.** After (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$. The guess "sticks" needs
-# $\gamma_2 \le 2$. One over the flexibility is $1/(K^{-1})_{22} = 1$, so the cycle begins at shifts beyond 2. (After
-# (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
+# $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. Since $1/(K^{-1})_{22} = 1$, the `size` of this shift in the
+# lesson is also 2. (After (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -51,9 +51,9 @@ assert has_cycle(2.0 + 1e-9)
 # forward, with $s = (f - w)/K > 0$. Then $\hat\lambda = w + \gamma s > w$ for any $\gamma$: forward again, and the
 # iteration ends.
 #
-# From another start it may cycle. Let $|f| < w$, and begin with forward, so $s = (f - w)/K < 0$. If $\gamma$ is so
-# large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$. If also
-# $-w + \gamma s > w$, the guess after it is forward again. A shift $\gamma \le K$, one over the flexibility, is safe:
+# From another start the guesses may cycle. Let $|f| < w$, and begin with forward, so $s = (f - w)/K < 0$. If $\gamma$
+# is so large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$. If then
+# $\hat\lambda = -w + \gamma s > w$, the following guess is forward again. A shift $\gamma \le K$ is safe after forward:
 # $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
 
 
@@ -72,10 +72,10 @@ assert count_guesses(0.0, 3.0, pushed) == 40
 
 # %% [markdown]
 # **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. It is pulled at
-# its free end by 0.705. A node that sticks holds its neighbour, and the nodes behind it carry no force. So the front
-# moves by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other one, and the
-# front moves in larger steps. A start from 9/10 of the pull has the front at 63 already, and takes a tenth of the
-# rounds. Time steps use this: each starts from the sets of the step before.
+# its free end by 0.705. A node that sticks holds its neighbour, and the nodes behind it carry no force. So slip spreads
+# by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other node, and slip
+# spreads in larger steps. If the iteration starts from the answer to 9/10 of the pull, 63 nodes slip already, and it
+# takes about a tenth of the rounds. Time steps use this: each starts from the sets of the step before.
 
 
 # %%
@@ -102,11 +102,11 @@ assert len(warm) <= 0.15 * len(cold)
 print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths of the pull")
 
 # %% [markdown]
-# **4.** One projected gradient reduces the distance to the solution at least by the factor $1 - \kappa_1/\kappa_m$,
-# where $\kappa_1$ and $\kappa_m$ are the smallest and the largest eigenvalue of $K$. Their ratio, the condition number,
-# is up to $10^3$ here, so thousands of steps are needed for a factor of a thousand. Newton's method in between saves
-# most of them. With momentum, as in the package, the number of sure steps is proportional to the root of the condition
-# number.
+# **4.** One sure step multiplies the distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less, where
+# $\kappa_1$ and $\kappa_m$ are the smallest and the largest eigenvalue of $K$. The condition number $\kappa_m/\kappa_1$
+# is up to $10^3$ here, so a distance that is a thousand times smaller may need thousands of steps. Newton's method
+# between the sure steps saves most of them. With momentum, as in the package, the bound on the number of sure steps is
+# proportional to the root of the condition number.
 
 
 # %%
@@ -137,8 +137,8 @@ print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at
 
 # %% [markdown]
 # **5.** Run the iteration until sets repeat; the number of rounds in between is the length of the cycle. The sets
-# determine the next iterate, and thus all later ones: one repetition is enough. The length two is the most frequent,
-# but not the only one.
+# determine the next iterate, and thus all later iterates, so one repetition is enough. The length two is the most
+# frequent, but not the only one.
 
 
 # %%

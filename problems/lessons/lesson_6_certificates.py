@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* linear algebra, the dual of lesson 1. *You will see:* what a duality gap proves, why we need not trust a
-# solver, and what no gap can tell.
+# solver, and what a gap cannot tell.
 #
 # Every answer of this package comes with a number that bounds its error, whichever solver computed the answer. This
 # lesson writes the number in six lines and proves the bound. Then a solver stops too early and reports "optimal".
@@ -15,7 +15,7 @@
 # where $s = u - u_{prev}$ are the slips of the step at the contact nodes, $K$ is the stiffness of the body at these
 # nodes, $w_i$ are the friction bounds, and $f$ is the part of the load that the stresses at the start of the step do
 # not balance. Insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package calls $s$
-# and $f$ `d` and `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
+# `d`, and it calls $f$ `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
 
 # %%
 import matplotlib.pyplot as plt
@@ -49,9 +49,9 @@ print(f"{len(f)} contact nodes, of which {np.count_nonzero(step.answer.d)} slip"
 #
 # $$\mathrm{gap}(s, \lambda) = \tfrac12\, r^T K^{-1} r + \sum_i \bigl( w_i |s_i| - \lambda_i s_i \bigr) .$$
 #
-# The first part measures how far the forces are from balance. The second part measures how far friction is from the
-# slip. It vanishes where a node sticks ($s_i = 0$), and where it slips with full friction against it
-# ($\lambda_i = w_i\, \mathrm{sign}\, s_i$).
+# The first part measures how far the forces are from balance. The second part measures how far friction is from its
+# law. This part vanishes at a node that sticks ($s_i = 0$), and at a node that slips with full friction against the
+# slip ($\lambda_i = w_i\, \mathrm{sign}\, s_i$).
 
 
 # %%
@@ -67,6 +67,7 @@ def energy_norm(s):
 
 
 exact, forces = step.answer.d, step.answer.lam[:, 0]
+# The floor of a certificate bounds the rounding error of its gap.
 assert abs(gap(exact, forces) - step.certificate.gap) <= step.certificate.floor
 print(f"gap of the package's answer {gap(exact, forces):.1e}; the certificate has {step.certificate.gap:.1e}")
 
@@ -93,12 +94,12 @@ print(f"gap of the package's answer {gap(exact, forces):.1e}; the certificate ha
 #   & + \Bigl(\tfrac12 r^TK^{-1}r + r^Ts + \tfrac12 s^TKs\Bigr) = \mathrm{gap}(s, \lambda). \qquad \square
 #   \end{aligned}$$
 #
-# The proof depends on $w_i |v_i| \ge \lambda_i v_i$. Without $|\lambda_i| \le w_i$ this is wrong for some $v$, and the
-# gap proves nothing (see "How to cheat a careless check" below).
+# The proof depends on $w_i |v_i| \ge \lambda_i v_i$. Without $|\lambda_i| \le w_i$ this inequality is wrong for some
+# $v$, and the gap proves nothing (see "How to cheat a careless check" below).
 #
 # The proof does not mention a solver. We now disturb the solution at random and compare both sides of the inequality.
-# We do not know $s^*$, but the package's answer has a certified relative error of about $10^{-13}$, so we use it as
-# $s^*$.
+# We do not know $s^*$, but the package's answer has a certified relative error below $10^{-13}$, so we use this answer
+# as $s^*$.
 
 # %%
 rng = np.random.default_rng(6)
@@ -119,21 +120,21 @@ print(f"certified over true error: {ratio[:8].mean():.0f} for small errors, {rat
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
-# This bound is linear in the slip, and the squared error is quadratic. So an error $\varepsilon$ is certified as about
-# $\sqrt\varepsilon$.
+# The gap is thus linear in the slip, whereas the squared error is quadratic. So for an error $\varepsilon$ the
+# certificate is of size $\sqrt\varepsilon$.
 #
 # **Question:** Two answers are equally far from $s^*$. In one, all sticking nodes are at rest; in the other, they slip
-# a little. Which answer has the better certificate? And why do active-set methods (lesson 5) reach certificates at
-# rounding?
+# a little. Which answer has the better certificate? And why do active-set methods (lesson 5) reach certificates that
+# are as small as rounding errors?
 #
 # <details><summary>Answer</summary>
 #
 # The answer with nodes at rest. Take the right forces, $\lambda = \lambda^*$, and let the slipping nodes slip in the
-# right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node that slips or is at rest, and the gap is
-# $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that slips
-# by $s_i$ adds $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger if $s_i$ is small.
+# right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node, and the gap is $\tfrac12 r^TK^{-1}r$ with
+# $r = K(s^* - s)$. This is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that slips by $s_i$ adds
+# $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger than $s_i^2$ if $s_i$ is small.
 #
-# Active-set methods set $s_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips, exactly. Their gap is
+# Active-set methods set exactly $s_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips. Their gap is
 # $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding error of one linear system.
 #
 # </details>
@@ -164,7 +165,7 @@ _figure
 # %% [markdown]
 # ## A solver that lies
 #
-# Any object with the method `solve(program, target, lam)` is a solver for this package. The following one takes
+# Any object with the method `solve(program, target, lam)` is a solver for this package. The following solver takes
 # projected gradients on the dual (lesson 9), stops after three iterations, and reports "optimal".
 
 
@@ -194,10 +195,12 @@ print(refused)
 # The package ignored the status and computed the gap, which was too large. With `check=False` it returns the answer
 # anyway, with its certificate. So we can compare the true error with the certified one.
 #
-# The error of one step affects the next one, which begins where the last one ended. But the error is not *amplified*:
-# the map from $u_{prev}$ to $u$ is nonexpansive in $|\cdot|_K$ (exercise 3). So
+# The error of one step affects the next step, which begins where this step ended. But the error is not *amplified*: the
+# map from $u_{prev}$ to $u$ is nonexpansive in $|\cdot|_K$ (exercise 3). So
 #
 # $$|u_n - u_n^*|_K \le \sum_{m \le n} \sqrt{2\,\mathrm{gap}_m} .$$
+#
+# We check this inequality for 32 steps under a load that varies like $\sin 3t$.
 
 # %%
 system = vx.System(K, lambda t: np.sin(3 * t) * steps[0].g / times[1], vx.Norms(np.eye(8), w))
@@ -214,7 +217,7 @@ for _count in (10, 100, 1000):
     print(f"{_count:5d} iterations per step: error {_error[-1]:.1e}, certificates allow {_allowed[-1]:.1e}")
 
 # %% [markdown]
-# The picture shows the true errors over time. Each curve stays below the sum of its certificates.
+# The picture shows the true errors over time. Each error stays below the sum of the certificates of its run.
 
 # %% jupyter={"source_hidden": true}
 # Picture: true errors over time for three numbers of iterations, each below the sum of its certificates
@@ -258,8 +261,8 @@ print(f"the careless check has {careless(exact):.1e} < 0 for the solution; ours 
 # %% [markdown]
 # ## Where is the error?
 #
-# Each term in the second part of the gap belongs to one node. Move one sticking node, and the certificate shows where
-# it is:
+# Each term in the second part of the gap belongs to one node. Move one sticking node, and the certificate shows which
+# node has moved:
 #
 # $$\mathrm{gap} = \tfrac12\, r^T K^{-1} r + \sum_i \mathrm{gap}_i, \qquad
 #   \mathrm{gap}_i = w_i |s_i| - \lambda_i s_i .$$
@@ -293,7 +296,7 @@ assert deviation > 1e6 * max(coarse.certificate.max(), fine.certificate.max())
 #    $\lambda = \mathrm{clip}(f - Ks)$. Are the certificates better or worse?
 # 3. Take two random states, do the same step from both, and check that their distance in $|\cdot|_K$ has not grown.
 #    Prove it: add the two variational inequalities.
-# 4. Write a solver that returns the exact $s$ with $\lambda = 0$. Is it refused? Should it be?
+# 4. Write a solver that returns the exact $s$ with $\lambda = 0$. Is its answer refused? Should it be refused?
 # 5. The error of the *last* of $n$ steps should be at most $\varepsilon$. Which gap do you request for each step? Which
 #    gap would suffice if the errors were random and independent, and why does the theorem not allow this?
 #

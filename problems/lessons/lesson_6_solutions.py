@@ -37,9 +37,10 @@ for _s in rng.normal(size=(20, size)):
     assert abs(gap(_s, np.zeros(size), w=0.0) - 0.5 * (_s - best) @ K @ (_s - best)) <= FLOOR
 
 # %% [markdown]
-# **2.** The multipliers computed from $s$ balance all forces that the friction bounds allow to balance. Near the
-# solution the remaining $r$ is of first order, and its square is of second order. A disturbed $\lambda$ adds terms of
-# second order, too. Neither choice is always better. Both are certificates, and a check may take the smaller one.
+# **2.** The multipliers computed from $s$ balance the forces at every node whose friction bound allows this. But for an
+# error $\varepsilon$ of $s$ these multipliers are wrong by the order $\varepsilon$, and at slipping nodes the terms
+# $w_i |s_i| - \lambda_i s_i$ of the gap are of this order. A disturbed $\lambda$ adds terms of the same order. Neither
+# choice is always better. Both are certificates, and a check may take the smaller one.
 
 # %%
 exact = step_from(np.zeros(size), f)
@@ -55,7 +56,7 @@ assert 0 < wins < 100
 
 # %% [markdown]
 # **3.** Two steps lead from $u_{prev}$ to $u$ and from $\bar u_{prev}$ to $\bar u$ under the same load, with the slips
-# $s$ and $\bar s$. Take the slip of each as the test function of the other:
+# $s$ and $\bar s$. Take the slip of each step as the test function of the other:
 # $(Ku - f)^T (\bar s - s) + j(\bar s) - j(s) \ge 0$, and the same with exchanged roles. The sum of both is
 # $(u - \bar u)^T K (s - \bar s) \le 0$, that is $|u - \bar u|_K^2 \le (u - \bar u)^TK(u_{prev} - \bar u_{prev})$. The
 # Cauchy-Schwarz inequality completes the proof.
@@ -102,8 +103,8 @@ assert vx.march(system, [0.0, 1.0], solver=Right(with_zeros=False)).certificate.
 # %% [markdown]
 # **5.** $\sum_m \sqrt{2\,\mathrm{gap}_m} \le \varepsilon$ holds if each gap is at most $\tfrac12 (\varepsilon / n)^2$.
 # If the errors were independent with mean zero, their squares would add up, and $\tfrac12 \varepsilon^2 / n$ would
-# suffice. But the errors of a solver are biased, for example all slips are too small. The theorem covers the worst
-# case.
+# suffice. But the errors of a solver may be biased, for example if all slips are too small. The theorem covers the
+# worst case.
 
 # %%
 n, target = 50, 1e-3

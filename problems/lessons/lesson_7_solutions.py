@@ -25,10 +25,11 @@ def relative_error(run, reference):
 
 
 # %% [markdown]
-# **1.** Two meshes with the errors $e_1$ and $e_2$ and $n_2 = 2 n_1$ give $\alpha = \log_2 (e_1 / e_2)$, and the error
-# $\varepsilon$ needs $n = n_2 (e_2 / \varepsilon)^{1/\alpha}$. The order still grows a little with $n$, so this $n$ is
-# too large rather than too small. We test the prediction for ten per cent, where the test is cheap. For adaptive meshes
-# we start from 862 nodes with 3.3 per cent, so one per cent needs $862 \cdot 3.3^2$ nodes.
+# **1.** Two meshes with $n_1$ and $n_2 = 2 n_1$ cells across and the errors $e_1$ and $e_2$ give
+# $\alpha = \log_2 (e_1 / e_2)$, and the error $\varepsilon$ needs $n = n_2 (e_2 / \varepsilon)^{1/\alpha}$. The order
+# still grows a little with $n$, so this $n$ is too large rather than too small. We test the prediction for ten per
+# cent, where the test is cheap. The adaptive mesh of the lesson has 862 nodes and an error of 3.3 per cent, so one per
+# cent needs $862 \cdot 3.3^2$ nodes.
 
 # %%
 ramp, steps = block(lambda t: t), np.linspace(0.0, 1.0, 5)
@@ -48,8 +49,8 @@ assert 0.08 < measured <= 0.1
 assert cells_across(0.01) ** 2 > 862 * 3.3**2
 
 # %% [markdown]
-# **2.** The zigzag has the slope 4 on both sides of its peak. The nearest instant is $k/2$ away, so the load misses
-# $4 \cdot k/2$ of its peak: order 1.
+# **2.** The zigzag has the slope 4 on both sides of its peak. The nearest instant is $k/2$ away, so the run misses
+# $4 \cdot k/2$ of the peak: order 1.
 
 
 # %%
@@ -91,9 +92,9 @@ print(f"smooth solution:\n{in_space}")
 assert np.abs(in_space.orders["error"][1:] - 1).max() < 0.1
 
 # %% [markdown]
-# **4.** Minimise $h^{-2}k^{-1}$ for $C_h h + C_k k = \varepsilon$. The gradient of the logarithm, $(-2/h, -1/k)$, is
-# parallel to $(C_h, C_k)$, so $C_h h = 2 C_k k$. The error of the mesh is *two thirds* of the total, because accuracy
-# in space costs more.
+# **4.** Minimise $h^{-2}k^{-1}$ for $C_h h + C_k k = \varepsilon$. At the minimum the gradient of the logarithm of the
+# cost, $(-2/h, -1/k)$, is parallel to $(C_h, C_k)$, so $C_h h = 2 C_k k$. The error of the mesh is *two thirds* of the
+# total, because accuracy in space costs more.
 
 # %%
 C_h, C_k, target = 3.0, 0.7, 0.05

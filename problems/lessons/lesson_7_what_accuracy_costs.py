@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* energy norms and orders of convergence; certificates (lesson 6). *You will see:* three errors, how to
-# measure each alone, that one of them may be zero or forty per cent, and which one to reduce first.
+# measure each of them alone, that one of them may be zero or nearly forty per cent, and which one to reduce first.
 #
 # Let $u$ be the solution of the continuous problem, $u_h$ its discretisation in space, $u_{hk}$ its discretisation in
 # space and time, and $\tilde u$ the answer of a solver. Then
@@ -44,8 +44,8 @@ ramp, eight = block(lambda t: t), np.linspace(0.0, 1.0, 9)
 # %% [markdown]
 # ## 1. The mesh
 #
-# There is no closed form, so we compare with a much finer mesh. The error of this reference is between a half and a
-# third of the error for $n = 32$ cells across.
+# There is no closed form, so we compare with a finer mesh, 96 cells across. By the orders below, the error of this
+# reference is between a third and a half of the error for 32 cells across.
 
 # %%
 reference = vx.simulate(ramp, vx.meshes.squares(96), eight, store="last")
@@ -59,8 +59,8 @@ table = vx.measures.convergence_table(1 / np.array(sizes), errors)
 print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items()})
 
 # %% [markdown]
-# Linear elements have the order 1 for smooth solutions. Near a singularity, where $u$ behaves like $r^\alpha$ with the
-# distance $r$ and $\alpha < 1$, the order is lower:
+# Linear elements have the order 1 for smooth solutions. If $u$ behaves like $r^\alpha$ at the distance $r$ from a
+# singular point, with $\alpha < 1$, the order is lower:
 #
 # $$|u - u_h| = \begin{cases} O(h) & \text{for smooth } u, \\
 #   O(h^\alpha) & \text{where } u \sim r^\alpha . \end{cases}$$
@@ -73,9 +73,9 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 #
 # <details><summary>Answer</summary>
 #
-# Squares. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles have as many nodes and 4.5 %.
-# Voronoi cells, of which three meet at a node, have 2046 nodes and 4.0 %. The error falls roughly like one over the
-# root of the number of nodes, so compare error times root: 1.23, 1.48 and 1.81.
+# Squares. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles have as many nodes and an error of
+# 4.5 %. Voronoi cells, of which three meet at a node, have 2046 nodes and an error of 4.0 %. The error falls roughly
+# like one over the root of the number of nodes, so compare the products of error and root: 1.23, 1.48 and 1.81.
 #
 # </details>
 
@@ -85,9 +85,9 @@ for _found in table.orders.values():
     assert (_found[1:] < 1.0).all()
 
 # %% [markdown]
-# ## 2. Time steps: no error, or forty per cent
+# ## 2. Time steps: no error, or nearly forty per cent
 #
-# We pull and push, on one mesh, and compare runs of few steps with a run of many steps:
+# We pull and push the block on one mesh, and compare runs of few steps with a run of 64 steps:
 #
 # $$\varphi(t) = \sin 2\pi t .$$
 
@@ -100,14 +100,15 @@ for _n, _error in deviations.items():
     print(f"{_n:3d} steps: error {_error:.1e}")
 
 # %% [markdown]
-# Four steps are *exact*, and six steps have an error of a third. Why? Between two reversals the slip goes in one
-# direction, and then its rate can be integrated,
+# Four steps are *exact*, and six steps have an error of more than a third. Why? Between two reversals the slip goes in
+# one direction, and then the integral of its rate is the total slip,
 #
-# $$\int_{t_1}^{t_2} |\dot u|\, dt = |u(t_2) - u(t_1)| :$$
+# $$\int_{t_1}^{t_2} |\dot u|\, dt = |u(t_2) - u(t_1)| .$$
 #
-# one large step solves the same program as many small steps. So the instants only need to include the *reversals* of
-# the load, at $t = 1/4$ and $3/4$. They do if four divides the number of steps. With six steps the nearest instant is
-# half a step $k$ away, and the load reaches only $\cos \pi k$ of its peak. So the error falls like
+# So one large step solves the same program as many small steps. The instants only need to include the *reversals* of
+# the load, at $t = 1/4$ and $3/4$. The instants include both reversals if four divides the number of steps. With six
+# steps the nearest instant is half a step, $k/2$, away, and the load reaches only $\cos \pi k$ of its peak. So the
+# error falls like
 #
 # $$1 - \cos \pi k \approx \tfrac12 (\pi k)^2 .$$
 
@@ -127,7 +128,8 @@ assert abs(in_time.orders["error"][-1] - 2) < 0.3
 #
 # ## 3. The solver
 #
-# We request less and less error from an interior-point method, on one mesh. The certificate bounds the last term,
+# We request smaller and smaller errors from an interior-point method, on one mesh. The certificates bound the error of
+# the solver,
 #
 # $$|u_{hk} - \tilde u| \le \sum_n \sqrt{2\,\mathrm{gap}_n} .$$
 
@@ -146,14 +148,14 @@ work = [run.iterations.sum() for run in solved]
 assert work[-1] < 2 * work[0]
 
 # %% [markdown]
-# Four more digits cost a quarter more iterations: Newton's method, inside the solver, converges fast. The mesh error
-# here is seven per cent, and the true errors of all three answers are far below it. The error of the solver is the
-# *cheapest* of the three to reduce. So make it negligible, and certify that it is (lesson 6).
+# Four more digits cost a quarter more iterations, because Newton's method inside the solver converges fast. The error
+# of this mesh is seven per cent, and the true errors of all three answers are far smaller. Of mesh, time steps and
+# solver, the error of the solver is the *cheapest* to reduce. So make it negligible, and certify this (lesson 6).
 #
 # ## 4. Estimates instead of references
 #
-# A reference for every run would cost too much. The residuals in cells and the jumps of the stress across edges
-# estimate the error of the mesh, and `vx.error_budget` reports all three errors side by side.
+# A reference for every run would cost too much. The residuals in cells and the jumps of the stress across edges give an
+# estimate of the error of the mesh, and `vx.error_budget` reports all three errors side by side.
 
 # %%
 budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n in (8, 16, 32)]
@@ -215,17 +217,17 @@ _figure
 #
 # </details>
 #
-# `vemcvx cost FILE` measures all this for a problem file: true errors over seconds and memory, for families of meshes,
-# steps and solvers, uniform and adaptive, with advice.
+# `vemcvx cost FILE` measures all this for a problem file: true errors, seconds and memory, for families of meshes,
+# uniform and adaptive refinement, numbers of steps, and solvers. It also gives advice.
 #
 # ## Exercises
 #
-# 1. Fit $e = e_1 (h/h_1)^\alpha$ to the errors of squares. Which $n$ do you need for one per cent? How many nodes do
-#    adaptive meshes need, if their error falls like one over the root of the number of nodes?
+# 1. Fit $e = e_1 (h/h_1)^\alpha$ to the errors of squares. How many cells across do you need for one per cent? How many
+#    nodes do adaptive meshes need, if their error falls like one over the root of the number of nodes?
 # 2. Replace the sine by a zigzag of straight lines. With which power of $k$ does the error fall if the reversals are
 #    not hit? Derive it first.
 # 3. Take a smooth solution without friction, with a closed form. Which order do you get now?
-# 4. A model: the errors of mesh and steps are $e_h = C_h h$ and $e_k = C_k k$, the cost is $h^{-2} k^{-1}$. For a given
-#    total error, where is the cost minimal? Should both errors be equal?
+# 4. In a model, the errors of mesh and steps are $e_h = C_h h$ and $e_k = C_k k$, and the cost is $h^{-2} k^{-1}$.
+#    Which $e_h$ and $e_k$ have the smallest cost for a given sum? Should both errors be equal?
 #
 # Solutions: `lesson_7_solutions.py`.

@@ -65,8 +65,8 @@ for _normal in (0.0, 100.0):
 
 # %% [markdown]
 # **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has an effect for
-# each. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in
-# $x$, so it is exact for every mesh and every step.
+# each of them. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$
+# and has no rate, so it is exact for every mesh and every step.
 
 
 # %%
@@ -104,10 +104,10 @@ assert np.abs(history.displacement[..., 0] - exact).max() <= 1e-11 * speed
 assert np.abs(history.displacement[..., 1]).max() <= 1e-11 * speed
 
 # %% [markdown]
-# **3.** The midpoint rule, $c\,(U_n - U_{n-1}) / k + M (U_n + U_{n-1}) / 2 = p$, is of second order. With friction,
-# it balances the forces in the *middle* of the step and respects the friction bound there. The force at the end of
-# the step is extrapolated. It may exceed the bound, and oscillate from step to step. Backward Euler respects the
-# bound at the end of every step.
+# **3.** The midpoint rule, $c\,(U_n - U_{n-1}) / k + M (U_n + U_{n-1}) / 2 = p$, is of second order. With friction, it
+# balances the forces in the *middle* of the step and respects the friction bound there. The force at the end of the
+# step is extrapolated from the middle, so it may exceed the bound and oscillate from step to step. Backward Euler
+# respects the bound at the end of every step.
 
 # %%
 errors = []
@@ -124,11 +124,12 @@ assert (np.diff(np.abs(ratios - 4)) < 0).all()
 assert abs(ratios[-1] - 4) < 0.05
 
 # %% [markdown]
-# **4.** A step would minimise $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u -
-# u_{prev}))_+^2\, ds$. The squared positive part is convex, so there is one minimiser, and a gap certifies it.
-# `Limits(compliance=)` has squared positive parts, but of the displacement beyond a fixed distance, not of the
-# increment. Its threshold would have to move with $u_{prev}$, and the contributions of this package do not provide
-# this. Here is one degree of freedom by hand:
+# **4.** A step would minimise
+# $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u - u_{prev}))_+^2\, ds$. The
+# squared positive part is convex, so there is one minimiser, and a gap certifies it. `Limits(compliance=)` has squared
+# positive parts, but of the displacement beyond a fixed distance, not of the increment. The distance would have to
+# change with $u_{prev}$, and the contributions of this package do not provide this. Here is one degree of freedom by
+# hand:
 
 
 # %%

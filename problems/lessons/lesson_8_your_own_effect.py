@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* weak forms, lesson 4 (the quasistatic problem). *You will see:* that each effect adds arrays to a scene,
-# that twenty lines are an effect, and that a closed form in space *and* time is a test that finds mistakes.
+# that an effect takes twenty lines, and that a closed form in space *and* time is a test that finds mistakes.
 #
 # A scene is a list of *effects*: elasticity, supports, loads, friction. No effect depends on the others. On a given
 # mesh each effect contributes arrays to one of the terms of
@@ -13,18 +13,19 @@
 # stiffness to $a$, viscosity to $b$, friction bounds to $j$, loads to $\ell$; supports and obstacles restrict the
 # admissible $v$. The scene adds all contributions. If the library lacks an effect, you can write it.
 #
-# Our example is *dashpots*: shock absorbers along a part $\Gamma$ of the boundary. They resist the velocity with a
-# traction, where $n$ is the outward normal and the damping $c$ is a force per area and velocity:
+# Our example is *dashpots*: shock absorbers along a part $\Gamma$ of the boundary, whose outward normal is $n$. Their
+# traction resists the velocity. The damping $c$ is a force per area and velocity:
 #
 # $$\sigma n = -c\, \dot u \quad \text{on } \Gamma, \qquad c \ge 0 .$$
 #
-# In the weak form the traction multiplies $v$. We move this term to the left side:
+# In the weak form the traction multiplies $v$. We move this term to the left side of the inequality:
 #
 # $$b(\dot u, v) = \int_\Gamma c\, \dot u \cdot v\, ds .$$
 #
-# Springs with the stiffness $\beta$ per area have $\int_\Gamma \beta\, u \cdot v\, ds$, which leads to the same matrix.
-# The library has such springs, so the effect is short. The package has helpers for authors of effects: `Contribution`
-# collects arrays, `data` evaluates constants and functions, `amount` and `where` describe data and boundaries in words.
+# Springs with the stiffness $\beta$ per area have the term $\int_\Gamma \beta\, u \cdot v\, ds$. For $\beta = c$ this
+# leads to the same matrix. The library has such springs, so the effect is short. The package has helpers for authors of
+# effects: `Contribution` collects arrays, `data` evaluates constants and functions, `amount` and `where` describe data
+# and boundaries in words.
 
 # %%
 from collections.abc import Sequence
@@ -73,16 +74,16 @@ class Dashpots(vx.Effect):
 
 
 # %% [markdown]
-# Three rules make an effect easy to combine. It is *frozen*: it remembers no mesh, so one scene serves all meshes. It
-# *refuses* meaningless data, in a sentence with the effect, the value found and the values allowed. And it *describes*
-# itself in one line.
+# Three rules make an effect easy to combine. An effect is *frozen*: it remembers no mesh, so one scene serves all
+# meshes. It *refuses* meaningless data, in a sentence with the effect, the value found and the values allowed. And it
+# *describes* itself in one line.
 #
 # **Question:** Why may $c$ not be negative? Give one reason from thermodynamics and one from convexity.
 #
 # <details><summary>Answer</summary>
 #
-# *Dissipation:* dashpots take the power $c\,|\dot u|^2$ from the body; with $c < 0$ they would supply power from
-# nothing. *Convexity:* in the program of a step the dashpots are the term $\tfrac{c}{2k} |u - u_{prev}|^2$. With
+# *Dissipation:* dashpots take the power $c\,|\dot u|^2$ per area from the body; with $c < 0$ they would supply power
+# from nothing. *Convexity:* in the program of a step the dashpots are the term $\tfrac{c}{2k} |u - u_{prev}|^2$. With
 # $c < 0$ this term is concave, and its curvature grows as $k$ gets smaller. If it outweighs the stiffness, there is no
 # minimum.
 #
@@ -160,20 +161,20 @@ plt.close(_figure)
 _figure
 
 # %% [markdown]
-# **Question:** The dots lie below the line. Is this necessary? (Which velocity does backward Euler use in a step?)
+# **Question:** The dots lie below the line. Must they lie there? (Which velocity does backward Euler use in a step?)
 #
 # <details><summary>Answer</summary>
 #
-# Yes. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows down, so
-# this velocity is less than the mean velocity of the step. In formulas: in one step the remainder $p/M - U$ is divided
-# by $1 + kM/c$, and in the exact solution by $e^{kM/c}$, which is larger. So after every number of steps the remainder
-# of backward Euler is too large, and $U_n$ is too small.
+# Yes, they must. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows
+# down, so this velocity is less than the mean velocity of the step. In formulas: in one step the remainder $p/M - U$ is
+# divided by $1 + kM/c$, and in the exact solution by $e^{kM/c}$, which is larger. So after every number of steps the
+# remainder of backward Euler is too large, and $U_n$ is too small.
 #
 # </details>
 #
 # ## The energy balance
 #
-# A third test needs no closed form. The dashpots take the energy $\int c\, \dot U^2 dt$, in steps
+# A third test needs no closed form. The dashpots take the energy $\int c\, \dot U^2 dt$. In time steps this is the sum
 # $\sum_n c\, s_n^2 / k$ with $s_n = U_n - U_{n-1}$. The package sums up
 #
 # $$\text{work} = \text{stored} + \text{dissipated} + \sum_n \tfrac12 a(s_n, s_n),$$
@@ -200,7 +201,7 @@ assert abs(run.work[-1] - run.energy[-1] - taken - lost_by_euler) <= 1e-10 * run
 
 # %%
 def block(speed, *more):
-    """Run the paper's block up to the same load, at the given speed, with further effects."""
+    """Run the paper's block with the effects `more`; the final load is the same for every speed."""
 
     def pull(x, t):
         return speed * t * np.column_stack([8 * (1.25 - x[:, 1]), np.full(len(x), -0.01)])
@@ -244,10 +245,10 @@ _figure
 # %% [markdown]
 # ## Tests for every effect
 #
-# `tests/effects/test_conformance_effects.py` states in fifteen sentences what *every* effect must do. It returns equal
-# arrays when called twice, remembers no mesh, and refuses unknown names. It can be copied to another process, and does
-# not depend on the order of the scene. `tests/effects/test_lesson_8.py` applies all fifteen tests to the dashpots of
-# this lesson. CONTRIBUTING.md has a recipe for adding an effect to the library.
+# `vemcvx.testing.effect_suite` tests what *every* effect must do. For example, an effect returns equal arrays when
+# called twice, remembers no mesh, and refuses unknown names. It can be copied to another process, and does not depend
+# on its place in the scene. `tests/effects/test_lesson_8.py` applies all of these tests to the dashpots of this lesson.
+# CONTRIBUTING.md has a recipe for adding an effect to the library.
 
 # %%
 for _wrong in (-1.0, np.nan, lambda x: np.where(x[:, 1] > 0.5, 1.0, -1.0)):
@@ -262,12 +263,12 @@ for _wrong in (-1.0, np.nan, lambda x: np.where(x[:, 1] > 0.5, 1.0, -1.0)):
 #
 # 1. Give the dashpots a direction: damping $c_n$ for the normal and $c_t$ for the tangential velocity. Which closed
 #    form tests $c_t$? (Shear the bar instead of compressing it.)
-# 2. A *Robin* condition: springs of stiffness $\beta$ to a support that moves by $u_0(t)$, so
+# 2. A *Robin* condition stands for springs of stiffness $\beta$ to a support that moves by $u_0(t)$, so
 #    $\sigma n = \beta(u_0 - u)$. Write the effect, and find the closed form of the bar for a $u_0$ that is linear in
 #    time.
 # 3. Replace backward Euler in the recursion by the midpoint rule. With which power of $k$ does the error fall now?
 #    Which difficulty would this cause with friction?
-# 4. How would you write dashpots that resist compression *only*? Which of the terms above would they need, and why is
-#    the step still convex?
+# 4. How would you write dashpots that resist motion along the outward normal *only*? Which term would they add to the
+#    program of a step, and why is this program still convex?
 #
 # Solutions: `lesson_8_solutions.py`.

@@ -10,9 +10,9 @@
 #
 # $$P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i |s_i| .$$
 #
-# An engineer may ask for the forces instead: which forces $\lambda_i$ does friction carry? Each is at most $w_i$, and
-# the rest of the load $f$ moves the body. We take the eight contact nodes of the paper's block again, in a step in
-# which some nodes slip and some stick.
+# An engineer may ask for the forces instead: which forces $\lambda_i$ does friction carry? Each $|\lambda_i|$ is at
+# most $w_i$, and the rest of the load $f$ moves the body. We take the eight contact nodes of the paper's block again,
+# in a step in which some nodes slip and some stick.
 
 # %%
 import cvxpy as cp
@@ -48,9 +48,9 @@ assert 0 < np.count_nonzero(step.answer.d) < len(f)
 #
 # $$\max_{|\lambda_i| \le w_i}\; D(\lambda) = -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) .$$
 #
-# So $\lambda$ is **the point of a box that is nearest to $f$**, where distances are measured by the flexibility
-# $K^{-1}$. If $f$ lies in the box, friction carries the whole load, and nothing moves. Otherwise the rest $f - \lambda$
-# moves the body.
+# So $\lambda$ is **the point of the box $|\lambda_i| \le w_i$ that is nearest to $f$**, where distances are measured by
+# the flexibility $K^{-1}$. If $f$ lies in the box, friction carries the whole load, and nothing moves. Otherwise the
+# rest $f - \lambda$ moves the body.
 #
 # The dual has no kinks and no displacements. In cvxpy it takes three lines.
 
@@ -71,7 +71,7 @@ assert distance <= certificate.error + certificate.error_floor + known
 #
 # $$D(\lambda) \le D(\lambda^*) = P(s^*) \le P(s) .$$
 #
-# Forces approach the optimum from below, slips from above, and their distance is the gap.
+# The values of forces approach the optimum from below, the values of slips from above. Their difference is the gap.
 
 
 # %%
@@ -94,14 +94,14 @@ assert below(lam) <= best + rounding
 assert best <= above(s) + rounding
 
 # %% [markdown]
-# **Question:** Halve all friction bounds. In which direction does the dual optimum move, and why is this clear without
-# any computation?
+# **Question:** Halve all friction bounds. Does the optimal value of the dual rise or fall, and why is this clear
+# without any computation?
 #
 # <details><summary>Answer</summary>
 #
-# Down. The function $D$ does not change, and the new box is a part of the old one: a maximum over fewer $\lambda$ is
-# not larger. (It is smaller here, because the old optimum lies outside the new box.) Both optima are equal, so the
-# least energy falls as well: with less friction the body moves more.
+# It falls. The function $D$ does not change, and the new box is a part of the old box: a maximum over fewer $\lambda$
+# is not larger. (The maximum is smaller here, because the old optimum lies outside the new box.) Both optima are equal,
+# so the least energy falls as well: with less friction the body moves more.
 #
 # </details>
 #
@@ -110,11 +110,11 @@ assert best <= above(s) + rounding
 # A projection splits its argument: $f = \lambda + Ks$, with $\lambda$ in the box and $s$ normal to the box at
 # $\lambda$. For a single node $K$ is a number, and both parts have names,
 #
-# $$\lambda = \mathrm{clip}(f, -w, w), \qquad K s = f - \lambda = \mathrm{sign}(f)\,(|f| - w)_+ :$$
+# $$\lambda = \mathrm{clip}(f, -w, w), \qquad K s = f - \lambda = \mathrm{sign}(f)\,(|f| - w)_+ .$$
 #
-# the projection onto an interval, and the *soft threshold* of statistics. "$s$ minimises $\tfrac12 Ks^2 - fs + w|s|$"
-# and "$\lambda$ is nearest to $f$" are the same statement. With many nodes $K$ couples the thresholds, and the work of
-# friction is
+# These are the projection onto an interval and the *soft threshold* of statistics. "$s$ minimises
+# $\tfrac12 Ks^2 - fs + w|s|$" and "$\lambda$ is nearest to $f$ in the interval" are the same statement. With many nodes
+# $K$ couples the thresholds, and the work of friction is
 #
 # $$\lambda^T s = \sum_i w_i |s_i| .$$
 
@@ -140,22 +140,23 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 # where $\kappa_1 \le \dots \le \kappa_m$ are the eigenvalues of $K$. This is the projected gradient method. In
 # mechanics it is called Uzawa's method.
 #
-# *Why this* $\rho$*?* Subtract the equation of the solution,
-# $\lambda^* = \mathrm{clip}(\lambda^* + \rho\, s(\lambda^*), -w, w)$. Clipping does not increase distances, and
+# *Why this* $\rho$*?* The solution satisfies $\lambda^* = \mathrm{clip}(\lambda^* + \rho\, s(\lambda^*), -w, w)$.
+# Subtract this equation from the iteration. Clipping does not increase distances, and
 # $s(\lambda) - s(\lambda^*) = -K^{-1} (\lambda - \lambda^*)$. So the error after the iteration is at most as long as
 #
 # $$(I - \rho K^{-1}) (\lambda - \lambda^*) .$$
 #
-# Along the $i$-th eigenvector of $K$ the factor is $1 - \rho/\kappa_i$. It is smallest in the softest direction,
-# $1 - \rho/\kappa_1$. This is negative for $\rho > \kappa_1$, and less than $-1$ for $\rho > 2 \kappa_1$, where the
-# iteration need not converge. With $\rho = \kappa_1$ all factors lie between 0 and
+# Along the $i$-th eigenvector of $K$ the error is multiplied by $1 - \rho/\kappa_i$. The smallest factor,
+# $1 - \rho/\kappa_1$, belongs to the softest direction. This factor is negative for $\rho > \kappa_1$, and less than
+# $-1$ for $\rho > 2 \kappa_1$, where the iteration need not converge. With $\rho = \kappa_1$ all factors lie between 0
+# and
 #
 # $$q = 1 - \kappa_1/\kappa_m ,$$
 #
-# and *every* iteration multiplies the error of the forces by $q$ or less. (In lesson 5 the same step is one over the
+# and *every* iteration multiplies the error of the forces by $q$ or less. (Lesson 5 has the same $\rho$: one over the
 # Lipschitz constant of the gradient, $|K^{-1}| = 1/\kappa_1$.)
 #
-# Nesterov's acceleration is one more line. It gains little far from the optimum, and more on fine meshes (exercise 3).
+# Nesterov's acceleration takes one more line. It gains little on coarse meshes, and more on fine meshes (exercise 3).
 
 # %%
 least, *_, largest = np.linalg.eigvalsh(K)
@@ -212,8 +213,8 @@ _figure
 # %% [markdown]
 # ## 4. Only the flexibility matters
 #
-# The dual does not contain $K$, only the flexibility of the contact nodes. Let $K_{all}$ be the stiffness of all
-# unknowns of the mesh, and let the matrix $B$ select the contact unknowns. The flexibility is
+# The dual does not contain $K$ but only $K^{-1}$, the flexibility of the contact nodes. Let $K_{all}$ be the stiffness
+# of all unknowns of the mesh, and let the matrix $B$ select the contact unknowns. The flexibility is
 #
 # $$G = B K_{all}^{-1} B^T = K^{-1} .$$
 #
@@ -230,7 +231,7 @@ assert deviation <= 100 * EPS * np.linalg.cond(full.operators.K.toarray())
 
 # %% [markdown]
 # So an engineer who *measures* flexibilities in the laboratory can solve frictional contact without any mesh. And the
-# forces show directly where the contact slips: only where $|\lambda_i| = w_i$.
+# forces show directly where the contact may slip: only where $|\lambda_i| = w_i$.
 
 # %%
 history = vx.simulate(scene, mesh, [0.0, 1.0])
@@ -262,8 +263,8 @@ _figure
 #
 # <details><summary>Answer</summary>
 #
-# Newton's method needs the entries of $K$: it solves with the block of the slipping nodes, another block in every
-# iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every iteration. So it is the
+# Newton's method needs the entries of $K$: it solves with the block of the slipping nodes, which is another block in
+# every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every iteration. So it is the
 # better choice where $K$ is too large to be factorised and an iterative solver is used, which starts from the last
 # solution. It also works with an elastic code that is a black box and returns displacements for loads. And it works
 # with measured flexibilities, where there is no $K$ at all.

@@ -13,8 +13,8 @@ EPS = np.finfo(float).eps
 
 # %% [markdown]
 # **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box, because then the nearest point is
-# $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the minimum slips first. (No linear system is
-# needed.)
+# $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the smallest quotient slips first. (No linear
+# system is needed.)
 
 # %%
 factors = w / np.abs(f)
@@ -49,9 +49,9 @@ assert deviation <= 100 * EPS * np.linalg.cond(K) + 1e-8
 assert np.abs(p * (wall - pushed)).max() <= 100 * EPS * np.linalg.cond(K) * np.abs(f).max()
 
 # %% [markdown]
-# **3.** The stiffness at the contact nodes maps displacements to tractions. This map takes one derivative, so the
+# **3.** The stiffness at the contact nodes maps displacements to tractions. This map acts like one derivative, so the
 # condition number of $K$ grows like $1/h$. The bound on Uzawa's iterations grows in the same way, and the bound on
-# accelerated iterations like its root.
+# accelerated iterations grows like the root of $1/h$.
 
 
 # %%
@@ -95,9 +95,9 @@ assert growth[1] < growth[0]
 assert counts[-1][1] < counts[-1][0]
 
 # %% [markdown]
-# **4.** The second derivative of $D$ is $-K^{-1}$ for the nodal forces $B^T\lambda$: it is negative definite. The map
-# from $\lambda$ to $B^T\lambda$ is one-to-one if the rows of $B$ are independent. With two equal rows only the *sum* of
-# the two forces is determined, like two brakes on one wheel.
+# **4.** As a function of the nodal forces $B^T\lambda$, $D$ has the second derivative $-K^{-1}$, which is negative
+# definite. So the nodal forces are unique. The map from $\lambda$ to $B^T\lambda$ is one-to-one if the rows of $B$ are
+# independent. With two equal rows only the *sum* of the two forces is determined, like two brakes on one wheel.
 
 # %%
 stiffness, load = 2.0, 1.5

@@ -18,7 +18,7 @@ BAR = (vx.Elasticity(1.0, 0.0), vx.Symmetry(on=["top", "bottom"]))
 
 
 def along(of):
-    """Return a vector field along x, of size t of(x)."""
+    """Return the vector field along x whose component is t times of(x)."""
     return lambda x, t: t * np.column_stack([of(x), 0.0 * x[:, 0]])
 
 

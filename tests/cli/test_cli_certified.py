@@ -35,7 +35,7 @@ def history():
 
 
 def find_line(history, **parts):
-    """Return the line about certificates in the summary of a run some of whose results are replaced."""
+    """Return the line about certificates in the summary of a run after its results `parts` are replaced."""
     changed = dataclasses.replace(history, trajectory=dataclasses.replace(history.trajectory, **parts))
     return next(line for line in changed.summary().splitlines() if line.startswith("certified"))
 

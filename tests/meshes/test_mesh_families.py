@@ -60,7 +60,7 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
     rounding = 1e-14 * mesh.n_cells + 2.0**-46 * np.abs(box).max() / lengths.min()
-    again = type(mesh)(mesh.points, mesh.cells)  # warnings, as of unused nodes, are errors in tests
+    again = type(mesh)(mesh.points, mesh.cells)  # warnings, for example of unused nodes, are errors in tests
     for name in (*mesh.ARRAYS, "measures", "centroids", "diameters"):
         np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
         assert not getattr(mesh, name).flags.writeable
@@ -272,12 +272,12 @@ def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
     raw = meshes.voronoi(cells=400, seed=seed, relaxations=0, shortest=0.0)
     PolygonMesh(raw.points, raw.cells)
     assert measure_edges(raw).min() * 20 < 0.02
-    assert raw.areas.std() * 400 > 0.4  # areas of Voronoi cells of random seeds in the plane scatter by 0.53
+    assert raw.areas.std() * 400 > 0.4  # for random seeds in the plane, the standard deviation is 0.53 of the mean
     assert mesh.areas.std() * 400 < (0.15 if relaxations else 0.7)
 
 
 def test_voronoi_vertices_are_equally_far_from_the_seeds_of_their_cells():
-    """Use no relaxation, so that the seeds are known; no other seed is nearer to a vertex."""
+    """Without relaxation the seeds are known: no seed is nearer to a vertex than those of the cells that meet there."""
     count = 40
     mesh = meshes.voronoi3(cells=count, seed=3, relaxations=0)
     seeds = np.random.default_rng(3).random((count, 3))

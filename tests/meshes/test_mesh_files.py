@@ -1,4 +1,4 @@
-"""Mesh files that the package writes: VTU files restore meshes exactly; other formats warn or refuse."""
+"""Mesh files that the package writes: VTU files restore meshes exactly; for other formats, losses are named."""
 
 from __future__ import annotations
 

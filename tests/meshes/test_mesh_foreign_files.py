@@ -473,7 +473,7 @@ def test_groups_of_gmsh_become_boundaries_and_cell_data(read_text, capfd):
 
 
 def test_a_cell_in_two_groups_is_one_cell(read_text):
-    """Read version 2, which repeats a cell for each of its groups; one node belongs to no cell."""
+    """Read a file of version 2, which repeats a cell for each of its groups; one node belongs to no cell."""
     nodes = "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n9 7 7 7\n"
     cells = (
         "1 2 2 1 1 1 3 2\n2 2 2 5 2 1 2 4\n3 2 2 1 1 2 3 4\n4 4 2 7 1 1 2 3 4\n6 4 2 8 1 1 2 3 4\n5 4 2 8 1 5 2 3 4\n"

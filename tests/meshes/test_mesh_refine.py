@@ -136,7 +136,7 @@ EVERY = [*vx.meshes.FAMILIES, *SOLIDS]
 
 
 def make_start(family):
-    """Return a mesh and the cells to refine, where None is all cells; plane meshes have hanging nodes."""
+    """Return a mesh and the cells to refine; None means all cells. Plane meshes have hanging nodes."""
     if family in SOLIDS:
         mesh = SOLIDS[family]
         return mesh, np.arange(0, mesh.n_cells, 2) if family == "tetrahedra" else None

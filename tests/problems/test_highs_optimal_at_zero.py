@@ -22,7 +22,7 @@ def test_the_script_prints_a_value_that_is_not_below_the_optimum():
 
 
 def test_the_program_of_the_report_has_the_stated_value_at_its_optimum():
-    """With all unknowns fixed to d = t = (7/6, 1/3) HiGHS finds them feasible, and the value -13/12."""
+    """HiGHS finds that the point d = t = (7/6, 1/3), given as fixed values, is feasible and has the value -13/12."""
     highs = highspy.Highs()
     highs.setOptionValue("output_flag", False)  # silent() prints a banner
     assert highs.readModel(str(SCRIPT.with_suffix(".mps"))) == highspy.HighsStatus.kOk

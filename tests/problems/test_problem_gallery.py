@@ -55,7 +55,7 @@ def test_a_plate_with_a_hole_has_the_field_of_kirsch():
         u = hole.kirsch(mesh.points)[0]
         rim.append(np.abs(history.displacement[-1] - u).max() / np.abs(u).max())
         bears = -history.reaction("last")[-1, 0]
-        # The error of this force is at most the relative error of stresses.
+        # The relative error of this force is at most the relative error of stresses.
         assert bears == pytest.approx(hole.roller_force(), rel=off[-1])
     assert 3.5 < off[0] / off[1] < 4.5
     assert 3.5 < rim[0] / rim[1] < 4.5
@@ -235,7 +235,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """Pressures exceed thin-layer theory by less than 4.5 mu d / h: shear modulus, approach, thickness of the pad."""
+    """Pressures exceed thin-layer theory by less than 4.5 mu d / h: shear modulus mu, squeeze d, thickness h."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)

@@ -242,7 +242,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
 
 
 def test_the_closed_form_of_the_bracket_has_no_tractions_on_its_inner_sides():
-    """Tractions there are errors of central differences: O(step^2) and rounding."""
+    """The computed tractions on these sides are errors of central differences: O(step^2) and rounding."""
     lame = bracket.SHEAR * 2 * bracket.POISSON / (1 - 2 * bracket.POISSON)
     upwards = np.array([[0.5, 0.5 + y, 0.1] for y in (0.01, 0.1, 0.4)])
     for x, across in ((upwards, 0), (upwards[:, [1, 0, 2]], 1)):

@@ -65,7 +65,7 @@ def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
 @mostly_long("far", [1.0, 1e2, 1e4, 1e8], 1, 3)
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_friction_drags_a_body_over_any_distance(far, solver):
-    """A carriage on a spring drags node 1 by friction 1; node 2, joined by a spring, rubs on the ground with 0.5."""
+    """A carriage on a spring drags node 1 by friction 1; node 2, on a spring to node 1, rubs on the ground with 0.5."""
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     body = Kernel(np.array([[1.0], [1.0], [0.0]]), ("the translation",))
     terms = vx.Norms(np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.array([1.0, 0.5]))

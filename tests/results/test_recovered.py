@@ -55,7 +55,7 @@ def reference(friction):
     ids=["squares", "triangles", "squares-voronoi"],
 )
 def test_recovered_pressure_has_no_ripple(families, friction, bound):
-    """Errors relative to the median pressure 1. The ripples of nodal forces are .6 to 3.7 %."""
+    """Errors are relative to the median pressure 1. The ripples of nodal forces are .6 to 3.7 %."""
     x, p, q = reference(friction)
     errors = {"raw": [], "recovered": [], "friction": []}
     for n in (8, 16, 32):

@@ -27,13 +27,13 @@ class Bounds:
     """The largest errors that the certificates allow, at all instants."""
 
     state: np.ndarray
-    """(N + 1, n)"""
+    """(N + 1, n), of |y_j - y_j*|"""
     multipliers: np.ndarray
     """(N + 1, m), of |lam_i - lam_i*|"""
     dissipated: np.ndarray
-    """(N + 1,)"""
+    """(N + 1,), of the loss"""
     energy: np.ndarray
-    """(N + 1,)"""
+    """(N + 1,), of the stored energy"""
 
 
 def bounds(system, trajectory):

@@ -47,7 +47,7 @@ READER = textwrap.dedent(
 
 
 def read_all(paths, kind="mesh"):
-    """Read files in a separate process; return the error message of each file, "" if it was read."""
+    """Read files in a separate process; return the error message of each file, or "" for files that were read."""
     command = [sys.executable, "-c", READER, str(MEMORY), str(SECONDS), kind, *map(str, paths)]
     done = subprocess.run(
         command,

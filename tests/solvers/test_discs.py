@@ -43,7 +43,7 @@ def make_system(name, n=3, **options):
 
 
 def test_answers_do_not_depend_on_tangential_frames():
-    """Each frame is rotated by a random angle: displacements and forces do not change, only components do."""
+    """Each frame is rotated by a random angle: displacements and forces, as vectors, do not change."""
     system = make_system("one-sided, rotating")
     norms = system.norms
     angles = np.random.default_rng(0).uniform(0, 2 * np.pi, norms.count)

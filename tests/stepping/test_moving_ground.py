@@ -106,7 +106,7 @@ def test_a_body_on_a_belt_is_carried_along(way, solver):
 
 
 def test_a_slider_on_a_belt_sticks_and_then_slips():
-    """A slider with friction w on a spring k follows a belt up to w / k; the belt works w (U - w / k) + sum k y dy."""
+    """A slider with friction w on a spring k follows a belt up to w / k; a belt motion U dissipates w (U - w / k)."""
     k, w = 4.0, 2.0
     norms = vx.Norms(np.array([[1.0]]), [w], ground=lambda t: [t])
     times = np.linspace(0, 2, 9)

@@ -269,7 +269,7 @@ def march_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by the errors of certificates and iterations, which later steps amplify by less than 20."""
+    """States differ by errors of certificates and iterations, which later steps multiply by a factor below 20."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)

@@ -66,7 +66,7 @@ FLOORS = {
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 @pytest.mark.parametrize(("floor", "tau"), [("Tresca", 0.05), ("Coulomb", 0.0), ("Coulomb", 0.05), ("capped", 0.0)])
 def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(family, solver, floor, tau):
-    """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, and = g while it slips.
+    """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, with equality in slip.
 
     With r = tau / k, the top at U_n and the base at a, u = (a + gamma y, 0) and gamma = (U_n - a) / H. While the block
     sticks, a is constant; while it slips, mu (gamma + r (gamma - gamma_prev)) = +-g.

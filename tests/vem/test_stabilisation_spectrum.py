@@ -19,7 +19,7 @@ def make_rectangle(a, b):
 
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 3.0)])
 def test_hourglass_modes_of_rectangles(a, b):
-    """(xy, 0) and (0, xy) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
+    """On a rectangle 2a x 2b, (xy, 0) and (0, xy) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
     exact = sorted([6 * a * b / (a * a + 2 * b * b), 6 * a * b / (b * b + 2 * a * a)])
     assert lesson.spectrum(make_rectangle(a, b))[:2] == pytest.approx(exact, rel=CLOSE)
 

@@ -55,7 +55,7 @@ def test_the_d_recipe_locks_unless_it_is_deviatoric():
 
 
 def test_energies_of_the_hourglass_of_a_square():
-    """(1, -1, 1, -1) has the energy 8 mu in the boundary form, and 4 max(mu, (lam + 3 mu) / 4) in the D-recipe."""
+    """Values 1, -1, 1, -1 have the energy 8 mu in the boundary form, 4 max(mu, (lam + 3 mu) / 4) in the D-recipe."""
     mesh = vx.PolygonMesh([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], [[0, 1, 2, 3]])
     u = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
     for stabilisation, energy in ((OWN[0], 8 * MU), (OWN[1], LAM + 3 * MU), (OWN[2], 4 * MU), ("shear", 8 * MU)):

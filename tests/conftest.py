@@ -44,8 +44,7 @@ LONGER = {
     "program": "limits scales seminorm step_program",
     "results": "files foreign_files marks_and_moves outputs_wear",
     "scene": (
-        "curved_and_rounded_sides dragged_contact interfaces meeting_parts mistakes parts_of_bodies "
-        "space_contact supports"
+        "curved_and_rounded_sides dragged_contact interfaces meeting_parts parts_of_bodies space_contact supports"
     ),
     "solvers": "conformance_solvers discs solvers_agree",
     "stepping": (

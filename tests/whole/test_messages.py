@@ -61,7 +61,9 @@ def list_names():
     gripped = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
     mesh = vx.meshes.squares(2)
     given = {"steel": steel, "held": held, "pull": pull, "gripped": gripped, "mesh": mesh, "np": np, "sp": sp, "vx": vx}
-    given |= {"history": run(steel, held, pull, *gripped), "solid": run(steel, held, mesh=vx.meshes.cubes(1))}
+    west = mesh.centroids[:, 0] < 0.5
+    given |= {"halves": mesh.with_cell_data("west", west).with_cell_data("east", ~west), "cube": vx.meshes.cubes(1)}
+    given |= {"history": run(steel, held, pull, *gripped), "solid": run(steel, held, mesh=given["cube"])}
     given |= {"run": run, "march": march, "load": load, "K": K, "vemcvx": vemcvx}
     return given | {"folder": Path(tempfile.gettempdir()) / "not there"}
 

@@ -392,7 +392,7 @@ def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options:
         if not settings.options:
             raise
         raise NotAccepted(
-            f"solver {settings.name}: refused the options {dict(settings.options)}: {error}. "
+            f"solver {settings.name}: refused the options {dict(settings.options)}: {str(error).rstrip('.')}. "
             "They must be options of this solver, under the names that cvxpy passes on."
         ) from error
     if solution.status in SOLUTION_PRESENT:

@@ -2,17 +2,18 @@
 
     python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
 
-With --page nothing is run; README.md, a page of all pictures in the folder --out, is written into this folder, and all
-pictures get a palette, which makes them small.
+With --page no problem is run. README.md, a page of all pictures in the folder --out, is written into that folder. All
+pictures are stored again with a palette of 256 colours, which makes them small.
 
 This folder has two kinds of problem:
 
 - A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery it also defines a setting that runs
-  in seconds, SMALL = {"n": .., "steps": ..} (with "accuracy" if 1e-8 cannot be reached). Its picture(history) returns a
-  matplotlib figure of the history in this setting. The defaults are 8 cells, 8 steps and the deformed mesh.
-- A *program* has a function main(path) that draws its own picture; `PROGRAMS` lists the quick ones.
+  in seconds, SMALL = {"n": .., "steps": ..}, with "accuracy" if it is not 1e-8. Its picture(history) returns a
+  matplotlib figure of the history in this setting. Without SMALL the gallery takes n = 8 and 8 steps. Without
+  picture(history) it draws the deformed mesh.
+- A *program* has a function main(path) that draws its own picture. `PROGRAMS` lists the quick programs.
 
-A picture is PROBLEM.png, drawn by plain matplotlib in the style `STYLE`: in it C0, C1, ... are the colours of
+The picture of a problem is PROBLEM.png, drawn by matplotlib in the style `STYLE`. C0, C1, ... are the colours of
 vemcvx.plots, which colour-blind readers can tell apart.
 """
 
@@ -41,7 +42,7 @@ PROGRAMS = (
     "membrane_with_friction",
     "spring_slider_chain",
 )
-"""The quick programs. The other programs take minutes, and are run by themselves."""
+"""The programs that the gallery runs. The other programs of this folder are run one by one."""
 STYLE = {
     "axes.axisbelow": True,
     "figure.constrained_layout.w_pad": 0.1,
@@ -56,13 +57,13 @@ STYLE = {
 
 @cache
 def problem_files():
-    """Return the names of all problem files of this folder: they define mesh, and scene and times or stages."""
+    """Return the names of all problem files of this folder; they define mesh, and either scene and times, or stages."""
     return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]
 
 
 @contextlib.contextmanager
 def quiet():
-    """Suppress printed lines, and warnings about scenes, such as of bodies that nothing but contact holds."""
+    """Suppress printed lines and warnings about scenes, such as the warning that only contact holds a body."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(None):
         warnings.simplefilter("ignore", SceneWarning)
         yield
@@ -122,11 +123,11 @@ def title(name):
 
 
 def write_page(folder):
-    """Write a page with all pictures in `folder` that have a problem file beside this file."""
+    """Write README.md into `folder`: every picture there that has the name of a file beside this file."""
     lines = [
         "# Gallery",
         "",
-        "Made by `python problems/gallery.py --page`. The file below each picture has drawn it.",
+        "Made by `python problems/gallery.py --page`. The file named below a picture drew it.",
         "",
     ]
     for path in sorted(folder.glob("*.png")):

@@ -1,18 +1,19 @@
 """Error bars that are theorems: they shrink with meshes and steps, and the exact solution lies between their ends.
 
-The block has the displacement of `manufactured_full_slip.py`, which is known in closed form. Its left side is on
-rollers. The tractions of that solution act on the other sides, its body force inside, and friction at its bound along
-the whole floor. All data grow with t^2; between the ends of a step the bound takes them as linear.
+The block has the displacement of `manufactured_full_slip.py`, known in closed form, with t^2 / 1000 in place of t.
+Its left side is on rollers. The tractions of the closed form act on the top, left and right sides, its body force
+acts inside, and friction is at its bound along the whole floor. All data are proportional to t^2.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
-energy and the mean displacement of the top. They hold on every mesh, and involve no estimated constant (W. Prager and
-J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5, 1947). The
-bars shrink with h.
+energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant (W.
+Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
+1947). Only the quadrature error of the data is estimated: `kind` of the result says so. The intervals shrink with h.
 
-Over whole histories the bounds cover mesh and steps at once. If all loads are proportional to one increasing function
-of time, steps make no error: the bound of this block is the same in one step as in sixteen. The third panel therefore
-shows the block of `missed_reversal.py`, whose load reverses between two instants of the run. The bound includes the
-error of the steps, and decreases with more steps to the error of the mesh.
+The bound of a whole history covers the errors of mesh and steps together. If all loads are proportional to one
+increasing function of time, steps make no error: the bounds of this block in one and in sixteen steps differ by 0.1 %.
+The third panel therefore shows the block of `missed_reversal.py`, whose load reverses between two instants of the run.
+Its bound includes an estimate of the error that the missed reversal causes. With more steps the bound decreases towards
+the bound of the mesh error.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """
@@ -23,7 +24,7 @@ import vemcvx as vx
 
 POISSON = 0.3
 LAMBDA = 2.0 * POISSON / (1.0 - 2.0 * POISSON)
-"""Lame's modulus lambda; the shear modulus is 1."""
+"""Lame's constant lambda; the shear modulus mu is 1."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 4}
 TOP = vx.Traction((1.0, 0.0), on="top")
@@ -161,8 +162,8 @@ def picture(history):
         ax.plot(steps, bounds_over_steps(n, steps) / unit, style, label=f"{n} x {n} squares")
     ax.set(
         xscale="log",
-        xlabel="steps, which miss the reversal",
-        ylabel="bound of mesh and steps, % in energy",
+        xlabel="steps (odd numbers miss the reversal)",
+        ylabel="bound of the error, % in the energy norm",
         ylim=(0.0, None),
     )
     ax.set_xticks(steps, map(str, steps))

@@ -1,12 +1,14 @@
 r"""A parabolic cylinder pressed on an elastic block: Hertz' line contact, compared in pressure and half-width.
 
-The rigid obstacle lies x^2 / 2R below the bottom of the block, plane strain. Under the force P per length,
+The rigid obstacle, a cylinder of radius R, lies x^2 / 2R below the block at x. The elastic block is in plane strain,
+with Young's modulus E and Poisson's ratio nu. Under the force P per length the half-width a of the contact and the
+pressure p(x) are
 
 $$ a^2 = 4 P R (1 - \nu^2) / (\pi E), \qquad p(x) = p_0 \sqrt{1-x^2/a^2}, \qquad p_0 = 2 P / (\pi a) $$
 
-(Johnson, *Contact Mechanics*, 4.2). The block is 40 half-widths wide and 20 high, so that it is nearly a half-space.
-Its right half is computed, on a mesh that is graded from a/n at the contact outwards. The top is pressed down, and P is
-measured.
+(Johnson, *Contact Mechanics*, 4.2). The block is about 40 half-widths wide and 20 high, so that it is nearly a
+half-space. Its right half is computed. Cells have the width a/n at the contact, and grow outwards. The top is pressed
+down, and P is the sum of the computed contact forces.
 
     vemcvx run problems/hertz_contact.py --n 20 --steps 5 --plot
 """
@@ -16,6 +18,7 @@ import numpy as np
 import vemcvx as vx
 
 RADIUS, YOUNG, POISSON, HALF_WIDTH = 1.0, 1000.0, 0.3, 0.02
+"""`HALF_WIDTH` is the approximate half-width a of the contact at t = 1."""
 REACH = 20 * HALF_WIDTH
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 14, "steps": 4}
@@ -54,7 +57,7 @@ def times(steps):
 
 
 def fit_half_ellipse(x, p):
-    """Return half-width and peak of p^2 = p0^2 (1 - (x - m)^2 / a^2), least squares over the inner part; m is free."""
+    """Return a and p0 of the half-ellipse p^2 = p0^2 (1 - (x - m)^2 / a^2) that fits the inner part best; m is free."""
     inner = p > 0.35 * p.max()
     curve, tilt, level = np.polyfit(x[inner], p[inner] ** 2, 2)
     top = level - tilt**2 / (4 * curve)

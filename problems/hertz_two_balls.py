@@ -1,8 +1,9 @@
 r"""Two elastic balls pressed together: Hertz' point contact with both bodies meshed in space.
 
 The balls have radii R_1, R_2 and materials E_i, nu_i. In small strains the surfaces near the contact are one flat
-interface with the gap (x_1^2 + x_2^2) / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-spaces. This is Hertz' own
-model, and it is the scene here. Under the force P,
+interface between two elastic half-spaces, with the gap (x_1^2 + x_2^2) / 2R, 1/R = 1/R_1 + 1/R_2. This is Hertz' own
+model, and it is the scene here. Under the force P the contact has the radius a, and at the distance r from its middle
+the pressure p(r):
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^3 = 3 P R / (4 E^*),
@@ -11,12 +12,13 @@ p_0 = 3 P / (2 \pi a^2)
 $$
 
 (Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that extends to 10 a, of which a quarter is computed.
-Cells have equal widths up to 1.25 a and grow outwards from there. The top is pressed down, and P is measured; there is
-no friction. The radius is computed from the second moment of the forces, <r^2> = 2/5 a^2. The peak pressure is the peak
-of the half-ellipsoid that fits all pressures best in the mean square. With n = 8 radius and peak agree with Hertz
-within 2 %, and so does the largest nodal pressure. Where meshes do not match (`upper=6`: cells that are 4/3 times as
-wide) nodal pressures of the two bodies alternate by O(h), and the largest is 8 % too high. Radius and peak then agree
-with Hertz within 3.1 %, and with n = 12 and `upper=9` within 2 %.
+Cells have equal widths up to 1.25 a and grow outwards from there. The top is pressed down without friction, and P is
+the sum of the computed contact forces. The radius is computed from the mean of r^2 weighted by these forces, which is
+2/5 a^2 in Hertz' solution. The peak pressure is the peak of the half-ellipsoid of Hertz' radius that is nearest to all
+nodal pressures (least squares). With n = 8 radius and peak agree with Hertz within 2 %, and so does the largest nodal
+pressure. If the upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate
+by O(h), and the largest is 8 % too high. Radius and peak then agree with Hertz within 3.1 %, and with n = 12 and
+`upper=9` within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """
@@ -29,7 +31,7 @@ RADII, YOUNG, POISSON = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4)
 RADIUS = 1 / sum(1 / radius for radius in RADII)
 EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, POISSON, strict=True))
 CONTACT = 0.05
-"""Approximate radius of the contact."""
+"""Approximate radius a of the contact."""
 REACH, EVEN, GROWTH = 10 * CONTACT, 1.25, 1.5
 DEPTH = 2.2e-3
 JOINT = "lower|upper"
@@ -38,7 +40,7 @@ SMALL = {"n": 4, "steps": 2, "accuracy": 1e-6}
 
 
 def hertz(force):
-    """Return radius of the contact and peak pressure under the force P."""
+    """Return the radius a of the contact and the peak pressure p_0 under the force P."""
     a = np.cbrt(3 * force * RADIUS / (4 * EFFECTIVE))
     return a, 3 * force / (2 * np.pi * a**2)
 
@@ -55,7 +57,7 @@ def scene(depth=DEPTH):
 
 
 def lines(n):
-    """Return lines from 0 to `REACH`: steps of a/n up to `EVEN` a, then growing steps."""
+    """Return coordinates from 0 to `REACH`: steps of a/n up to `EVEN` times a, then growing steps."""
     line = list(CONTACT / n * np.arange(round(EVEN * n) + 1))
     step = CONTACT / n
     while line[-1] < REACH:
@@ -65,13 +67,13 @@ def lines(n):
 
 
 def grid(line):
-    """Return the mesh of rectangles between the lines x and y at the same coordinates."""
+    """Return a mesh of rectangles whose corners have every pair (x, y) of these coordinates."""
     lattice = vx.meshes.squares(len(line) - 1, box=((0, len(line) - 1), (0, len(line) - 1)))
     return vx.PolygonMesh(line[lattice.points.round().astype(int)], lattice.cells)
 
 
 def mesh(n, family="graded", upper=None):
-    """Return blocks of boxes: n across the radius, in the upper body n or `upper`."""
+    """Return two blocks of boxes: n boxes across the radius a, or `upper` boxes in the upper body if given."""
     below, above = lines(n), lines(upper or n)
     lower = grid(below).extruded(-below[::-1])
     return vx.meshes.bodies({"lower": lower, "upper": grid(above).extruded(above)})
@@ -88,7 +90,7 @@ def force(history):
 
 
 def measure(history, step=-1):
-    """Return the radius by the second moment of the forces, and the peak of the nearest half-ellipsoid."""
+    """Return the radius by the mean of r^2, and the peak of the nearest half-ellipsoid of Hertz' radius."""
     contact = history.contact
     p, areas, r = contact.pressure[step], contact.lengths, np.hypot(*contact.points[:, :2].T)
     radius = np.sqrt(2.5 * (p * areas) @ r**2 / (p @ areas))

@@ -1,8 +1,8 @@
 r"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed.
 
-The cylinders have radii R_1, R_2 and materials E_i, nu_i, plane strain. In small strains the two arcs near the contact
-are one flat interface with the gap x^2 / 2R, 1/R = 1/R_1 + 1/R_2, between two elastic half-planes. This is Hertz' own
-model, and it is the scene here. Under the force P per length,
+The cylinders have radii R_1, R_2 and materials E_i, nu_i, in plane strain. In small strains the two arcs near the
+contact are one flat interface between two elastic half-planes, with the gap x^2 / 2R, 1/R = 1/R_1 + 1/R_2. This is
+Hertz' own model, and it is the scene here. Under the force P per length the half-width a and the pressure p(x) are
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^2 = 4 P R / (\pi E^*),
@@ -10,10 +10,10 @@ $$
 p_0 = 2 P / (\pi a)
 $$
 
-(Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block 40 half-widths wide and 20 high, of which one half is
-computed. Meshes are graded from a/n at the contact outwards. They do not match: in each direction the upper body has
-about 3/4 of the cells of the lower body. The top is pressed down, and P is measured; there is no friction. With n = 16
-half-width and peak agree with Hertz within .5 %.
+(Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block about 40 half-widths wide and 20 high, of which one half
+is computed. Cells have the width a/n at the contact, and grow outwards. The meshes do not match: in each direction the
+upper body has about 3/4 of the cells of the lower body. The top is pressed down without friction, and P is the sum of
+the computed contact forces. With n = 16 half-width and peak agree with Hertz within .5 %.
 
     vemcvx run problems/hertz_two_cylinders.py --n 12 --steps 4 --plot
 """
@@ -25,6 +25,7 @@ import vemcvx as vx
 RADII, YOUNG, POISSON, HALF_WIDTH = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4), 0.02
 RADIUS = 1 / sum(1 / radius for radius in RADII)
 EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, POISSON, strict=True))
+"""`HALF_WIDTH` is the approximate half-width a of the contact at t = 1."""
 REACH = 20 * HALF_WIDTH
 DEPTH = 8e-4
 JOINT = "lower|upper"
@@ -33,7 +34,7 @@ SMALL = {"n": 10, "steps": 4}
 
 
 def hertz(force):
-    """Return half-width and peak pressure under the force P per length of the whole contact."""
+    """Return the half-width a and the peak pressure p_0 under the force P per length on the whole contact."""
     a = np.sqrt(4 * force * RADIUS / (np.pi * EFFECTIVE))
     return a, 2 * force / (np.pi * a)
 
@@ -59,7 +60,7 @@ def coordinates(n):
 
 
 def grid(x, y):
-    """Return the mesh of rectangles between lines x and lines y, which have the same number."""
+    """Return a mesh of rectangles whose corners have the coordinates x and y, arrays of one length."""
     lattice = vx.meshes.squares(len(x) - 1, box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     return vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells)

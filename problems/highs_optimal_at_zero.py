@@ -1,7 +1,8 @@
 """HiGHS 1.15.1 reports "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
 
-The program in the .mps file of the same name is a step of friction with two unknowns. If the implied bounds t >= 0 are
-in the file, HiGHS 1.15.1 is right; HiGHS 1.16.0 is right without these bounds.
+The program in the .mps file of the same name is a step of friction: it minimises a quadratic function of two
+displacements d plus the friction t, where -t <= d <= t. These constraints imply t >= 0. If the file also states t >= 0,
+HiGHS 1.15.1 finds the minimum. HiGHS 1.16.0 finds it without this bound, too.
 """
 
 from pathlib import Path

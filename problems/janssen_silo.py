@@ -1,16 +1,16 @@
 r"""A silo: friction on the walls carries the filling, and the pressure on the floor stays bounded.
 
 Half of a plane silo of half-width B and height H is computed: x = 0 is the middle, x = B is a rigid rough wall with the
-coefficient mu, and y = 0 is a smooth floor. The filling is elastic, plane strain, and its weight w per area grows from
-zero. Between the walls its horizontal stress is K times its vertical stress s, K = nu / (1 - nu). The filling settles
-everywhere, so that friction is mu K s along the whole wall. The equilibrium of a slice of height dz at the depth z
-below the top is (Janssen, Z. VDI 39, 1895)
+friction coefficient mu, and y = 0 is a smooth floor. The filling is elastic, in plane strain, and its weight w per area
+grows from zero. Let s be its vertical compressive stress. Between rigid walls the horizontal stress is K s, with
+K = nu / (1 - nu). Janssen (Z. VDI 39, 1895) assumed that the filling settles everywhere, so that friction is at its
+bound mu K s along the whole wall. The equilibrium of a slice of height dz at the depth z below the top then gives
 
 $$ B ds / dz = w B - \mu K s, \qquad s = w l (1 - \exp(-z / l)), \qquad l = B / (\mu K), $$
 
-in place of s = w z without friction. The pressure on the wall is K s, and the walls carry w B H - B s(H). The formula
-assumes that slices stay plane; friction shears them, which makes an error O((B / l)^2) in the stresses. Within about B
-of the floor the filling cannot settle, and friction on the wall is below its bound.
+in place of s = w z without friction. The pressure on the wall is K s, and the wall at x = B carries w B H - B s(H). The
+formula assumes that slices stay plane. Friction shears them, so that the stresses of the formula have an error
+O((B / l)^2). Within about B of the floor the filling cannot settle, and friction on the wall is below its bound.
 
     vemcvx run problems/janssen_silo.py --n 4 --steps 4 --plot
 """
@@ -26,7 +26,7 @@ SMALL = {"n": 6, "steps": 4}
 
 
 def decay_length(friction=FRICTION):
-    """Return l, the depth over which the stress saturates; without friction there is none."""
+    """Return l, the depth over which the stress saturates; `friction` is positive."""
     return WIDTH / (friction * RATIO)
 
 

@@ -1,7 +1,7 @@
 r"""A bolt is tightened, locked, pulled until its joint opens, and released: the joint diagram.
 
-A bolt of the stiffness k_b clamps a sleeve of the stiffness k_c between a base and a cap, all of steel. A tension F_V
-tightens the bolt, which is then locked at its current length. Then a force F pulls at the cap. While cap and sleeve
+A steel bolt of the stiffness k_b clamps a steel sleeve of the stiffness k_c between a base and a rigid cap. A tension
+F_V tightens the bolt, which is then locked at its current length. Then a force F pulls at the cap. While cap and sleeve
 touch, bolt and sleeve deform by the same displacement, so that the bolt carries only a part of the pull. Once the joint
 is open, the bolt carries all of the pull:
 
@@ -10,9 +10,9 @@ $$
 \qquad \text{then } F.
 $$
 
-The pressure on the sleeve carries the rest. When the pull has vanished, the tension of the bolt is F_V again. Stresses
-are uniaxial (nu = 0), so that the result is exact on every mesh. The cap is rigid. `vx.meshes.cut` cuts the bolt across
-its cells.
+The compressive force on the sleeve is the tension of the bolt less F. When the pull has vanished, the tension of the
+bolt is F_V again. Stresses are uniaxial (nu = 0), so that the result is exact on every mesh. `vx.meshes.cut` cuts the
+bolt across its cells.
 
     vemcvx run problems/joint_diagram.py --n 2 --steps 16 --plot
 """
@@ -24,18 +24,20 @@ import vemcvx as vx
 YOUNG, LENGTH, BOLT, SLEEVE, GAP = 210e3, 60.0, 10.0, 15.0, 2.0
 TENSION = 3000.0
 STIFF, CLAMPED = YOUNG * BOLT / LENGTH, 2 * YOUNG * SLEEVE / LENGTH
+"""The stiffnesses k_b and k_c."""
 OPENS = TENSION * (1 + STIFF / CLAMPED)
+"""The pull at which the joint opens."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 2, "steps": 16}
 
 
 def tension(x, t):
-    """Return the tension that tightens the bolt."""
+    """Return the tension that tightens the bolt, for t <= 1."""
     return TENSION * t
 
 
 def pull(t):
-    """Return the force on the cap: zero while the bolt is tightened, then up until the joint is open, and back."""
+    """Return the pull on the cap: zero for t <= 1, rising to 1.5 `OPENS` at t = 3, and back to zero at t = 4."""
     return OPENS * np.interp(t, [1.0, 3.0, 4.0], [0.0, 1.5, 0.0])
 
 
@@ -57,7 +59,7 @@ def scene():
 
 
 def mesh(n, family="squares"):
-    """Return bolt, sleeve and cap: the sleeve is on both sides of the bolt, n cells across; the cap is one cell."""
+    """Return bolt, sleeve and cap. The bolt and both halves of the sleeve are n cells wide; the cap is one cell."""
     make, edge = vx.meshes.FAMILIES[family], BOLT / 2 + GAP
     bolt = make((n, 4 * n), box=((-BOLT / 2, BOLT / 2), (0.0, LENGTH)))
     shank, head = vx.meshes.cut(bolt, point=(0.0, 0.45 * LENGTH), normal=(0.0, 1.0))
@@ -87,7 +89,7 @@ def picture(history):
     graph.plot(kilo * pull(line), kilo * bolt_force(line), "k-", label="closed form")
     graph.plot(kilo * pull(t), kilo * bolt, "C0o", label="tension of the bolt")
     graph.plot(kilo * pull(line), kilo * (bolt_force(line) - pull(line)), "k-")
-    graph.plot(kilo * pull(t), kilo * sleeve, "C1s", label="pressure on the sleeve")
+    graph.plot(kilo * pull(t), kilo * sleeve, "C1s", label="force on the sleeve")
     graph.axvline(kilo * OPENS, color="0.6", linestyle=":", label="the joint opens")
     graph.set(xlabel="pull (kN/mm)", ylabel="force (kN/mm)")
     graph.grid()

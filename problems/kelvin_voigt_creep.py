@@ -1,14 +1,15 @@
 r"""A viscous strip under a steady pull: creep towards the elastic displacement; friction holds part of it back.
 
-The strip (0, 4) x (0, 1), E = 10, nu = 1/4, is a Kelvin-Voigt body with the relaxation time tau: its viscous form b is
-tau times its elastic form a. A steady pull p acts at its right end from t = 0 on. Without friction every displacement
-is the elastic displacement times
+The strip (0, 4) x (0, 1), E = 10, nu = 1/4, in plane strain, is a Kelvin-Voigt body with the retardation time tau: its
+viscous form b is tau times its elastic form a. A steady pull p acts at its right end from t = 0 on. Without friction
+every displacement is the elastic displacement times a factor. In continuous time, and after n steps of backward Euler
+with the step k, this factor is
 
-$$ 1 - \exp(-t / \tau), \qquad \text{step by step} \qquad s_n = (1 + \tau / k s_{n-1}) / (1 + \tau / k) $$
+$$ 1 - \exp(-t / \tau) \qquad \text{and} \qquad s_n = (1 + (\tau / k) s_{n-1}) / (1 + \tau / k), \qquad s_0 = 0. $$
 
-(backward Euler with the step k; exact on every mesh, because the displacement is linear in space). Friction with the
-bound g acts on the bottom. It holds the end that is far from the pull while the other end slips, so that the pulled end
-creeps less far. The energy ledger has the dissipation of friction and viscosity.
+The computed factor is s_n on every mesh, because the displacement is linear in space. Friction with the bound g on the
+bottom opposes the pull, so that the pulled end creeps less far. The energy ledger shows the dissipation of friction and
+viscosity together.
 
     vemcvx run problems/kelvin_voigt_creep.py --n 8 --steps 40 --plot
 """
@@ -25,7 +26,7 @@ SMALL = {"n": 5, "steps": 40}
 
 
 def creep_fraction(instants):
-    """Return the fraction of the elastic displacement at every instant, step by step."""
+    """Return the factors s_n at the instants of a run."""
     s = np.zeros(len(instants))
     for n, k in enumerate(np.diff(instants), start=1):
         s[n] = (1 + TAU / k * s[n - 1]) / (1 + TAU / k)
@@ -33,7 +34,7 @@ def creep_fraction(instants):
 
 
 def course(t):
-    """Return the pull in time, as a fraction of the largest: it acts from the start."""
+    """Return the pull at the instant t over the largest pull: one, because it acts from the start."""
     return np.ones_like(t)
 
 
@@ -73,7 +74,7 @@ def picture(history):
     graph.plot(t, 1 - np.exp(-t / TAU), "--", color="0.5", label="in continuous time")
     for run, style, words in ((free, "C0o", "without friction"), (history, "C1s-", "friction below")):
         graph.plot(run.times, run.displacement[:, end, 0].mean(axis=1) / elastic, style, linewidth=1.0, label=words)
-    graph.set(xlabel="t (s)", ylabel="displacement of the end / elastic one")
+    graph.set(xlabel="t (s)", ylabel="displacement / elastic displacement")
     graph.grid()
     graph.legend()
     return figure

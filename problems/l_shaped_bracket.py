@@ -1,10 +1,10 @@
 """An L-shaped bracket, clamped at its top and pulled along a rough floor: stress is infinite in its re-entrant corner.
 
-In the corner of 270 degrees strains grow like r^-0.455 (Williams, *Stress singularities resulting from various
-boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952: the root of sin(1.5 pi a) =
--a sin(1.5 pi) between 0 and 1 is a = 0.5445). On equal squares the energy error is therefore only O(h^0.5445), or
-N^-0.27 for N unknowns. Friction on the floor holds the foot back; slip spreads from the right. Adaptive meshes
-(`adaptive_meshes.py`) recover N^-0.5.
+At the distance r from the corner of 270 degrees strains grow like r^(a-1) = r^-0.455, where a = 0.5445 is the root of
+sin(1.5 pi a) = -a sin(1.5 pi) between 0 and 1 (Williams, *Stress singularities resulting from various boundary
+conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952). On equal squares the error in the
+energy norm is therefore only O(h^0.5445), or O(N^-0.27) for N unknowns. Adaptive meshes (`adaptive_meshes.py`) recover
+O(N^-0.5). Friction on the floor holds the foot back, and slip spreads from the pulled right side.
 
     vemcvx run problems/l_shaped_bracket.py --n 32 --steps 16 --plot
 """
@@ -16,7 +16,7 @@ import vemcvx as vx
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 16, "steps": 8}
 EXPONENT = 0.5444837 - 1.0
-"""Exponent of the stress, from Williams' equation."""
+"""The exponent a - 1 of the stress, from Williams' equation."""
 
 
 def course(t):
@@ -56,7 +56,7 @@ def stress_near_corner(history):
 
 
 def picture(history):
-    """Draw the stress in the bracket, and its growth towards the corner beside the power of the closed form."""
+    """Draw the stress in the bracket, and its growth towards the corner beside the power r^(a-1)."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

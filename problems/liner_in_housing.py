@@ -1,15 +1,15 @@
 r"""A tube under pressure in a rigid housing: it widens, closes the gap, and presses on the housing.
 
-A quarter of a thick tube a < r < b is computed in plane strain, with the pressure p(t) inside, and a rigid housing at
-the distance `gap` outside. With p inside and q outside (Lame 1852),
+A quarter of a thick tube a < r < b is computed in plane strain. The pressure p(t) acts inside, and a rigid housing
+surrounds the tube at the distance `gap`. Let q be the pressure between tube and housing. Then (Lame 1852)
 
 $$
 \sigma_r = A - B / r^2, \qquad \sigma_\theta = A + B / r^2, \qquad u_r = (1 + \nu) / E ((1 - 2 \nu) A r + B / r), \\
 A = (p a^2 - q b^2) / (b^2 - a^2), \qquad B = (p - q) a^2 b^2 / (b^2 - a^2).
 $$
 
-q = 0 until u_r(b) = gap. From then on u_r(b) = gap, and q grows in proportion to the further increase of p. On a mesh
-the circle is a polygon, which makes an error O(h^2).
+Until u_r(b) reaches the gap, q is zero. From then on u_r(b) = gap, and q grows in proportion to the further increase of
+p. On a mesh the circles are polygons, which makes an error O(h^2).
 
     vemcvx run problems/liner_in_housing.py --n 8 --steps 10 --plot
 """
@@ -30,13 +30,13 @@ def lame_constants(p, q):
 
 
 def radial_displacement(r, p, q):
-    """Return u_r."""
+    """Return u_r at the radius r."""
     A, B = lame_constants(p, q)
     return (1 + POISSON) / YOUNG * ((1 - 2 * POISSON) * A * r + B / r)
 
 
 def contact_pressure(p, gap=GAP):
-    """Return q, with which u_r(b) = gap if the gap is closed, and zero otherwise."""
+    """Return q under the pressure p: zero while the gap is open, then the pressure with which u_r(b) = gap."""
     return np.maximum((gap - radial_displacement(OUTER, p, 0.0)) / radial_displacement(OUTER, 0.0, 1.0), 0.0)
 
 
@@ -62,7 +62,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the tube that presses on its housing, and the growth of the pressure between them."""
+    """Draw the tube that presses on its housing, and the pressure on the housing over the pressure inside."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

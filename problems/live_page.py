@@ -3,8 +3,8 @@
     vemcvx app [FILE]
 
 It is a marimo app: `marimo edit live_page.py` opens it as a notebook. It takes any problem file. Every parameter of the
-scene that is a positive number has a slider. If the scene has the parameter `course`, its load in time, the page offers
-load paths.
+function `scene` that is a positive number has a slider. If `scene` has the parameter `course` (the load in time), the
+page offers load paths.
 """
 
 import marimo
@@ -57,8 +57,8 @@ with app.setup:
         "growing cycles": (0, 0.5, -0.5, 0.75, -0.75, 1, -1),
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
-    STEPS = 30  # with this number every reversal of every path is an instant
-    WIDTH, LETTERS = 4.0, 10  # inches and points: letters have 12 px where a picture is 346 px wide
+    STEPS = 30  # number of steps with which every reversal of every path is an instant
+    WIDTH, LETTERS = 4.0, 10  # width of pictures in inches, size of letters in points: 12 px if a picture has 346 px
     GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
 
 
@@ -83,7 +83,7 @@ def paths_of(problem):
 
 @app.function
 def course_of(path, problem):
-    """Return the load in time over the largest load: piecewise linear along a path, or the course of the problem file.
+    """Return the load over the largest load as a function of time: a path, or the `course` of the problem file.
 
     It is None if the problem file has no `course`.
     """
@@ -105,7 +105,7 @@ def solve(problem, mesh, settings, path, solver):
 
 @app.function
 def pictures(history, step, course, units=None):
-    """Return the pictures of a step for which the history has data: (name, figure, caption)."""
+    """Return those pictures of a step for which the history has data, each (name, figure, caption)."""
     rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
         drawn = [
@@ -142,7 +142,7 @@ def height_of(history):
 
 @app.function
 def drawing(name, draw, height=3.4):
-    """Return one picture: letters of one size, a legend of two columns below, and its title as a caption."""
+    """Return one picture (name, figure, caption): its title is the caption, and its legend is below."""
     figure = new_figure(WIDTH, height)
     ax = figure.add_subplot()
     draw(ax)
@@ -157,7 +157,7 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # The space for labels beside a body of fixed shape depends on its size: one pass would cut some of them off.
+        # The space for labels depends on the size of a body of fixed shape: one pass would cut some labels off.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words
@@ -165,7 +165,7 @@ def drawing(name, draw, height=3.4):
 
 @app.function
 def format_numbers(numbers):
-    """Return numbers as a list in HTML: name, value, explanation."""
+    """Return numbers, each (name, value, explanation), as a list in HTML."""
     grey = 'style="color:#595959"'
     terms = (
         f"<div><dt {grey}>{k}</dt><dd style='margin:0'><b>{v}</b> <small {grey}>{escape(c)}</small></dd></div>"
@@ -188,7 +188,7 @@ def format_pictures(drawn):
 
 @app.function
 def draw_front(ax, history, step, units):
-    """Draw stick and slip over time, and a line at the shown instant."""
+    """Draw where nodes stick and slip over time, and a line at the shown instant."""
     stick_slip_map(history, ax=ax, units=units)
     ax.axhline(history.times[history.row(step)], color="black", linewidth=1.5, linestyle="--", label="this instant")
     ax.set_title("where the contact boundary sticks and slips, and when")
@@ -203,7 +203,7 @@ def draw_energies(ax, history, units):
 
 @app.function
 def draw_loop(ax, history, step, course, units):
-    """Draw the load over the slip of the node that slips farthest, up to a step, and the rest in grey."""
+    """Draw the load over the slip of the node that slips farthest: in colour up to a step, in grey after it."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
     load, now = np.array([course(t) for t in history.times]), history.row(step)
@@ -228,9 +228,9 @@ def numbers_of(history, step):
     lost, work = history.dissipated_second_order[now], history.work_second_order[now]
     return [
         ("sticking", f"{stuck.sum()} of {len(stuck)}", "contact nodes at this step"),
-        ("lost to friction", f"{lost:.3g}", f"so far, of work {work:.3g}"),
-        ("gap", f"{run.gap[now]:.0e}", "energy of this step, above its minimum"),
-        ("certified error", f"{worst:.0e}", f"relative, of any step; {kept}"),
+        ("dissipated", f"{lost:.3g}", f"so far, of the work {work:.3g}"),
+        ("duality gap", f"{run.gap[now]:.0e}", "bound on the energy of this step above its minimum"),
+        ("certified error", f"{worst:.0e}", f"relative, the largest of all steps; {kept}"),
     ]
 
 
@@ -328,7 +328,7 @@ def _(drawing_time, history, meshing, solving, step):
 
 @app.cell
 def _(drawn, numbers, problem):
-    # Buttons of marimo cover text that has no room above it.
+    # Without room above the title the buttons of marimo would cover it.
     _title = f'<h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
     mo.Html(_title + format_numbers(numbers) + drawn)
     return

@@ -1,14 +1,14 @@
 r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates.
 
-The lug is a ring a < r < b, clamped at its rim. The pin is loose in it with the clearance delta a. One half of the
-thickness is computed. A shear stress q on the end of the pin rises along x_1 for t < 1, and then turns once about the
-axis. The contact turns with it. At each instant, to rounding,
+The lug is a ring a < r < b, clamped at its rim. The gap between pin and lug is delta a. One half of the thickness is
+computed. A shear stress q acts on the end of the pin. For t < 1 it rises along x_1; then its direction phi turns once
+about the axis, and the contact turns with the load. At each instant, to rounding,
 
-$$ \text{sum of pressure and friction on the pin } = -q A (\cos \phi, \sin \phi), $$
+$$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin \phi), $$
 
-with A the area of the polygon that replaces the circle. The mesh has 8n equal sectors. If the load starts rotated by a
-multiple of their angle, the solution is rotated by the same angle. Only friction prevents the pin from rotating about
-its axis: the pin creeps a little in the lug, and each turn dissipates.
+with the area A of the end of the pin. The mesh has 8n equal sectors. If the load starts rotated by a multiple of their
+angle, the solution is rotated by the same angle. Only friction prevents the pin from rotating about its axis. While the
+load turns, the pin creeps a little in the lug, and friction dissipates energy.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """
@@ -20,6 +20,7 @@ import vemcvx as vx
 YOUNG, POISSON, FRICTION = (200.0, 70.0), (0.3, 0.33), 0.2
 HOLE, RIM, THICK, CLEARANCE = 1.0, 2.0, 0.6, 0.002
 SHEAR = 0.12
+"""The largest q. `CLEARANCE` is delta."""
 JOINT = "pin|lug"
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 24, "accuracy": 1e-6}
@@ -52,7 +53,7 @@ def scene(friction=FRICTION, turn=0.0):
 
 
 def mesh(n, family="ring", layers=None):
-    """Return rings of 8n sectors, in n/2 layers of the pin and 3n/4 of the lug."""
+    """Return pin and lug of 8n sectors each. The pin has n/2 layers and the lug 3n/4, or both have `layers`."""
     low = layers or max(1, n // 2)
     pin = vx.meshes.ring(np.linspace(0.0, HOLE, 1 + n), 8 * n).extruded(np.linspace(0.0, THICK, low + 1))
     rings = vx.meshes.ring(np.geomspace(HOLE, RIM, 1 + n), 8 * n)
@@ -61,7 +62,7 @@ def mesh(n, family="ring", layers=None):
 
 
 def times(steps):
-    """Return steps of which a quarter, at least one, raise the load; the others turn it."""
+    """Return instants: a quarter of the steps, at least one, raise the load, and the other steps turn it."""
     rise = max(1, steps // 4)
     return np.append(np.linspace(0.0, 1.0, rise + 1), np.linspace(1.0, 2.0, steps - rise + 1)[1:])
 

@@ -1,20 +1,20 @@
 """A block that slips everywhere, in closed form for every Poisson ratio up to 1/2: the effect of incompressibility.
 
-On the unit square, with mu = 1 and c = 1 / (1 + lambda),
+On the unit square, with Lame's constants lambda and mu = 1, and with c = 1 / (1 + lambda), let
 
 $$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)), $$
 
-whose divergence is of the size of grad u / lambda: stresses stay bounded as lambda grows. On y = 0 the normal
-displacement vanishes, and the whole contact slips to the right against the bound g(x) = t mu x^2 (lambda + 2) / (6
-(lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other sides. Data are proportional to t, so
-that backward Euler makes no error: only the mesh does. With any increasing phi(t) in place of t the same holds, in any
-number of steps. (At t = 1 strains are of the order of one, and a run warns about them. In a linear theory their size
-does not matter. The picture shows a tenth of the displacements.)
+The divergence of u is about lambda times smaller than its gradient, so that stresses stay bounded as lambda grows. On
+y = 0 the normal displacement vanishes, and the whole contact slips to the right against friction at its bound
+t mu x^2 (lambda + 2) / (6 (lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other three sides.
+All data are proportional to t, so that backward Euler makes no error: only the mesh does. With any increasing phi(t) in
+place of t the same holds, in any number of steps. (At t = 1 strains are of the order of one, and a run warns about
+them. In a linear theory their size does not matter. The picture shows a tenth of the displacements.)
 
-With u prescribed on all the other sides, its nodal values prescribe a change of volume. This change differs from the
-integral of div u by O(h^2), unless the nodes on the right are spaced like those on top: then the errors of these two
-sides cancel up to the factor c. The energy of the difference is proportional to lambda: at lambda = 1e6 and h = 1/8 it
-triples the error on hexagons. With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and
+The nodal values of u on the three sides prescribe a change of volume. This change differs from the integral of div u by
+O(h^2). If the nodes on the right are spaced like the nodes on top, the errors of these two sides cancel, except for a
+part proportional to c. The energy that the wrong volume causes is proportional to lambda: at lambda = 1e6 and h = 1/8
+it triples the error on hexagons. With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and
 errors are the same for all lambda.
 
     vemcvx run problems/manufactured_full_slip.py --mesh voronoi --n 32 --steps 4
@@ -60,7 +60,7 @@ def traction_on_top(x, y, t, lam):
 
 
 def lame(poisson):
-    """Return lambda for mu = 1."""
+    """Return Lame's constant lambda of this Poisson ratio, for mu = 1."""
     return 2 * MU * poisson / (1 - 2 * poisson)
 
 

@@ -1,4 +1,6 @@
-r"""A membrane with friction: Problem 2.1 with the Laplacian, on scalar virtual elements assembled here.
+r"""A membrane with friction: Problem 2.1 of Feng, Han and Huang with the Laplacian, on scalar virtual elements.
+
+The displacement u under the load f and the friction lambda with the bound g obeys
 
 $$
 -\Delta u + \lambda = f, \qquad |\lambda| \le g,
@@ -7,32 +9,36 @@ $$
 
 with u = 0 on one part of the boundary and grad u . n = q(t) on another. The friction lambda acts per area (a membrane
 on a rough table) or per length of a part of the boundary (there grad u . n + lambda = q). The tension is one. In the
-weak form a(u, v) = int grad u . grad v and j(v) = int g |v|: a scalar problem without directions.
+weak form a(u, v) = int grad u . grad v and j(v) = int g |v|. Both u and lambda are scalars, without directions.
 
 **Virtual elements** (Ahmad et al., Comput. Math. Appl. 66, 2013; Beirao da Veiga et al., M3AS 23, 2013). With the mean
-gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`,
+gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`, a cell of area A has the
+stiffness
 
-$$ K_{ij} = |K| G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}), $$
+$$ K_{ij} = A G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}). $$
 
-a force per area gives each vertex of K an equal part of int_K f, and the bound g is distributed in the same way.
+Each vertex of a cell gets an equal part of the integral of f over the cell. The bound g is distributed in the same way.
 
 **Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. Its lower edge is
-pulled by q(t) and held by friction; its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
+pulled by q(t), held by friction, and displaced by a. Its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and
+after step n
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
-The strip sticks, slips and reverses; u is linear, so virtual elements reproduce it. A closed loop between q = +-Q
+The strip sticks, slips and reverses. Virtual elements reproduce u, because u is linear. A closed loop between q = +-Q
 dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
-x = 0; its other sides are free. Friction has the bound g per area. Friction reduces the tension T = -du/dx along x: the
-membrane is the chain of `spring_slider_chain.py` with infinitely many blocks,
+x = 0. Its other sides are free. Friction has the bound g per area. It reduces T = -du/dx, the force per length, as x
+grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. That file defines play_r, the
+play operator of half width r. With it
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
-On first loading the zone x < q/g slips, $u = (q - g x)_+^2 / 2g$. A reversal by dq reverses slip in the zone x < dq/2g,
-and u changes by $(dq - 2 g x)_+^2 / 4g$; further out the friction of the first loading stays locked in. A closed loop
-of swing dq dissipates dq^3 / 12 g per unit width. Only the second derivative of u jumps: the energy error is O(h).
+On first loading the zone x < q/g slips, and $u = (q - g x)_+^2 / 2g$, where $(s)_+ = \max(s, 0)$. After a reversal by
+dq the zone x < dq/2g slips back, and u changes by $(dq - 2 g x)_+^2 / 4g$. Further out the friction of the first
+loading stays locked in. A closed loop of swing dq dissipates dq^3 / 12 g per unit width. Only the second derivative of
+u jumps, so that the error in the energy norm is O(h).
 
     python problems/membrane_with_friction.py --picture membrane_with_friction.png
 """
@@ -51,22 +57,22 @@ from vemcvx.vem.stabilisation import products_of_remainder
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)
-"""Turning points of the pull on the membrane: below g L, so that the far end never moves."""
+"""Turning points of the pull q on the table. They are below g L, so that slip does not reach the held end."""
 PEAK = 5.0
 EDGE_PULL = course((0, PEAK, -PEAK, PEAK), first=2.5)
-"""The pull at the rough edge, which exceeds g."""
+"""The pull q at the rough edge of the strip. Its peaks `PEAK` exceed g."""
 
 
 class Membrane(NamedTuple):
-    """A system, with the nodes of its unknowns and of its norm terms."""
+    """A system, with the nodes of its unknowns and of its friction terms."""
 
     system: vx.System
     free: np.ndarray
     """Nodes of the unknowns."""
     rough: np.ndarray
-    """Nodes of the norm terms."""
+    """Nodes of the friction terms."""
     measures: np.ndarray
-    """The area or length of each norm term."""
+    """The area or length of the node of each friction term."""
 
 
 def scalar_stiffness(mesh):
@@ -114,12 +120,12 @@ def membrane(mesh, pull, held, pulled, rough, bound=BOUND):
 
 
 def pose_strip(mesh, pull):
-    """Return the strip: held above, pulled below against friction."""
+    """Return the strip, which is held on top and pulled at its lower edge against friction."""
     return membrane(mesh, pull, "top", "bottom", node_lengths(mesh, "bottom"))
 
 
 def strip_exactly(pull, bound=BOUND, height=HEIGHT):
-    """Return a (N + 1,) and the friction lambda (N + 1,) per length."""
+    """Return the displacement a (N + 1,) of the rough edge and its friction lambda (N + 1,) per length."""
     a = np.zeros(len(pull))
     for n in range(1, len(pull)):
         a[n] = np.clip(a[n - 1], height * (pull[n] - bound), height * (pull[n] + bound))
@@ -127,7 +133,7 @@ def strip_exactly(pull, bound=BOUND, height=HEIGHT):
 
 
 def pose_on_table(mesh, pull):
-    """Return the membrane on the table: held at the right, pulled at the left, rough everywhere."""
+    """Return the membrane on the table, which is held at the right, pulled at the left and rough everywhere."""
     return membrane(mesh, pull, "right", "left", node_areas(mesh))
 
 
@@ -178,7 +184,7 @@ def picture(path, mesh, posed, trajectory, at):
     u, friction = table_exactly(x)
     density = trajectory.multipliers[:, :, 0] / posed.measures
     free, rough = mesh.points[posed.free, 0], mesh.points[posed.rough, 0]
-    # We draw forty evenly spaced nodes, because all nodes would hide the lines.
+    # We draw forty nodes, because all nodes would hide the lines.
     some, few = (np.argsort(places)[:: max(1, len(places) // 40)] for places in (free, rough))
     for k in range(1, len(TURNS)):
         left.plot(x, u[k], "k-", linewidth=1, label=None if k > 1 else "closed form")
@@ -203,7 +209,7 @@ def main(path=None):
     mesh = vx.meshes.voronoi(8, box)
     posed = pose_strip(mesh, pull)
     print("strip with a rough edge, exact on every mesh (Voronoi)")
-    print("solver      error of u   certified   error of lam   lost in a loop   seconds")
+    print("solver      error of u   certified   lambda error   dissipated in a loop   seconds")
     for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
         start = time.perf_counter()
         trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver)
@@ -213,17 +219,17 @@ def main(path=None):
         lost = trajectory.dissipated[-1] - trajectory.dissipated[np.argmax(pull)]
         print(
             f"{solver.name:9s}{np.abs(trajectory.state - exact).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"
-            f"{np.abs(density - friction[:, None]).max():15.1e}{lost:17.8f}{seconds:10.2f}"
+            f"{np.abs(density - friction[:, None]).max():15.1e}{lost:23.8f}{seconds:10.2f}"
         )
-    print(f"in closed form: lost in a loop {4 * BOUND * LENGTH * HEIGHT * (PEAK - BOUND):g}")
-    print("membrane on a rough table: relative energy error at the turning points, and loss")
+    print(f"in closed form: dissipated in a loop {4 * BOUND * LENGTH * HEIGHT * (PEAK - BOUND):g}")
+    print("membrane on a rough table: relative errors in the energy norm at the turning points, dissipation, seconds")
     for n in (4, 8, 16, 32):
         mesh = vx.meshes.voronoi(n, box)
         posed, trajectory, at = solve_on_table(mesh)
         errors = energy_error(posed, trajectory, at, mesh.points)
         words = "".join(f"{e:11.2e}" for e in errors[1:])
         print(f"h = {mesh.h:.3f}{words}   {trajectory.dissipated[-1]:.5f} {trajectory.seconds['solve']:.2f} s")
-    print(f"in closed form: lost {table_dissipation()[-1]:.5f}")
+    print(f"in closed form: dissipated {table_dissipation()[-1]:.5f}")
     if path:
         picture(path, mesh, posed, trajectory, at)
 

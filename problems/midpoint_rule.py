@@ -1,44 +1,48 @@
 r"""Why backward Euler: comparison with the midpoint rule, on slips that are known in closed form.
 
-Quasistatic friction is a play operator in the energy norm. Let C = {z : a(z, v) <= j(v) for all v} be the set of
-displacements whose forces friction can balance. Let u_l(t) be the displacement of the body without friction, and
-z = u_l - u. Then
+Quasistatic friction is a play operator in the energy norm $|.|_a$. With the elastic form a and the friction j, let C be
+the set {z : a(z, v) <= j(v) for all v} of displacements whose forces friction can balance. Let u_l(t) be the
+displacement of the body under the load l without friction, and z = u_l - u. With the normal cone N_C and the projection
+P_C on C in this norm
 
-$$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}), $$
+$$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 
-with the projection P_C on C in $|.|_a$, one convex program per step. The midpoint rule requires the inequality at the
-mean $m = (u_{n-1} + u_n) / 2$ of a step, with the load at its middle. With e = m - u_{n-1} = d / 2 and j(d) = 2 j(e),
+Each step of backward Euler is one convex program. (Numbers of equations are those of Feng, Han and Huang.) The midpoint
+rule requires the variational inequality at the mean $m = (u_{n-1} + u_n) / 2$ of a step, with the load at the middle of
+the step. Let d = u_n - u_{n-1} and e = m - u_{n-1} = d / 2, so that j(d) = 2 j(e). The midpoint rule then is
 
 $$
 \min_d \; a(d, d) / 4 + a(u_{n-1}, d) - l(d) + j(d) \\
 \qquad = 2 \min_e \; a(e, e) / 2 + a(u_{n-1}, e) - l(e) + j(e).
 $$
 
-So the midpoint rule is one convex program per step, too: backward Euler to the middle, and then a reflection,
+So a step of the midpoint rule is one convex program, too: backward Euler to the middle, and then a reflection,
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-Its map of z is 2 P_C - 1, which is nonexpansive like P_C: algebraic errors do not grow either. But
+Its map of z is 2 P_C - 1, which is nonexpansive like P_C: errors of the solver do not grow either. However:
 
-1. At the ends of steps z may be outside of C: it is in C only at the middles. Then friction exceeds its bound and (2.1)
-   fails: friction cannot balance the state that one step passes to the next.
-2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2; a
-   reflection only keeps distances. Suppose that a place begins to slip inside a step. At the end of this step z is
-   beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step it is below its bound by eta, and so on
-   forever: from then on the order is one.
+1. Only in the middle of a step is z certain to be in C. If z is outside of C at the end of a step, friction exceeds its
+   bound and (2.1) fails: friction cannot balance the state with which the next step begins.
+2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2, but a
+   reflection may keep all distances. Suppose that a place begins to slip inside a step of length k. At the end of this
+   step z is beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step z is below its bound by eta, and
+   so on forever. From then on the order is one.
 3. The order of the midpoint rule is two only where slips are smooth: where they change their direction, but neither
    begin nor end.
 
-The order of backward Euler is one where slips change their direction. Slips of plane bodies can only reverse. For these
-bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if these include the
-reversals of the loads (:func:`vemcvx.instants`): the play of a monotone input does not depend on its steps. Sums over
-steps (work and dissipation) are of second order in either case (`dissipated_second_order`).
+The order of backward Euler is one where slips turn gradually. Slips of plane bodies can only stop or reverse. For these
+bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if no slip stops or
+reverses inside a step: then the slip of the whole step obeys the law of friction at the end of the step. The reversals
+of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation (`dissipated_second_order`) is then
+of second order in the step. Where slips turn gradually, it is of first order, too.
 
     python problems/midpoint_rule.py [--picture FILE]
 
-The slider is the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C the
-disc about zero whose radius is the unit of length. There are three experiments, in which slips begin inside of steps: a
-straight pull there and back; a slip that turns, from the exact state; and a pull from rest that turns afterwards.
+The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C
+the disc about zero whose radius is the unit of length. There are three experiments. A straight pull there and back
+begins to slip inside a step. A slip that turns starts from the exact state. A pull from rest begins to slip inside a
+step, and turns afterwards.
 """
 
 from __future__ import annotations
@@ -58,16 +62,16 @@ R = 2.0
 STEPS = (16, 32, 64, 128, 256)
 FINE = 4096
 BEHIND = (-1 / 3, 0.0)
-"""Start of the sole: it begins to slip at t = 1/3, which is not an instant of the run, as in the straight pull."""
+"""Start of the sole in the pull from rest: slip begins at t = 1/3, which is no instant of the run."""
 
 
 def project(z):
-    """Return P_C z, C the unit disc."""
+    """Return P_C z, where C is the unit disc."""
     return z / max(1.0, np.linalg.norm(z))
 
 
 def backward_euler(top, times, start):
-    """Return the sole (N + 1, 2) at the instants."""
+    """Return the places of the sole (N + 1, 2) at the instants."""
     sole = [np.asarray(start, dtype=float)]
     for t in times[1:]:
         sole.append(top(t) - project(top(t) - sole[-1]))
@@ -75,7 +79,7 @@ def backward_euler(top, times, start):
 
 
 def midpoint(top, times, start):
-    """Return the sole (N + 1, 2) at the instants, and (N, 2) in the middles of steps."""
+    """Return the places of the sole (N + 1, 2) at the instants, and (N, 2) in the middles of steps."""
     sole, middles = [np.asarray(start, dtype=float)], []
     for s, t in pairwise(times):
         U = top(0.5 * (s + t))
@@ -85,30 +89,30 @@ def midpoint(top, times, start):
 
 
 def there_and_back(t):
-    """Return a straight pull to 3 and back to -3, which reverses at t = 1."""
+    """Return the place of the top in a straight pull to 3 and back to -3, which reverses at t = 1."""
     return np.array([3.0 * t if t <= 1 else 9.0 - 6.0 * t, 0.0])
 
 
 def straight(t):
-    """Return the sole under `there_and_back`: from rest, a play of half width one."""
+    """Return the place of the sole under `there_and_back`, from rest: the play operator of half width one."""
     x = there_and_back(t)[0]
     return np.array([max(x - 1.0, 0.0) if t <= 1 else min(2.0, x + 1.0), 0.0])
 
 
 def around(t):
-    """Return the top on a circle of radius R, one turn per unit of time."""
+    """Return the place of the top on a circle of radius R, one turn per unit of time."""
     return R * np.array([np.cos(2 * np.pi * t), np.sin(2 * np.pi * t)])
 
 
 def turning(t):
-    """Return the sole under `around`, on a circle of radius rho: z = U - a is tangent to the path of the sole."""
+    """Return the place of the sole under `around`, on a circle of radius rho, to which z = u_l - u is tangent."""
     rho = np.sqrt(R**2 - 1.0)
     angle = 2 * np.pi * t - np.arccos(rho / R)
     return rho * np.array([np.cos(angle), np.sin(angle)])
 
 
 def from_rest(t):
-    """Return the top: straight to the circle for t < 1, then around it."""
+    """Return the place of the top: straight to the circle for t < 1, then around the circle."""
     return np.array([R * t, 0.0]) if t < 1 else around(t - 1)
 
 
@@ -119,13 +123,13 @@ def largest_distance(found, exact):
 
 @cache
 def extrapolate():
-    """Return the sole from rest at FINE + 1 instants, extrapolated from two runs of backward Euler."""
+    """Return the places of the sole under `from_rest` at FINE + 1 instants, extrapolated from two runs."""
     one, two = (backward_euler(from_rest, np.linspace(0, 2, m * FINE + 1), BEHIND)[::m] for m in (2, 4))
     return 2 * two - one
 
 
 def errors(steps):
-    """Return the largest errors of both rules by experiment, and in the straight pull also at the middles of steps."""
+    """Return the largest errors of both rules by experiment; in the straight pull also in the middles of steps."""
     # The reversal at t = 1 is an instant. The last experiment has no closed form: we extrapolate backward Euler.
     pull, turn, rest = np.linspace(0, 2, steps + 1), np.linspace(0, 1, steps + 1), np.linspace(0, 2, 2 * steps + 1)
     middles = 0.5 * (pull[1:] + pull[:-1])
@@ -145,7 +149,10 @@ def errors(steps):
         ends, inside = midpoint(top, times, truth[0])
         found[name] = largest_distance(backward_euler(top, times, truth[0]), truth), largest_distance(ends, truth)
         if name == "straight":
-            found["its middles"] = np.nan, largest_distance(inside, np.array([straight(t) for t in middles]))
+            found["straight, in the middles"] = (
+                np.nan,
+                largest_distance(inside, np.array([straight(t) for t in middles])),
+            )
     return found
 
 

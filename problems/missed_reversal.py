@@ -1,16 +1,16 @@
 """A load that reverses between two instants: the error of the time steps, and when there is none.
 
-The block of the paper's Section 4 is taken ten times as stiff and twice as strongly pulled. The load grows until
-t = 1/2 and then returns to zero. While it grows, slip spreads along the contact. When it reverses, all nodes stick at
-once; then slip in the other direction spreads, over less of the contact. At the end the body is unloaded but not
-stress-free: friction locks stresses in.
+The block of Feng, Han and Huang, Section 4 (`feng_han_huang.py`), is ten times as stiff here, and pushed twice as
+strongly. The load grows until t = 1/2 and then returns to zero. While it grows, slip spreads along the contact. When it
+reverses, all nodes stick at once; then slip in the other direction spreads, over less of the contact. At the end the
+body is unloaded but not stress-free, because friction locks stresses in.
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
-half a step, k/2, away from the nearest instants, and the run misses the fraction k of the largest load. The slip that
-is missing on the way up is not recovered on the way down: from the reversal to the end the error is O(k), as (3.28) of
-the paper allows. With an even number of steps a step ends at the reversal. While the load only grows, as in the paper
-(`feng_han_huang.py`), the response is piecewise affine and no slipping node sticks again; then any number of steps
-gives the same displacement.
+half a step, k/2, away from the nearest instants, and the run misses the last fraction k of the load before the
+reversal. The run lacks the slip that this part of the load causes, also while the load decreases: from the reversal to
+the end the error is O(k), as (3.28) of the paper allows. With an even number of steps a step ends at the reversal. If
+the load only grows, as in the paper, no slipping node sticks again, and any number of steps gives the same
+displacement.
 
     vemcvx run problems/missed_reversal.py --n 16 --steps 27 --plot
 """
@@ -25,7 +25,7 @@ SMALL = {"n": 16, "steps": 9}
 
 
 def course(t):
-    """Return the load in time, between 0 and 1."""
+    """Return the load at the instant t over the largest load."""
     return 1.0 - abs(2.0 * t - 1.0)
 
 
@@ -51,7 +51,10 @@ def times(steps):
 
 
 def largest_distance(history, reference):
-    """Return max over n of |u_n - u_ref(t_n)|_{a^h} / |u_ref|; the reference has the same mesh, and all t_n."""
+    """Return the largest energy distance to a reference run over all instants, relative to its largest energy norm.
+
+    The reference has the same mesh, and its instants include all instants of the history.
+    """
     distances = [vx.measures.energy_distance(history, reference, kind="nodal", time=t) for t in history.times]
     return max(one.absolute for one in distances) / max(one.reference for one in distances)
 

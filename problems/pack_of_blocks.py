@@ -1,16 +1,17 @@
 r"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
 
-Bearings stand in a row between the ground and a plate that moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. Each
-bearing consists of two blocks, one on the other, with friction of the bound g_i between them. Their sides are free
-along x only, so that both blocks are sheared uniformly, as in `two_blocks_in_series.py`: step by step, with the slip
-a_i, the heights H, the shear moduli mu, and C = H_1 / mu_1 + H_2 / mu_2,
+Bearings of length L stand in a row between the ground and a plate. The plate moves by U(t) = U0 (0, 1, -1, 1) at
+t = 0, 1, 3, 5, linearly in between. Each bearing consists of two blocks, one on the other, with friction of the bound
+g_i between them. The sides of the blocks can move along x only, so that both blocks are sheared uniformly, as in
+`two_blocks_in_series.py`. With the heights H and shear moduli mu of the blocks, C = H_1 / mu_1 + H_2 / mu_2 is the
+compliance of a bearing. Its shear stress q_i and its slip a_i follow step by step from the slip of the step before:
 
-$$ q_i = \operatorname{clip}((U - a_i) / C, \pm g_i), \qquad a_i = U - C q_i. $$
+$$ q_i = \operatorname{clip}((U - a_i^{\text{before}}) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 
 So bearing i begins to slide at U_i = g_i C. The force on the plate, L sum q_i, is the force of springs and sliders in
-parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) in the first loading, F1 - 2 F((U1 - U) / 2)
-after a reversal at (U1, F1) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+. The solution is exact
-on any two meshes, to rounding.
+parallel (Iwan, J. Appl. Mech. 33, 1966). In the first loading it is F(U) = L sum min(U / C, g_i). After a reversal at
+(U1, F1) it is F1 - 2 F((U1 - U) / 2) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+, where
+(s)_+ = max(s, 0). The computed solution is exact on any two meshes, to rounding.
 
     vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
 """
@@ -37,19 +38,19 @@ def plate(t):
 
 
 def first_loading(U):
-    """Return F(U), the force on the plate while it moves for the first time."""
+    """Return F(U), the force on the plate in the first loading."""
     return LENGTH * np.minimum(np.asarray(U)[..., None] / COMPLIANCE, BOUNDS).sum(axis=-1)
 
 
 def force(t):
-    """Return the force on the plate, by Masing's rule."""
+    """Return the force on the plate at the instants t, by Masing's rule."""
     U, most = plate(t), first_loading(AMPLITUDE)
     back, forth = most - 2 * first_loading((AMPLITUDE - U) / 2), 2 * first_loading((AMPLITUDE + U) / 2) - most
     return np.select([t <= 1, t <= 3], [first_loading(np.abs(U)), back], forth)
 
 
 def exact_solution(instants):
-    """Return the friction traction q and the slip a of the upper over the lower halves, (instants, bearings)."""
+    """Return the shear stress q and the slip a of the upper on the lower blocks, each (instants, bearings)."""
     q, a = np.zeros((2, len(instants), len(BOUNDS)))
     for n, U in enumerate(plate(instants[1:]), start=1):
         q[n] = np.clip((U - a[n - 1]) / COMPLIANCE, -BOUNDS, BOUNDS)
@@ -58,7 +59,7 @@ def exact_solution(instants):
 
 
 def bearing(x):
-    """Return the number of the bearing at places x (m, 2)."""
+    """Return the numbers, from 0, of the bearings at places x (m, 2)."""
     return (x[:, 0] // (LENGTH + GAP)).astype(int)
 
 
@@ -82,7 +83,7 @@ def scene():
 
 
 def mesh(n, family="hexagons"):
-    """Return the lower blocks in cells of `family` and the upper ones in squares, n + 1 across their length."""
+    """Return lower blocks of n cells of `family` across, and upper blocks of n + 1 squares across."""
     blocks, joints = {}, {}
     for i, joint in enumerate(JOINTS):
         ends = i * (LENGTH + GAP), i * (LENGTH + GAP) + LENGTH
@@ -103,7 +104,7 @@ def plate_force(history):
 
 
 def picture(history):
-    """Draw the pack when three of four bearings slide, and the loop of the force on the plate."""
+    """Draw the pack while three of four bearings slide, and the loop of the force on the plate."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

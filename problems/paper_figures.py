@@ -2,20 +2,20 @@
 
     python problems/paper_figures.py [--out DIR]
 
-The command writes four pictures and prints their data: the meshes (Fig. 1), the tangential displacement on each of them
-(Fig. 2), errors against h = k = 1/256 (Table 1 and Fig. 3), and the numbers of nodes of meshes with equally many
-polygons and triangles (Fig. 4). The paper's printed numbers are listed beside ours: first with S_K of (3.13) to the
-letter, then with our default factor 2 mu. Nothing is tuned to the printed numbers. The notes below the tables state the
-differences and their known causes.
+The command draws four figures and prints their data: the meshes (Fig. 1), the tangential displacement on each of them
+(Fig. 2), errors relative to a run with h = k = 1/256 (Table 1 and Fig. 3), and the numbers of nodes of meshes with
+equally many polygons and triangles (Fig. 4). The paper's printed numbers are listed beside ours: first with the
+stabilisation S_K of (3.13) to the letter, then with 2 mu S_K, our default. Nothing is tuned to the printed numbers. The
+notes below the tables state the differences and their known causes.
 
-In these units S_K to the letter has an effect. The factor 1 in place of 2 mu = 154 makes the remainder of Pi so soft
-that loads bend the cells on which they act. Little of the load reaches the contact. With n = 96 and k = 1/8 the largest
-slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1 they are .0114 on squares,
-.0113 on Voronoi cells and hexagons, and .0076 on nonconvex cells, where nothing slips at all with n = 24. In other
-units, such as N instead of daN, the same text gives other numbers.
+S_K to the letter has the factor 1 in place of 2 mu = 154 daN/mm^2. This makes displacements that the projection Pi maps
+to zero so soft that loads bend the cells on which they act, and less of the load reaches the contact. With n = 96 and
+k = 1/8 the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1 they are
+.0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With this factor and
+n = 24 nothing slips on nonconvex cells. In other units, such as N instead of daN, S_K to the letter gives other slips.
 
-The deviations of the package from the text of the paper, and the options that restore the text, are printed too. This
-command prints them alone:
+The command also prints the deviations of the package from the text of the paper, and the options that restore the text.
+This command prints them alone:
 
     python problems/paper_figures.py --deviations
 """
@@ -40,7 +40,8 @@ from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 
 FAMILIES = ("squares", "voronoi", "hexagons", "nonconvex")
-"""Fig. 1 shows four types of meshes. The text names two: squares, and polygons of Talischi. We chose the other two."""
+"""Fig. 1 shows four types of meshes. The text names two: squares, and polygons of the generator of Talischi et al.
+We chose the other two."""
 SIZES, REFERENCE = (4, 8, 16, 32, 64), 256
 PRINTED_ERRORS = {4: 0.1745, 8: 0.0911, 16: 0.0458, 32: 0.0221, 64: 0.0099}
 PRINTED_NODES = {50: (99, 36), 200: (400, 121), 800: (1601, 441), 5000: (9986, 2601)}
@@ -68,12 +69,14 @@ DEVIATIONS = (
     ),
     (
         "a^h(P^h u_0, v) = a(u_0, v), (2.11)",
-        "`projected`: the mean of C eps(u_0) over each cell, because v is virtual: an error O(h), zero for linear u_0",
+        "`vx.projected` takes the mean of C eps(u_0) over each cell, because v is virtual: an error O(h), zero for "
+        "linear u_0",
         "none: the right side cannot be computed",
     ),
     (
-        "(2.6), l^h(0) = l(0), implies (2.13); the l^h of Section 3 violates it if f_1(0) is not 0",
-        "`projected` begins at the end of one step at times[0] from P^h u_0: (2.13) holds, at the distance O(h)",
+        "(2.6), l^h(0) = l(0), implies (2.13); the l^h of Section 3 violates (2.6) if f_1(0) is not 0",
+        "`vx.projected` begins at the result of one step at times[0] from P^h u_0: (2.13) holds there, and the "
+        "distance to P^h u_0 is O(h)",
         "`vx.projected(u_0, settle=False)` begins at P^h u_0, as (3.26) says",
     ),
     (
@@ -175,7 +178,7 @@ Errors = dict[str, list[vx.measures.Measured]]
 
 
 def errors(sizes: Sequence[int] = SIZES, reference: int = REFERENCE, stabilisation: str = "unit") -> Errors:
-    """Return distances at t = 1 between runs with h = k = 1/n and the reference on squares, by every measure."""
+    """Return the distances at t = 1 of runs with h = k = 1/n on squares to the reference run, by every measure."""
     scene = paper.scene(stabilisation=stabilisation)
     fine = vx.simulate(scene, paper.mesh(reference), paper.times(reference), store="last")
     found: Errors = {kind: [] for kind in (*KINDS, "nodal, 2 mu", "in time")}
@@ -202,7 +205,7 @@ def table_1(found: Errors, sizes: Sequence[int]) -> dict[str, vx.measures.Conver
         "relative energy errors at t = 1 on squares, h = k, and observed orders": (
             vx.measures.convergence_table(h, {"printed": printed, **relative}, "h = k")
         ),
-        "the same, absolute: ||v||_E = (1/2 int C eps : eps)^(1/2), (daN mm)^(1/2) for 1 mm": (
+        "the same, absolute: ||v||_E = (1/2 int C eps : eps)^(1/2), (daN mm)^(1/2) at 1 mm thickness": (
             vx.measures.convergence_table(h, absolute, "h = k")
         ),
     }
@@ -220,12 +223,12 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
         f"exact: errors of the virtual functions, which are bilinear on squares. Orders are {slopes['unit']:.2f} "
         f"(unit) and {slopes['shear']:.2f} (2 mu) rather than 1, because the solution is not in H^2 at the clamped "
         "corners, where the boundary condition changes.",
-        "projected: errors of Pi u. nodal: |I u_ref - u|_{a^h}, the errors at the coarse nodes, in the a^h of the run. "
-        "consistent: the first part of this norm, without S_K. (In the a^h of 2 mu the nodal distances of unit runs "
-        f"are {of_ours}.)",
+        "projected: errors of Pi u. nodal: |I u_ref - u|_{a^h}, where I u_ref has the values of the reference at the "
+        "nodes of the run, in the norm a^h of the run. consistent: the same without the part S_K of a^h. (In the norm "
+        f"a^h with 2 mu S_K, the nodal errors of the runs with S_K to the letter are {of_ours}.)",
         f"in time: at most {in_time:.0e}, the distance to a run on the same mesh with the steps of the reference. The "
-        "load is proportional and no slipping node sticks again: backward Euler makes no error here, and only the mesh "
-        "makes an error.",
+        "load is proportional and no slipping node sticks again. Backward Euler therefore makes no error here, and all "
+        "errors are errors of the mesh.",
         f"printed: {' '.join(nearest_to_print(every, sizes))} No reading of the text that we tried gives the printed "
         "numbers, nor the rise of their order to 1.17.",
     ]
@@ -238,7 +241,8 @@ def nearest_to_print(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
     for name, found in every.items():
         ratios = {kind: np.array([found[kind][k].relative / PRINTED_ERRORS[sizes[k]] for k in known]) for kind in KINDS}
         kind = min(ratios, key=lambda one: np.abs(np.log(ratios[one])).max())
-        words.append(f"{name}: nearest is {kind}, {ratios[kind].min():.2f} to {ratios[kind].max():.2f} of it.")
+        low, high = ratios[kind].min(), ratios[kind].max()
+        words.append(f"{name}: the nearest measure is {kind}, {low:.2f} to {high:.2f} times the printed errors.")
     return words
 
 
@@ -268,9 +272,10 @@ def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
 
 
 def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[tuple[int, int, int, int, int, float]]:
-    """Return rows of numbers.
+    """Return a row of numbers for each number of elements.
 
-    They are elements; nodes of polygons: fewest, most, and without collapsed edges; nodes of triangles; longest side.
+    A row has the number of elements; the numbers of nodes of polygons over the seeds (fewest, most, and without
+    collapsed edges); the number of nodes of triangles; and the longest side of a polygon.
     """
     rows = []
     for count in counts:
@@ -285,7 +290,7 @@ def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[
 
 
 def longest(mesh: vx.PolygonMesh) -> float:
-    """Return the longest side of a cell."""
+    """Return the length of the longest side of a cell."""
     after = np.concatenate([np.roll(cell, -1) for cell in mesh.cells])
     return float(np.linalg.norm(mesh.points[after] - mesh.points[mesh.vertices], axis=1).max())
 
@@ -311,9 +316,9 @@ def table_4(rows: Sequence[tuple[int, int, int, int, int, float]]) -> Table:
 
 
 NOTE_4 = (
-    "n polygons that meet three at a node have 2 n + 2 nodes; every collapsed short edge removes one. The paper has "
-    "3, 2, 1 and 16 nodes fewer; our numbers vary with the seeds. The triangles, n/2 squares cut in two, have the "
-    "printed numbers of nodes."
+    "n polygons have 2 n + 2 nodes if three meet at every inner node. Every collapsed short edge removes one node. The "
+    "paper has 3, 2, 1 and 16 nodes fewer. Our numbers vary with the seeds. The triangles, n/2 squares cut in two, "
+    "have the printed numbers of nodes."
 )
 
 

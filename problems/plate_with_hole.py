@@ -1,7 +1,8 @@
 r"""A plate with a hole, pulled: a quarter of it is computed, and the stress at the rim is three times the pull.
 
-A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). With z = x + iy and
-kappa = (3 - nu) / (1 + nu) in plane stress (Muskhelishvili 1953),
+A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). With z = x + iy and, in
+plane stress, kappa = (3 - nu) / (1 + nu), the potentials phi and psi give displacements (u, v) and stresses
+(Muskhelishvili 1953):
 
 $$
 \phi = \tfrac S4 z + a / z, \qquad \psi = -\tfrac S2 z + b / z + c / z^3, \qquad a = S R^2 / 2,
@@ -11,9 +12,9 @@ $$
 \qquad \sigma_{yy} - \sigma_{xx} + 2i \sigma_{xy} = 2 (\operatorname{conj}(z) \phi'' + \psi').
 $$
 
-The plate is cut off at r = 5 R, where the stresses of that solution pull it; both axes are lines of symmetry. Above the
-hole sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4), which is 3 S at the rim. The force on the rollers along this line is its
-integral from R to r, S (r - R^2 / (2 r) - R^4 / (2 r^3)).
+The plate is cut off at r = 5 R, where the tractions of this solution pull it. Both axes are lines of symmetry, with
+rollers. On the y-axis above the hole sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4), which is 3 S at the rim. The force on
+the rollers there is the integral of sigma_xx from R to r = 5 R, which is S (r - R^2 / (2 r) - R^4 / (2 r^3)).
 
     vemcvx run problems/plate_with_hole.py --n 8 --steps 1 --plot
 """
@@ -34,14 +35,14 @@ def complex_potentials(z, a, b, c, pull=PULL):
 
 
 def stresses(z, potentials):
-    """Return stresses xx, yy, xy, (m, 3)."""
+    """Return the stresses xx, yy, xy (m, 3) of these potentials at the points z (m,)."""
     _, first, second, _, psi = potentials
     mean, rest = 2 * first.real, np.conj(z) * second + psi
     return np.column_stack([mean - rest.real, mean + rest.real, rest.imag])
 
 
 def displacements(z, potentials, kappa, shear):
-    """Return displacements (m, 2)."""
+    """Return the displacements (m, 2) of these potentials at the points z (m,)."""
     phi, first, _, psi, _ = potentials
     w = (kappa * phi - z * np.conj(first) - np.conj(psi)) / (2 * shear)
     return np.column_stack([w.real, w.imag])
@@ -56,7 +57,7 @@ def kirsch(x):
 
 
 def roller_force():
-    """Return the integral of sigma_xx over the line above the hole."""
+    """Return the force on the rollers above the hole: the integral of sigma_xx."""
     r = REACH
     return PULL * (r - RADIUS**2 / (2 * r) - RADIUS**4 / (2 * r**3))
 

@@ -1,21 +1,19 @@
 r"""A ring pressed over another ring that is too large for it: the pressure between them is Lame's.
 
 Two rings a < r < b and b < r < c are in plane stress; a quarter of them is computed. The outer radius of the inner ring
-exceeds the inner radius of the outer ring by the interference delta. It is modelled as the gap -delta t between the
-rings. Under the pressure p the inner ring shrinks and the outer ring widens at r = b by (Lame 1852; Timoshenko and
-Goodier, *Theory of Elasticity*, 28)
+exceeds the inner radius of the outer ring by the interference delta, modelled as the gap -delta t between the rings.
+The materials are E_1, nu_1 inside and E_2, nu_2 outside. Under the pressure p between the rings, the inner ring shrinks
+and the outer ring widens at r = b by (Lame 1852; Timoshenko and Goodier, *Theory of Elasticity*, 28)
 
-$$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2), $$
+$$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2). $$
 
-whose sum is delta. The surfaces slide freely. Meshes do not match: the two polygons of the circle r = b are up to
-b (pi / 4n)^2 / 8 apart, and the outer ring takes over the outline of the inner ring (`tolerance=`). Nodes of the outer
-ring then lie on chords of the inner ring. So errors of nodal pressures are O(h), and errors of the mean pressure
-O(h^2). The errors of `contact.pressure_recovered` are at most a quarter of the errors of nodal pressures (in the root
-mean square). Meshes with equal numbers of cells (`outer=n`) match, and all errors are O(h^2).
+The sum of both is delta. The surfaces slide freely. The meshes do not match: the two polygons of the circle r = b are
+up to b (pi / 4n)^2 / 8 apart, and the outer ring takes over the outline of the inner ring (`tolerance=`). Nodes of the
+outer ring then lie on chords of the inner ring. Errors of nodal pressures are therefore O(h), and errors of the mean
+pressure O(h^2). The errors of `contact.pressure_recovered` are at most a quarter of the errors of nodal pressures (in
+the root mean square). Meshes with equal numbers of cells along the circle (`outer=n`) match, and all errors are O(h^2).
 
-A gap is a difference of two displacements, whose rounding alone is 3e-8 of the energy norm: use the accuracy 1e-7.
-
-    vemcvx run problems/press_fit.py --n 8 --steps 4 --accuracy 1e-7 --plot
+    vemcvx run problems/press_fit.py --n 8 --steps 4 --plot
 """
 
 import numpy as np
@@ -37,7 +35,7 @@ def pressure(interference=INTERFERENCE):
 
 
 def stresses(r):
-    """Return radial and hoop stress at the radii r."""
+    """Return Lame's radial and hoop stresses at the radii r."""
     a, b, c = RADII
     p, inner = pressure(), r < b
     mean = np.where(inner, -p * b**2 / (b**2 - a**2), p * b**2 / (c**2 - b**2))
@@ -55,7 +53,7 @@ def scene(interference=INTERFERENCE):
 
 
 def mesh(n, family="ring", outer=None):
-    """Return a quarter of the rings: 2n cells around the inner ring, and 3n (or 2 `outer`) around the outer ring."""
+    """Return a quarter of both rings: 2n cells along the inner ring, and 3n (or 2 `outer`) along the outer ring."""
     a, b, c = RADII
     rings = {}
     for name, ends, across in (("inner", (a, b), n), ("outer", (b, c), outer or 3 * n // 2)):
@@ -69,7 +67,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the deformed rings, which magnified displacements move apart, and the stresses along a radius."""
+    """Draw the deformed rings, and the stresses along a radius. (Magnified displacements move the rings apart.)"""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

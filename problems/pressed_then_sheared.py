@@ -1,15 +1,15 @@
 r"""A block pressed on a rough floor, then sheared back and forth: two stages, in closed form, exact on every mesh.
 
-The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 0, rests on a floor with Coulomb friction, coefficient f.
-In the first stage, 0 <= t <= 1, a pressure that grows to P presses its top: u_y = -t P y / E, and there is no friction.
-In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1, -1, 1) at the instants
-1, 2, 4, 6. On the sides act the shear tractions +-mu gamma of a block that is sheared uniformly by gamma, with
-mu = E / 2, and slips as a whole by a:
+The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 0, rests on a floor with Coulomb friction of coefficient
+f. In the first stage, 0 <= t <= 1, a pressure on the top grows to P. Then u_y = -t P y / E, and because nu = 0 the
+friction force is zero. In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1,
+-1, 1) at the instants 1, 2, 4, 6. The block is sheared uniformly by gamma and slips as a whole by a, because the
+tractions +-mu gamma act on its sides (mu = E / 2). After step n
 
 $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm f P / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
-A closed loop of the amplitude U0 > f P H / mu dissipates 4 f P L (U0 - f P H / mu). The energy P^2 L H / 2E, stored by
-the first stage, remains. `vx.joined` joins both stages to one history.
+A closed loop of the amplitude U0 > f P H / mu dissipates 4 f P L (U0 - f P H / mu). The energy P^2 L H / 2E of the
+first stage stays stored. `vx.joined` joins both stages to one history.
 
     vemcvx run problems/pressed_then_sheared.py --n 4 --out results/pressed --plot --report
 """
@@ -43,7 +43,7 @@ def exact_solution(coefficient=COEFFICIENT):
 
 
 def stages(coefficient=COEFFICIENT):
-    """Return both stages, (scene, times) each."""
+    """Return both stages, each as a pair (scene, times)."""
 
     def press(x, t):
         return np.full(len(x), PRESSURE * min(t, 1.0))
@@ -75,7 +75,7 @@ def mesh(n, family="squares"):
 
 
 def picture(history):
-    """Draw the block at the peak, and the loop of its top in the second stage."""
+    """Draw the block at the last instant, and the loop of its top in the second stage."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

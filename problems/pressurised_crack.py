@@ -1,12 +1,13 @@
-r"""A crack in prestressed rock under fluid pressure: it opens where the pressure exceeds the prestress.
+r"""A crack in prestressed rock under fluid pressure: it opens once the pressure exceeds the prestress.
 
-A block |x|, |y| < 10 a in plane strain has the stress -S_H along x and -S across the crack |x| < a, y = 0. The same
-pressures act on its sides, so that it needs no supports. The fluid presses both faces of the crack apart with p(t).
-The faces touch with the pressure S - p until p = S. Beyond that the crack in an infinite body opens by (Sneddon 1946)
+A block |x|, |y| < 10 a in plane strain has the prestress -S_H along x and -S along y, across the crack |x| < a, y = 0.
+The pressures S_H and S act on its sides, so that the block needs no supports. A fluid of pressure p(t) presses both
+faces of the crack apart. Until p = S the faces touch with the pressure S - p. If p > S, a crack in an infinite body
+opens by (Sneddon 1946)
 
 $$ \frac{4 (1 - \nu^2)}{E} (p - S) (a^2 - x^2)^{1/2}. $$
 
-In this finite block it opens by 1 % more. The mesh error of the opening is O(h).
+In this finite block the crack opens by 1 % more. The mesh error of the opening is O(h).
 
     vemcvx run problems/pressurised_crack.py --n 8 --steps 8 --plot
 """
@@ -27,7 +28,7 @@ def fluid(t):
 
 
 def opening(x, p):
-    """Return the opening in an infinite body under the pressure p."""
+    """Return the opening in an infinite body at the place x under the fluid pressure p."""
     widest = 4 * (1 - POISSON**2) / YOUNG * np.maximum(p - ACROSS, 0.0)
     return widest * np.sqrt(np.maximum(HALF**2 - x**2, 0.0))
 
@@ -65,7 +66,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the block around the open crack, and its opening at two pressures."""
+    """Draw the block around the open crack, and the opening of the crack at two pressures."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,20 +1,16 @@
 r"""A tendon, tensioned, bonded and released: friction preserves its stress except along a length at the end.
 
-Half of a tendon (x = 0 is its middle, a line of symmetry) of length L and height H, plane stress, nu = 0, has the
-prestress s0, held by a jack at x = L. Then it is laid on a bed with the friction bound g per length, and the jack is
-released: the pull at the end falls to 0, rises to 0.6 s0, and falls again, at t = 0, 1, 2, 3. Let s be the distance
-from the end, T the pull at the end (a force) and N the force in the tendon. As a rod,
+Half of a tendon is computed, with the length L from the middle x = 0 and the height H, in plane stress with nu = 0. A
+jack at x = L holds its prestress s_0, so that u = 0 at t = 0. The tendon lies on a bed with the friction bound g per
+length. The jack releases it, pulls it again and releases it again: at t = 0, 1, 2, 3 the stress at the end is s_0, 0,
+0.6 s_0 and 0. Let s be the distance from the end, T the pull at the end (a force), N the force in the tendon, and s_0 H
+the force N_0. After the first release the theory of rods gives, with the draw-in u_1 of the end,
 
-$$
-N = \min(N_0, T + g s)
-\qquad \text{on the first release}, \qquad N_0 = s_0 H \text{ at the transfer length } s = N_0 / g, \\
-u_1 = N_0^2 / (2 E H g) \qquad \text{the draw-in of the end}.
-$$
+$$ N = \min(N_0, T + g s), \qquad \text{transfer length } N_0 / g, \qquad u_1 = N_0^2 / (2 E H g). $$
 
 A pull Q on the end reverses friction along the length Q / 2g, where N = Q - g s, and recovers Q^2 / (4 E H g) of the
-draw-in. The second release returns to u_1. Pretensioned concrete anchors its wires in this way, and the draw-in is its
-test (Guyon, *Prestressed Concrete*, 1953). Prestress and jack are in equilibrium, so that u = 0 at t = 0. The rod is a
-model with the error O(g H / N0).
+draw-in. The second release restores u_1. Pretensioned concrete anchors its wires in this way, and a measured draw-in
+tests the anchorage (Guyon, *Prestressed Concrete*, 1953). The theory of rods has the error O(g H / N_0).
 
     vemcvx run problems/pretensioned_tendon.py --n 4 --steps 24 --plot
 """
@@ -29,7 +25,7 @@ SMALL = {"n": 4, "steps": 24}
 
 
 def jack(t):
-    """Return the pull at the end, a stress."""
+    """Return the stress with which the jack pulls at the end."""
     return PRESTRESS * np.interp(t, [0, 1, 2, 3], [1, 0, AGAIN, 0])
 
 
@@ -38,13 +34,13 @@ def transfer_length():
 
 
 def draw_in():
-    """Return the displacement of the end, inwards: released, pulled again, released again."""
+    """Return the draw-in of the end after the first release, the second pull and the second release."""
     first = (PRESTRESS * HEIGHT) ** 2 / (2 * YOUNG * HEIGHT * BOUND)
     return first, first - (AGAIN * PRESTRESS * HEIGHT) ** 2 / (4 * YOUNG * HEIGHT * BOUND), first
 
 
 def stress(s, again=False):
-    """Return the stress of the rod at the distance s from its end, after the first release or the pull that follows."""
+    """Return the stress of the rod at the distance s from its end, after the release or after the second pull."""
     released = np.minimum(PRESTRESS, BOUND * s / HEIGHT)
     return np.maximum(released, AGAIN * PRESTRESS - BOUND * s / HEIGHT) if again else released
 
@@ -72,7 +68,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the end of the tendon after its release, and the stress along it, then and when it is pulled again."""
+    """Draw the end of the tendon after the first release, and the stress there and after the second pull."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

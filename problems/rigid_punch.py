@@ -1,16 +1,17 @@
 r"""A rigid punch whose force moves away from its middle: it tilts, and its pressure has a closed form.
 
-A flat rigid punch of half width a is pressed without friction on an elastic half-plane, plane strain, with the force P
-at the distance e from its middle. It sinks and rotates until the reaction balances the force (Sadowsky 1928),
+A flat rigid punch of half width a is pressed without friction on an elastic half-plane in plane strain. The force P
+acts at the distance e to the right of its middle. The punch sinks and rotates until the pressure balances the force
+(Sadowsky 1928):
 
 $$
 p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
 \qquad \text{rotation } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}.
 $$
 
-Beyond e = a / 2 it lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2. The
-half-plane is a block, 16 a wide and 8 a deep and clamped below, which makes it stiffer by a fraction O(a / depth). The
-infinite pressure at the edges makes errors of nodal forces O(h / a).
+If e > a / 2, the punch lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2.
+In place of the half-plane we compute a block, 16 a wide, 8 a deep and clamped below, which is stiffer by a
+fraction O(a / depth). Because the pressure is infinite at the edges, errors of nodal forces are O(h / a).
 
     vemcvx run problems/rigid_punch.py --n 6 --steps 8 --plot
 """
@@ -25,7 +26,7 @@ SMALL = {"n": 6, "steps": 8}
 
 
 def offset(t):
-    """Return the distance of the force from the middle."""
+    """Return the distance e of the force from the middle at the instant t."""
     return HALF / 2 * np.interp(t, [0.25, 1.0], [0.0, 1.0])
 
 
@@ -34,7 +35,7 @@ def pressure(x, t):
 
 
 def turn(t):
-    """Return the rotation of the punch, anticlockwise."""
+    """Return the anticlockwise rotation of the punch at the instant t."""
     return -4 * (1 - POISSON**2) * FORCE * offset(t) / (np.pi * YOUNG * HALF**2)
 
 
@@ -57,7 +58,7 @@ initial = "settled"
 
 
 def mesh(n, family="squares"):
-    """Return the ground, and a punch of 2n cells with n cells of the ground per half width."""
+    """Return the ground with n cells per half width of the punch, and the punch with 2n cells."""
     make = vx.meshes.FAMILIES[family]
     ground = make((16 * n, 8 * n), box=((-8 * HALF, 8 * HALF), (-8 * HALF, 0.0)))
     return vx.meshes.bodies({"ground": ground, "punch": vx.meshes.squares((2 * n, 1), box=((-HALF, HALF), (0, HALF)))})

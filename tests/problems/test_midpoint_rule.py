@@ -23,7 +23,7 @@ def test_under_straight_pulls_backward_euler_is_exact_and_the_midpoint_rule_has_
     exact, first = found["straight"]
     assert exact.max() < 1e-14
     np.testing.assert_allclose(orders(first), 1.0, atol=1e-9)
-    np.testing.assert_allclose(orders(found["its middles"][1]), 1.0, atol=1e-9)
+    np.testing.assert_allclose(orders(found["straight, in the middles"][1]), 1.0, atol=1e-9)
 
 
 def test_the_midpoint_rule_has_order_two_while_slips_turn(found):

@@ -7,7 +7,7 @@ import numpy as np
 
 rng = np.random.default_rng(2)
 count, free = 40, 24
-stretch = rng.normal(size=(count, free))  # any structure
+stretch = rng.normal(size=(count, free))  # a random structure
 C = rng.uniform(0.5, 2.0, count)
 K = stretch.T @ (C[:, None] * stretch)
 f = rng.normal(size=free)
@@ -43,20 +43,20 @@ assert abs(norm(sigma - mean) - 0.5 * bound) < 1e-12 * bound
 
 # %%
 above, below = 0.5 * v @ K @ v - f @ v, -0.5 * norm(tau) ** 2
-print(f"{below:.4f} < {0.5 * u @ K @ u - f @ u:.4f} < {above:.4f}")
+print(f"complementary energy {below:.4f} < least energy {0.5 * u @ K @ u - f @ u:.4f} < energy of v {above:.4f}")
 assert below < 0.5 * u @ K @ u - f @ u < above
 assert abs(above - below - 0.5 * bound**2) < 1e-10
 
 # %% [markdown]
 # **3.** Add a combination of states without a load that minimises $|\delta|$. This is a least-squares problem. A net
 # has finitely many independent states of this kind, and with all of them the bound becomes the error itself. A
-# continuum has infinitely many, and one takes the states of a mesh.
+# continuum has infinitely many such states, and one takes those of a mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)
 coefficients = np.linalg.lstsq(scaled.T, (force(v) - tau) / np.sqrt(C), rcond=None)[0]
 better, error = norm(tau + coefficients @ unloaded - force(v)), norm(force(u - v))
-print(f"bound {bound:.4f}, improved {better:.6f}, error {error:.6f}")
+print(f"bound {bound:.4f}, improved bound {better:.6f}, error {error:.6f}")
 assert abs(better - error) < 1e-10 * error
 assert better < bound
 

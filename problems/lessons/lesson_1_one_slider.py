@@ -156,7 +156,7 @@ print(f"{len(cases)} steps by hand minimise the energy and solve the inequality"
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: the energy P for three pulls, a parabola plus a kink; two minima lie at the kink, one to the right of it
+# Picture: the energy P for three pulls, a parabola plus a kink; two minima lie at the kink, one lies to its right
 def energies(pulls):
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     u = np.linspace(-0.8, 1.6, 400)

@@ -66,7 +66,7 @@ by_hand = np.array([0.9, 0.2, 0.0, 0.0])
 allowed = np.sqrt(2e-8 / np.linalg.eigvalsh(K).min())
 assert np.linalg.norm(u.value - by_hand) < allowed
 assert (np.abs(u.value[2:]) < 1e-8 / np.array([0.5 - 0.2, 0.5 - 0.0])).all()
-print(f"by hand   {by_hand}, {np.linalg.norm(u.value - by_hand):.0e} apart, {allowed:.0e} allowed")
+print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e}, allowed {allowed:.0e}")
 
 # %% [markdown]
 # ## 2. The dual, and which part of it is a force
@@ -101,7 +101,7 @@ lam = np.array([-cone.dual_value[1].item() for cone in cones])
 assert np.abs(xi - w).max() < 4 * allowed
 assert np.abs(lam - [0.5, 0.5, 0.2, 0.0]).max() < 4 * allowed
 assert np.abs(lam - (f - K @ u.value)).max() < 4 * allowed
-print("friction takes", np.round(lam, 6) + 0.0, "of", w)
+print("friction takes", np.round(lam, 6) + 0.0, "of the bounds", w)
 print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(equal, because the forces balance)")
 
 # %% [markdown]

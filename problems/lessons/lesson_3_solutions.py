@@ -120,4 +120,4 @@ in_megapascal = [deflection(bar, *steel, eta) for eta in (2 * steel[1], 1.0)]
 assert abs(in_pascal[0] / in_megapascal[0] - 1) < 1e-10
 assert abs(in_pascal[1] / in_megapascal[1] - 1) > 0.05
 for _eta, _values in zip(("2 mu", "1"), zip(in_megapascal, in_pascal, strict=True), strict=True):
-    print(f"eta = {_eta}: {_values[0]:.1f} in MPa, {_values[1]:.1f} in Pa")
+    print(f"deflection with eta = {_eta}: {_values[0]:.1f} in MPa, {_values[1]:.1f} in Pa")

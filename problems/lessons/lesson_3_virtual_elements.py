@@ -314,11 +314,12 @@ for _family in ("squares", "hexagons"):
     assert _lost[1] < 0.5 * _lost[0] < 0.125 * limit
 for _n in (4, 8):
     assert 4 / lame(1.0, poissons[-1])[1] < cantilever["triangles", _n][-1] < 0.1 * beam[-1]
-print(f"beam {beam[-1]:.0f}, fine squares {limit:.0f};", {key: round(values[-1]) for key, values in cantilever.items()})
+coarse = {key: round(values[-1]) for key, values in cantilever.items()}
+print(f"deflections: beam {beam[-1]:.0f}, fine squares {limit:.0f}, by family and cells across {coarse}")
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: deflection of the end over Poisson's ratio; triangles fall to a tenth, squares and hexagons follow the beam
+# Picture: deflection over Poisson's ratio; for triangles it falls to a tenth, squares and hexagons follow the beam
 def locking(results):
     figure, axes = plt.subplots(figsize=(6.6, 3.9), layout="constrained")
     axes.semilogx(0.5 - poissons, beam, color="black", linewidth=1.0, label="Timoshenko's beam")
@@ -326,7 +327,7 @@ def locking(results):
     for (family, n), deflection in results.items():
         mark, colour = marks[family]
         style = {"linestyle": "--" if n == 4 else "-", "fillstyle": "none" if n == 4 else "full"}
-        axes.semilogx(0.5 - poissons, deflection, marker=mark, color=colour, label=f"{family}, {n} across", **style)
+        axes.semilogx(0.5 - poissons, deflection, mark, color=colour, label=f"{family}, {n} cells across", **style)
     axes.invert_xaxis()
     axes.set(xlabel=r"$\frac{1}{2} - \nu$ (rubber: right)", ylabel="deflection of the end", ylim=(0, None))
     axes.set_title("triangles lock, squares and hexagons do not")

@@ -165,7 +165,9 @@ for _steps in (30, 60, 120):
     assert abs(_work - _stored - _friction - _numerical) < 600e-15
     assert abs(_friction - 5 * w * (peak - w) / K) < 600e-15, "the loss to friction has no error"
     assert abs(_numerical - 0.5 * (peak / _steps) * 5 * (peak - w) / K) < 600e-15
-    print(f"{_steps:4d} steps up: work {_work:.4f} = {_stored:g} + {_friction:g} + {_numerical:.4f} (numerical)")
+    print(
+        f"{_steps:4d} steps up: work {_work:g} = stored {_stored:g} + friction {_friction:g} + numerical {_numerical:g}"
+    )
 
 # %% [markdown]
 # ## 4. A body
@@ -210,13 +212,13 @@ for _coarse, _fine in ((40, 80), (80, 160)):
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: the bent loop of load over displacement of a body, and its energies over time, which add up to the work
+# Picture: load over displacement of a body, a loop with bent sides; energies over time, which add up to the work
 def body_picture(history):
     figure, (loop, energies) = plt.subplots(1, 2, figsize=(8.4, 3.6), layout="constrained")
     left = history.mesh.points[:, 0] == 0
     t = history.times
     loop.plot(1e3 * history.displacement[:, left, 0].mean(axis=1), course(t), color="tab:blue")
-    loop.set(xlabel="mean displacement of the left side (1e-3)", ylabel="load", title="the loop of a body is bent")
+    loop.set(xlabel="mean displacement of the left side (1e-3)", ylabel="load", title="the body's loop has bent sides")
     parts = history.energy, history.dissipated, numerical(history)
     names = "stored", "lost to friction", "numerical"
     energies.stackplot(t, *parts, labels=names, colors=("tab:blue", "tab:orange", "tab:green"), alpha=0.7)

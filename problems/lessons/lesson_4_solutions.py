@@ -55,8 +55,8 @@ assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 # %% [markdown]
 # **3.** $c\,\dot u$ becomes $c\,s/k$ with $s = u - u_{n-1}$, and the program gets the term $\tfrac{c}{2k} s^2$. A
 # square does not scale like a seminorm, so $k$ stays in the program, and the speed of the load matters. The energy
-# balance gets the term $c\,s^2/k$, the energy lost in the damper; the sum of this term over all steps is of order one.
-# One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
+# balance gets the term $c\,s^2/k$, the energy lost in the damper. The sum of this term over all steps does not tend to
+# zero with $k$. One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
 
 
 # %%
@@ -73,7 +73,7 @@ ends = [move_damped(ramp, k) for k in (1e-3, 1e-1, 1e3)]
 assert ends[0] < ends[1] < ends[2] <= walk(ramp)
 # The slowest slider moves by 0.05 in 1000 s, so the damper changes its position by c * 0.05 / 1000 / K.
 assert walk(ramp) - ends[2] <= 0.5 * 0.05 / 1000 / K + 1e-15
-print("ends for fast, slower and slow loads:", np.round(ends, 4), "without a damper", walk(ramp))
+print(f"end positions for fast, slower and slow loads: {np.round(ends, 4)}; without a damper: {walk(ramp)}")
 
 # %% [markdown]
 # **4.** The force $\lambda_i$ of a slider follows $U$ until it reaches its bound:

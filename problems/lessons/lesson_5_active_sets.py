@@ -366,7 +366,7 @@ def safeguard_picture():
     shown = np.maximum(gaps, 1e-13 * gaps.max())
     axes.semilogy(rounds, shown, color="tab:blue", label="safeguarded")
     axes.semilogy(np.array(sure_steps) + 1, shown[np.array(sure_steps)], ".", color="tab:blue", label="a sure step")
-    axes.set(xlabel="round", ylabel="gap", title="the program that needs most sure steps")
+    axes.set(xlabel="round", ylabel="gap", title="the program that needs the most sure steps")
     axes.grid(color="0.9")
     axes.legend(frameon=False)
     plt.close(figure)

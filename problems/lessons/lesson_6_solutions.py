@@ -10,7 +10,7 @@ size = 8
 K = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
 f, w = np.linspace(2.0, -0.5, size), np.full(size, 0.4)
 EPS = np.finfo(float).eps
-FLOOR = 100 * size * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # rounding of sums of 8 terms, times 100
+FLOOR = 100 * size * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 100 times the rounding of sums of 8 terms
 
 
 def gap(s, lam, w=w):

@@ -44,7 +44,7 @@ def cells_across(target):
 
 measured = relative_error(vx.simulate(ramp, vx.meshes.squares(cells_across(0.1)), steps, store="last"), reference)
 print(f"order {alpha:.2f}; 10 % needs n = {cells_across(0.1)}, where {measured:.1%} are measured")
-print(f"1 % needs n = {cells_across(0.01)}, {cells_across(0.01) ** 2} nodes; adaptive {round(862 * (3.3 / 1.0) ** 2)}")
+print(f"1 % needs n = {cells_across(0.01)}, {cells_across(0.01) ** 2} cells; adaptive {round(862 * 3.3**2)} nodes")
 assert 0.08 < measured <= 0.1
 assert cells_across(0.01) ** 2 > 862 * 3.3**2
 
@@ -101,6 +101,6 @@ C_h, C_k, target = 3.0, 0.7, 0.05
 h = np.linspace(1e-4, target / C_h - 1e-4, 20001)
 cost = 1 / (h**2 * (target - C_h * h) / C_k)
 best = C_h * h[np.argmin(cost)] / target
-print(f"fraction of the error in the mesh where the cost is least: {best:.4f}")
+print(f"at the least cost the mesh causes this fraction of the error: {best:.4f}")
 assert abs(best - 2 / 3) <= C_h * (h[1] - h[0]) / target  # the spacing of the grid
 print("all solutions hold")

@@ -161,7 +161,7 @@ assert work[-1] < 2 * work[0]
 budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n in (8, 16, 32)]
 estimates = np.array([budget.largest["space"] for budget in budgets])
 print(budgets[1])
-print("estimated over true", np.round(estimates / errors["squares"][1:], 2))
+print("estimated error / true error", np.round(estimates / errors["squares"][1:], 2))
 # An estimate is not a bound; its constant is chosen to overestimate. The page "Choose accuracy" has measurements.
 assert (estimates > errors["squares"][1:]).all()
 assert (estimates < 2.5 * errors["squares"][1:]).all()
@@ -172,14 +172,14 @@ assert (estimates < 2.5 * errors["squares"][1:]).all()
 # %%
 adapted = vx.adapt(ramp, vx.meshes.squares(8), [0.0, 0.5, 1.0], target=0.05)
 reached = relative_error(adapted.history, reference)
-print(f"estimated {adapted.passes[-1].total:.1%}, true {reached:.1%}, {adapted.history.mesh.n_nodes} nodes")
+print(f"error: estimated {adapted.passes[-1].total:.1%}, true {reached:.1%}; {adapted.history.mesh.n_nodes} nodes")
 assert adapted.met
 assert reached < 0.05
 assert reached < errors["squares"][-1]
 assert adapted.history.mesh.n_nodes < nodes["squares"][-1]
 
 # %% jupyter={"source_hidden": true}
-# Picture: error over nodes for three families and an adaptive mesh; error over steps, with and without the reversals
+# Picture: error over nodes for three families and an adaptive mesh; error over steps that do or do not hit reversals
 _figure, (_left, _right) = plt.subplots(1, 2, figsize=(9.4, 3.9), layout="constrained")
 _styles = {"squares": ("tab:blue", "o"), "triangles": ("tab:green", "^"), "voronoi": ("tab:orange", "s")}
 for _family, (_colour, _mark) in _styles.items():

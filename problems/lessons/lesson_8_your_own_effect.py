@@ -154,7 +154,7 @@ _axes.plot(_line, exact_motion(_line), "-", color="black", label="closed form")
 for _steps, _colour in ((4, "tab:orange"), (16, "tab:green"), (64, "tab:blue")):
     _run = runs[_steps]
     _axes.plot(_run.times, _run.displacement[:, left, 0], "o", color=_colour, markersize=4, label=f"{_steps} steps")
-_axes.set(xlabel="time", ylabel="displacement of the pushed end", title="a bar creeps to its elastic length")
+_axes.set(xlabel="time", ylabel="displacement of the pushed end", title="a bar creeps to its final length")
 _axes.grid(color="0.9")
 _axes.legend(frameon=False)
 plt.close(_figure)
@@ -224,7 +224,7 @@ damped = {speed: block(speed, dampers) for speed in (0.25, 1.0, 4.0)}
 assert np.array_equal(slow.displacement, fast.displacement)
 corner = np.flatnonzero((slow.mesh.points == 0.0).all(axis=1))[0]
 ends = [slow.displacement[-1, corner, 0], *(damped[speed].displacement[-1, corner, 0] for speed in damped)]
-print("the corner at full load: without", f"{ends[0]:.5f};", "at speeds .25, 1, 4:", np.round(ends[1:], 5))
+print(f"slip of the corner without dashpots {ends[0]:.5f}; with dashpots at speeds .25, 1, 4:", np.round(ends[1:], 5))
 assert (np.diff(ends) < 0).all()
 assert max(one.certificate.max() for one in damped.values()) <= 1e-8
 

@@ -62,7 +62,7 @@ lam = np.clip(forces.value, -w, w)
 s = np.linalg.solve(K, f - lam)
 certificate = step.certify(s, lam)
 distance = np.sqrt((s - step.answer.d) @ K @ (s - step.answer.d))
-print(f"slips from forces: certified to {certificate.error / step.norm:.0e}, true error {distance / step.norm:.0e}")
+print(f"relative errors of s: certified {certificate.error / step.norm:.0e}, true {distance / step.norm:.0e}")
 known = step.certificate.error + step.certificate.error_floor
 assert distance <= certificate.error + certificate.error_floor + known
 
@@ -85,9 +85,9 @@ def below(lam):
     return -0.5 * (f - lam) @ np.linalg.solve(K, f - lam)
 
 
-rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # rounding of the sums below, times 10
+rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 10 times the rounding of sums below
 best = above(step.answer.d)
-print(f"best slips  {best:.12f}\nbest forces {below(lam):.12f}")
+print(f"P of the best slips  {best:.12f}\nD of the best forces {below(lam):.12f}")
 # The certificate sets slips to zero that are zero up to rounding, so its gap may be smaller.
 assert certificate.gap <= above(s) - below(lam) + rounding
 assert below(lam) <= best + rounding

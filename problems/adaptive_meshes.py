@@ -69,43 +69,43 @@ class Run:
         return self.true.relative
 
 
-def run_uniform(run_study, n):
+def run_uniform(study, n):
     start = time.perf_counter()
-    history = vx.simulate(run_study.scene, run_study.mesh(n), np.linspace(0.0, 1.0, STEPS + 1), store="last")
+    history = vx.simulate(study.scene, study.mesh(n), np.linspace(0.0, 1.0, STEPS + 1), store="last")
     seconds = time.perf_counter() - start
     return Run(history, history.trajectory.state.shape[1], seconds, float(vx.error_budget(history, [STEPS]).space[0]))
 
 
-def run_adaptive(run_study, target):
+def run_adaptive(study, target):
     start = time.perf_counter()
-    found = vx.adapt(run_study.scene, run_study.mesh(run_study.coarse), [0.0, 1.0], target)
+    found = vx.adapt(study.scene, study.mesh(study.coarse), [0.0, 1.0], target)
     return Run(found.history, found.passes[-1].unknowns, time.perf_counter() - start, found.passes[-1].space), found
 
 
-def reference(run_study, run, n):
+def reference(study, run, n):
     """Return a run on the mesh of `run`, refined to cells no larger than those of `mesh(n)`.
 
     Then the cells with the largest estimated errors are refined, twice.
     """
-    mesh, h = run.history.mesh, run_study.mesh(n).h
+    mesh, h = run.history.mesh, study.mesh(n).h
     while (coarser := mesh.diameters > 1.01 * h).any():
         mesh = mesh.refine(coarser)
     for _ in range(2):
-        history = vx.simulate(run_study.scene, mesh, [0.0, 0.5, 1.0], store="last")
+        history = vx.simulate(study.scene, mesh, [0.0, 0.5, 1.0], store="last")
         mesh = mesh.refine(cells_to_refine(vx.error_budget(history, [2]).cells ** 2, 0.0, 0.7))
-    return vx.simulate(run_study.scene, mesh, [0.0, 0.5, 1.0], store="last")
+    return vx.simulate(study.scene, mesh, [0.0, 0.5, 1.0], store="last")
 
 
 def measure_error(run, truth):
     return Run(run.history, run.unknowns, run.seconds, run.estimate, vx.measures.energy_distance(run.history, truth))
 
 
-def match_error(run_study, beside, truth):
-    """Return the smallest of `TRIES` adaptive runs that is at least as accurate as the uniform run `beside`."""
+def match_error(study, beside, truth):
+    """Try `TRIES` targets; return the smallest adaptive run at least as accurate as the uniform run `beside`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
-        run, found = run_adaptive(run_study, target)
+        run, found = run_adaptive(study, target)
         run = measure_error(run, truth)
         if run.error > beside.error:
             high = target
@@ -117,7 +117,7 @@ def match_error(run_study, beside, truth):
 
 
 def optimal_fraction(beside, run):
-    """Return the number of cells of the best mesh of unstretched cells, divided by the number of the uniform mesh.
+    """Return the number of cells of the best mesh of unstretched cells, divided by the number of uniform cells.
 
     Both meshes have the same error. Errors of cells are taken from the adaptive `run`, which resolves singular points.
     """
@@ -128,14 +128,14 @@ def fit_slope(runs):
     return float(np.polyfit(np.log([r.unknowns for r in runs]), np.log([r.error for r in runs]), 1)[0])
 
 
-def run_study(case):
+def run_study(study):
     """Return uniform runs, pairs of the two finest with adaptive runs, all adaptive runs, and the reference."""
-    equal = [run_uniform(case, n) for n in case.sizes]
-    finest, _ = run_adaptive(case, 1.2 * equal[-1].estimate)
-    truth = reference(case, finest, case.sizes[-1])
+    equal = [run_uniform(study, n) for n in study.sizes]
+    finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
+    truth = reference(study, finest, study.sizes[-1])
     equal = [measure_error(run, truth) for run in equal]
-    pairs = [(run, *match_error(case, run, truth)) for run in equal[-2:]]
-    coarser = [measure_error(run_adaptive(case, 1.4 * f * equal[-1].estimate)[0], truth) for f in (8.0, 4.0, 2.0)]
+    pairs = [(run, *match_error(study, run, truth)) for run in equal[-2:]]
+    coarser = [measure_error(run_adaptive(study, 1.4 * f * equal[-1].estimate)[0], truth) for f in (8.0, 4.0, 2.0)]
     return equal, pairs, [*coarser, *(run for _, run, _ in pairs)], truth
 
 
@@ -162,7 +162,8 @@ def picture(results):
 
 def rows(results):
     table = Table(
-        "scene", "uniform n", "unknowns", "error", "seconds", "adaptive", "error", "seconds", "unknowns", "limit"
+        *("scene", "uniform n", "unknowns", "error", "seconds"),
+        *("adaptive unknowns", "error", "seconds", "adaptive / uniform", "limit"),
     )
     for case, (_, pairs, _, _) in results:
         for n, (one, other, _) in zip(case.sizes[-2:], pairs, strict=True):
@@ -176,7 +177,7 @@ def rows(results):
 
 
 def run_studies(sizes):
-    """Return the studies of both scenes, with uniform meshes of these sizes."""
+    """Return the studies of both scenes, with uniform meshes of `sizes` squares per unit of length."""
     cases = (
         Study("the paper's scene", paper.scene(), vx.meshes.squares, 8, sizes),
         Study("L-shaped bracket", bracket.scene(), vx.meshes.l_shape, 4, sizes),
@@ -188,7 +189,7 @@ def run_studies(sizes):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="coarser meshes: a run of a few seconds")
+    parser.add_argument("--small", action="store_true", help="coarser meshes: a run of half a minute")
     parser.add_argument("--picture", type=Path, help="where to draw convergence and meshes (PNG)")
     given = parser.parse_args(arguments)
     results = run_studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))

@@ -32,7 +32,7 @@ def bolt_pressure(x, t):
 
 
 def load(t):
-    """Return the force per thickness along x: one cycle per unit of time."""
+    """Return the force on the upper plate along x, per thickness: one cycle per unit of time."""
     return LOAD * np.interp(t % 1.0, [0, 0.25, 0.5, 0.75, 1], [0, 1, 0, -1, 0])
 
 

@@ -36,7 +36,7 @@ SMALL = {"n": 4, "steps": 80}
 
 
 def bound(speed, growth=GROWTH):
-    """Return the friction per length at speeds of slip."""
+    """Return g(v), the friction per length, at the speeds v of slip."""
     return np.maximum(AT_REST * PRESSURE + growth * speed, SLIDING * PRESSURE)
 
 

@@ -122,7 +122,7 @@ def picture(found):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="coarser meshes: a run of a few seconds")
+    parser.add_argument("--small", action="store_true", help="coarser meshes: a run of ten seconds")
     parser.add_argument("--picture", type=Path, help="where to draw the ratios (PNG)")
     given = parser.parse_args(arguments)
     found = run_all(*(((4, 8), 64) if given.small else ((8, 16, 32), 256)))

@@ -22,7 +22,7 @@ def mesh(name, points, cells, says, must=REFUSAL):
 
 
 def file(name, suffix, says, change=lambda data: data):
-    """Return the case of a sound mesh file whose bytes are changed by `change`, under a name with this suffix."""
+    """Return the case of a sound mesh file, changed by `change` and stored under a name that ends in `suffix`."""
 
     def make():
         with tempfile.TemporaryDirectory() as folder:

@@ -37,7 +37,7 @@ def breathes(x, t):
 
 
 def every_other():
-    """Return the case of a bound that is zero at every other node of the floor."""
+    """Return the setting of a bound that is zero at every other node of the floor."""
     mesh = vx.meshes.squares(12)
     return on(mesh, bound=lambda x, t: np.where(np.round(x[:, 0] * 12) % 2 == 0, 0.0, 8.0))
 
@@ -67,7 +67,7 @@ def at_the_threshold():
 
 
 def corner():
-    """Return contact below and at the left, which meet in a corner."""
+    """Return a body with friction on its bottom and its left side, which meet in a corner."""
 
     def press(x, t):
         return np.tile([-20.0 * cyclic(t), -30.0 * cyclic(t)], (len(x), 1))
@@ -83,7 +83,7 @@ def corner():
 
 
 def between_clamps():
-    """Return a body clamped left and right and sheared on top: contact ends where the clamps begin."""
+    """Return a body clamped left and right and sheared on top: its contact with the floor ends at the clamps."""
 
     def shear(x, t):
         return np.tile([20.0 * cyclic(t), -10.0 * cyclic(t)], (len(x), 1))

@@ -54,7 +54,7 @@ def rests(setting, history):
 
 
 def all_degenerate():
-    """Return a case in which the friction of every node is at its bound although no node slips."""
+    """Return a setting in which the friction of every node is at its bound although no node slips."""
     from hard.friction import at_the_threshold
 
     return at_the_threshold()

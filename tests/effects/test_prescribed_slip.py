@@ -72,16 +72,3 @@ def test_a_fault_with_the_slip_of_a_crack_has_its_stress_drop():
     assert traction[away, 0] == pytest.approx(tau, rel=0.01)
     assert np.abs(contact.pressure).max() < 1e-12
     assert np.abs(contact.slip[-1]).max() == pytest.approx(most * tau, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("dim", "value", "says"),
-    [
-        (3, 0.1, r"value: found the single number 0\.1; wanted 3 components"),
-        (2, (0.1, 0.0), r"value: found .*shape \(2,\); wanted a number"),
-        (2, np.nan, "value: found NaN or infinity"),
-    ],
-)
-def test_a_wrong_slip_is_refused(dim, value, says):
-    with pytest.raises(vx.SceneError, match=rf"^PrescribedSlip on low\|up: {says}"):
-        settled(stacked(dim=dim, n=2), vx.Clamp(on="low.bottom"), vx.PrescribedSlip(value, on="low|up"))

@@ -97,23 +97,3 @@ def test_a_bolt_that_is_never_locked_keeps_its_force():
     scene = vx.Scene(STEEL, *ends, vx.Pretension(on="a|b", force=2.0))
     history = vx.simulate(scene, BAR, [0.0, 1.0, 2.0], initial="settled")
     assert history.force("a|b")[:, 1] == pytest.approx([2.0] * 3, abs=1e-12)
-
-
-def test_a_boundary_that_is_no_cut_and_a_wrong_instant_are_refused():
-    with pytest.raises(
-        vx.SceneError, match="found a boundary that is no interface. Cut the mesh of the bolt in two by"
-    ):
-        vx.simulate(vx.Scene(STEEL, vx.Pretension(on="a.left", force=1.0)), BAR, [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match="Pretension on a|b: until"):
-        vx.simulate(vx.Scene(STEEL, vx.Pretension(on="a|b", force=1.0, until=[1.0, 2.0])), BAR, [0.0, 1.0])
-
-
-def test_contact_on_a_cut_and_an_instant_between_steps_are_refused():
-    bolt = vx.Pretension(on="a|b", force=2.0, until=0.8)
-    ends = vx.Clamp(on="a.bottom"), vx.PrescribedDisplacement(lambda x, t: (0.0, 0.01 * t), on="b.top")
-    with pytest.raises(vx.SceneError, match="until = 0.8, which is no instant of the run: .* locked at 0.5"):
-        vx.simulate(vx.Scene(STEEL, *ends, bolt), BAR, [0.0, 0.5, 1.0], initial="settled")
-    with pytest.raises(
-        vx.SceneError, match="UnilateralContact on a|b: it acts on an interface that Pretension .* bonds"
-    ):
-        vx.simulate(vx.Scene(STEEL, *ends, bolt, vx.UnilateralContact(on="a|b")), BAR, [0.0, 0.8, 1.0])

@@ -118,23 +118,3 @@ def test_a_rigid_tool_in_space_is_in_balance():
     about = (0.5, 0.5, 1.25)
     assert history.moment("low.bottom", about=about)[-1] == pytest.approx([-0.01, 0.0, -0.02], abs=1e-12)
     assert history.force("low|tool")[-1] == pytest.approx([0.1, 0.0, -1.0], abs=1e-12)
-
-
-@pytest.mark.parametrize("others", [[vx.Clamp(on="left")], [vx.Clamp(on="bottom"), vx.BilateralContact(on="left")]])
-def test_supports_on_nodes_of_a_rigid_part_are_refused(others):
-    match = r"is held by .* which contradicts the free motions of Rigid on top\. Prescribe there"
-    with pytest.raises(vx.SceneError, match=match):
-        vx.simulate(vx.Scene(STEEL, *others, vx.Rigid(on="top")), BLOCK, [0.0, 1.0])
-
-
-def test_wrong_rigid_parts_are_refused():
-    mesh = BLOCK.with_cell_data("all", np.ones(BLOCK.n_cells))
-    floor = vx.UnilateralContact(on="bottom")
-    with pytest.raises(vx.SceneError, match="all nodes are held or move as rigid parts; leave a body that can deform"):
-        vx.simulate(vx.Scene(STEEL, floor, vx.Rigid(on="all", force=(0.0, -1.0))), mesh, [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match=r"found motion = \(0.0, None\); wanted 3 entries"):
-        vx.simulate(vx.Scene(STEEL, vx.Rigid(on="top", motion=(0.0, None))), mesh, [0.0, 1.0])
-    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Rigid(on="top", force=(0.0, -1.0)))
-    history = vx.simulate(scene, BLOCK, [0.0, 1.0], initial="settled")
-    with pytest.raises(vx.SceneError, match="no estimate with Rigid on top, whose motion is unknown"):
-        vx.error_bound(history, step=-1)

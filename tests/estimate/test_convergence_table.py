@@ -55,19 +55,3 @@ def test_csv_has_all_digits_and_unique_names(table):
 def test_sizes_other_than_unit_fractions_are_decimal_numbers():
     cells = vx.measures.convergence_table([1.0, np.sqrt(2) / 8, 1e-300], [1.0, 0.5, 0.1], "k").markdown().splitlines()
     assert [line.split("|")[1].strip() for line in cells[2:]] == ["1", "0.1768", "1e-300"]
-
-
-@pytest.mark.parametrize(
-    ("h", "errors", "message"),
-    [
-        (H, {}, "found no errors"),
-        (H, {"a": SECOND, "b": SECOND[:2]}, r"b: found \(4,\) sizes and \(2,\) errors"),
-        (H, {"a": -SECOND}, "a: found the error -0.03125"),
-        ([1.0, 0.5, 0.5], [3.0, 2.0, 1.0], "error: found the size 0.5 twice in a row"),
-        ([1.0, np.nan], [3.0, 2.0], "found the size nan"),
-        (H, {3: SECOND}, "found the name 3; wanted words"),
-    ],
-)
-def test_wrong_sizes_and_errors_are_refused(h, errors, message):
-    with pytest.raises(vx.HistoryError, match=message):
-        vx.measures.convergence_table(h, errors)

@@ -73,13 +73,6 @@ def test_runs_with_different_steps_are_compared_at_common_instants(pulled):
         vx.measures.energy_distance(coarse, fine, step=3)
 
 
-def test_wrong_strains_displacements_and_histories_are_refused(pulled):
-    with pytest.raises(vx.SceneError, match=r"energy_error: strain \(e_xx, e_yy, 2 e_xy\).*wanted 3 components"):
-        vx.measures.energy_error(pulled[0], lambda x, t: x)
-    with pytest.raises(vx.SceneError, match="l2_error: displacement: found NaN"):
-        vx.measures.l2_error(pulled[0], lambda x, t: np.full_like(x, np.nan))
-
-
 def test_orders_of_powers_are_their_exponents():
     h = np.array([0.4, 0.2, 0.05])
     found = vx.measures.orders(h, 3 * h**1.5)
@@ -88,8 +81,6 @@ def test_orders_of_powers_are_their_exponents():
     bent = vx.measures.orders([1, 2, 4], [1, 2, 8])
     assert bent.successive == pytest.approx([1.0, 2.0])
     assert bent.slope == pytest.approx(1.5)
-    with pytest.raises(vx.HistoryError, match=r"found \(2,\) sizes and \(3,\) errors"):
-        vx.measures.orders([1, 2], [1, 2, 3])
 
 
 @mostly_long("kind", ["exact", "projected"])

@@ -101,17 +101,6 @@ class Minimal(vx.LinearSolver):
         return SuperLU().factorise(K)
 
 
-class WithoutNearKernel(vx.LinearSolver):
-    def factorise(self, K):
-        return SuperLU().factorise(K)
-
-
-def test_a_solver_class_without_the_argument_near_kernel_is_named():
-    sentence = r"^linear solver WithoutNearKernel: wanted factorise\(self, K, near_kernel=None\); too many"
-    with pytest.raises(vx.SceneError, match=sentence):
-        vx.simulate(paper_scene(), small("squares", 2), [0.0, 1.0], linear=WithoutNearKernel())
-
-
 class Eliminating(Minimal):
     eliminates = True
 

@@ -213,21 +213,6 @@ def test_the_error_of_overlapping_bodies_names_a_point_in_both(box):
         assert max(low, 0.0) <= x <= min(high, 1.0)
 
 
-def test_invalid_places_and_options_of_bodies_are_refused():
-    for box, options, subject in (
-        (((1, 2), (1, 2)), {}, r"near \(1, 1\), or touch there only in a point"),
-        (((1 + 1e-4, 2), (0, 1)), {}, r"'a' and 'b' .* near \(1.* are less than 0.001 of"),
-        (((1.5, 2), (0, 1)), {"interfaces": {"joint": ("a", "b")}}, "interface 'joint' .* do not coincide"),
-        (NEXT_DOOR, {"interfaces": {"joint": ("a", "c")}}, "interface 'joint' .*two of the bodies"),
-        (NEXT_DOOR, {"interfaces": {"k": ("a", "b"), "l": ("b", "a")}}, "the interface of 'b' and 'a' is named twice"),
-        (NEXT_DOOR, {"interfaces": {"boundary": ("a", "b")}}, "the name 'boundary' is taken"),
-        (NEXT_DOOR, {"tolerance": 0.6}, "two nodes of 'a' near"),
-        (NEXT_DOOR, {"tolerance": -1.0}, "tolerance must be a length below the extent 2"),
-    ):
-        with pytest.raises(vx.MeshError, match=subject):
-            bodies({"a": squares(2), "b": squares(3, box)}, **options)
-
-
 def test_three_bodies_at_one_edge_overlap():
     """Fill the hole of a plate with two equal discs, so that edges of all three bodies coincide."""
     plate = PolygonMesh(
@@ -238,19 +223,6 @@ def test_three_bodies_at_one_edge_overlap():
     assert len(bodies({"disc": disc, "plate": plate}).interfaces["disc|plate"].edges) == 8
     with pytest.raises(vx.MeshError, match="'one' and 'other' overlap near"):
         bodies({"one": disc, "plate": plate, "other": disc})
-
-
-def test_invalid_bodies_are_refused():
-    one, two = squares(1), squares(1, NEXT_DOOR)
-    for meshes, subject in (
-        ({"body": one, "c": one}, "other than 'body'; got 'body'"),
-        ({"a": one, "b": "squares"}, "the mesh of 'b' must be .* got 'squares'"),
-        ({"a": one.with_cell_data("b", [1]), "b": two}, "cell datum 'b', a name that marks"),
-        ({"a": bodies({"a": one, "b": two}), "c": one}, "of one body, without interfaces"),
-        ({"a": one.with_cell_data("v", [[1, 2]]), "b": two.with_cell_data("v", [1])}, "'v' has rows of different"),
-    ):
-        with pytest.raises(vx.MeshError, match=subject):
-            bodies(meshes)
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():

@@ -42,19 +42,3 @@ def test_in_space_the_plane_must_run_along_faces():
     assert len(vx.meshes.bodies({"a": behind, "b": ahead}).boundaries["a|b"]) == 16
     with pytest.raises(vx.MeshError, match=r"crosses 16 cells, the first at .*; in space it must run along faces"):
         vx.meshes.cut(cubes, (0.0, 0.0, 0.4), (0.0, 0.0, 1.0))
-
-
-def test_impossible_cuts_are_refused():
-    mesh = vx.meshes.squares(2)
-    two = vx.meshes.bodies(dict(zip("ab", vx.meshes.cut(mesh, (0, 0.5), (0, 1)), strict=True)))
-    bad = {
-        "the whole mesh is behind the cut": (mesh, (0.0, 2.0), (0.0, 1.0)),
-        "the whole mesh is ahead of the cut": (mesh, (0.0, -2.0), (0.0, 1.0)),
-        "without interfaces; cut the body before": (two, (0.0, 0.3), (0.0, 1.0)),
-        "the normal has length 0": (mesh, (0.0, 0.5), (0.0, 0.0)),
-        "cut: point: found": (mesh, (0.0, 0.5, 0.0), (0.0, 1.0)),
-        "more than twice; refine it, or move the line": (vx.meshes.nonconvex(4), (0.5, 0.43), (1.0, 2.0)),
-    }
-    for match, given in bad.items():
-        with pytest.raises(vx.VemcvxError, match=match):
-            vx.meshes.cut(*given)

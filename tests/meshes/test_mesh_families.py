@@ -159,36 +159,6 @@ def test_meshes_given_by_size_and_by_number_are_equal_in_any_unit(family):
         assert make(family, 2, ((0.0, length),) * 3).h == pytest.approx(length * h, rel=1e-12, abs=0.0)
 
 
-@pytest.mark.parametrize("family", ["squares", "kelvin"])
-def test_too_many_cells_and_extreme_boxes_are_refused(family):
-    for given, subject in (
-        ({"n": 10**6}, "cells; at most"),
-        ({"size": 1e-9}, "the mesh would have"),
-        ({"n": 3, "size": 0.1}, "give either n .*; got n = 3 and size = 0.1"),
-        ({"n": (2,)}, "^n must be"),
-        ({"n": 2, "box": ((0, 1), (0, np.inf), (0, 1))}, "box must have sides above"),
-        ({"n": 2, "box": ((0, 1), (0, 1e80), (0, 1))}, "box .*Choose other units"),
-        ({"n": 2, "box": ((0, 1), (0, 1e-80), (0, 1))}, "box .*Choose other units"),
-        ({"size": 0.25, "box": ((1e16, 1e16 + 2), (0, 1), (0, 1))}, "box nearer to the origin"),
-    ):
-        cut = {key: value[: find_dimension(family)] if key == "box" else value for key, value in given.items()}
-        with pytest.raises(vx.MeshError, match=subject):
-            EVERY[family](**cut)
-
-
-def test_invalid_options_are_refused():
-    long_box = {"n": 1, "box": ((0.0, 1e8 + 1e6), (0.0, 1.0))}
-    for family, options, subject in (
-        ("voronoi", {"n": 3, "seed": -1}, "seed must be"),
-        ("voronoi", {"n": 3, "relaxations": -1}, "relaxations must be at least 0"),
-        ("triangles", long_box, r"the mesh would have 2.02e\+08 cells"),
-        ("hanging", long_box, r"the mesh would have 4.04e\+08 cells"),
-        ("voronoi", {"size": 1e-2, "box": ((0.0, 1e-59), (0.0, 1.0))}, "points have no triangulation"),
-    ):
-        with pytest.raises(vx.MeshError, match=subject):
-            EVERY[family](**options)
-
-
 # Properties of single families.
 
 

@@ -19,20 +19,6 @@ def assert_refused(points, cells, message):
         PolygonMesh(points, cells)
 
 
-def test_invalid_points_and_cells_are_refused():
-    for points, cells, subject in (
-        (np.zeros((4, 3)), BOTH, r"got the shape \(4, 3\). PolyhedralMesh is for points in space"),
-        ([*SQUARE[:3], (0.0, 1e70)], BOTH, "coordinates must be finite, and at most"),
-        (SQUARE, [[0, 1, 2, 3], [0, 1]], "cell 1 has 2 vertices"),
-        (SQUARE, np.arange(4), "cell 0 must be a list of node numbers"),
-        (SQUARE, [[0, 1, [2]]], "cell 0 must be a list of node numbers; got list"),
-        (SQUARE, [[0, 1, 2], [0, 2, 4]], "cell 1 names node 4; the 4 nodes are numbered 0 to 3"),
-        (SQUARE, [[0, 1, -2]], "cell 0 names node -2"),
-        (SQUARE, [[0, 1, 2, 3, 1]], "cell 0 names node 1 twice"),
-    ):
-        assert_refused(points, cells, subject)
-
-
 def make_spiral_stair():
     """Return cells that turn around a node twice: all neighbours fit together, but cells overlap."""
     angle = np.linspace(0.0, 4.0 * np.pi, 13)[:-1]

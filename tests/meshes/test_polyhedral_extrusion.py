@@ -48,17 +48,6 @@ def test_extrusion_keeps_names_and_data():
     np.testing.assert_array_equal(mesh.cell_data["axis"][8:], plane.cell_data["axis"])
 
 
-def test_invalid_heights_and_clashing_names_are_refused():
-    square = vx.meshes.squares(1)
-    for heights in ([0.0], [1.0, 0.0], [0.0, 0.0], [0.0, np.nan], [0, 1e99]):
-        with pytest.raises(vx.MeshError, match="heights must be at least two increasing numbers"):
-            square.extruded(heights)
-    with pytest.raises(vx.MeshError, match="the boundary 'bottom' would be 'front' in space"):
-        square.with_boundary("front", lambda x: x[:, 1] < 0.5).extruded([0, 1])
-    unnamed = vx.PolygonMesh(square.points, square.cells, boundaries={})
-    assert list(unnamed.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]
-
-
 def test_extrusion_keeps_interfaces():
     pair = vx.meshes.bodies({"a": vx.meshes.squares(2), "b": vx.meshes.voronoi(2, ((0, 1), (1, 2)))})
     solid = pair.extruded([0, 1, 3])
@@ -70,3 +59,9 @@ def test_extrusion_keeps_interfaces():
     np.testing.assert_array_equal(solid.points[made.edges], solid.points[made.partners])
     again = vx.PolyhedralMesh(solid.points, solid.cells, interfaces=solid.interfaces)
     np.testing.assert_array_equal(again.boundaries["a|b"], solid.boundaries["a|b"])
+
+
+def test_sides_without_names_are_extruded_to_the_whole_boundary():
+    square = vx.meshes.squares(1)
+    unnamed = vx.PolygonMesh(square.points, square.cells, boundaries={})
+    assert list(unnamed.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]

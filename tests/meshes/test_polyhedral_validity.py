@@ -45,23 +45,6 @@ GEOMETRY = [
 ]
 
 
-def test_invalid_points_and_cells_are_refused():
-    for points, cells, subject in (
-        (np.zeros((8, 2)), [FACES], r"got the shape \(8, 2\). PolygonMesh is for points in the plane"),
-        ([*CUBE[:7], (1, 1, 1e70)], [FACES], "coordinates must be finite, and at most"),
-        (CUBE, [5], "cells must be a sequence of cells"),
-        (CUBE, [], "at least one cell"),
-        (CUBE, [FACES, FACES[:3]], "cell 1 has 3 faces"),
-        (CUBE, [[*FACES, [0, 1]]], "cell 0: its face 6 has 2 vertices"),
-        (CUBE, np.arange(8).reshape(1, 8), "cell 0: its face 0 must be a list of node numbers.*vx.meshes.convert"),
-        (CUBE, [[*FACES[:5], [4, 5, [7], 6]]], "cell 0: its face 5 must be a list of node numbers"),
-        (CUBE, [[*FACES[:5], [4, 5, 7, 8]]], "cell 0: its face 5 names node 8; the 8 nodes are numbered 0 to 7"),
-        (CUBE, [[*FACES[:5], [4, 5, 7, 2**70]]], "cell 0: its face 5"),
-        (CUBE, [[*FACES[:5], [4, 5, 7, 5]]], "cell 0: its face 5 names node 5 twice"),
-    ):
-        assert_refused(points, cells, subject)
-
-
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_invalid_cells_are_refused(scale):
     for points, cells, subject in GEOMETRY:
@@ -308,20 +291,3 @@ def test_boundaries_are_given_by_face_numbers_or_by_vertices():
     assert more.boundaries["lid"].tolist() == [5]
     assert "lid" not in mesh.boundaries
     assert all(not faces.flags.writeable for faces in more.boundaries.values())
-
-
-def test_invalid_boundaries_are_refused():
-    two = PolyhedralMesh([*CUBE, *NEXT], [FACES, RIGHT])
-    for boundaries, subject in (
-        ({"a": []}, "boundary 'a' has no faces"),
-        ({"a": 3}, "boundary 'a' must be faces"),
-        ({"a": [0.5]}, "boundary 'a': a face"),
-        ({"a": [11]}, r"boundary 'a': face 11 is not a face of the boundary \(1 of 1"),
-        ({"a": [0, -1]}, r"boundary 'a': face -1 is not a face of the boundary \(1 of 2"),
-        ({"a": [[1, 3, 5, 7]]}, "is not a face of the boundary"),
-        ({"a": [[0, 1, 2, 99]]}, r"boundary 'a': \(0, 1, 2, 99\) is not a face"),
-    ):
-        with pytest.raises(vx.MeshError, match=subject):
-            PolyhedralMesh(two.points, two.cells, boundaries=boundaries)
-        with pytest.raises(vx.MeshError, match=subject):
-            two.with_boundaries(boundaries)

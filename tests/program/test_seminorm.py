@@ -125,20 +125,6 @@ def test_a_refusal_names_the_forces_along_a_diagonal():
         vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
 
 
-@pytest.mark.parametrize(
-    ("modes", "norms", "message"),
-    [
-        ([[1.0], [2.0]], vx.Norms(np.eye(2), 1.0), "the motion sliding is not in the kernel"),
-        # The motion moves the row by 2^-53 only, the rounding error of the number 1.
-        ([[1.0], [1.0]], vx.Norms(np.array([[1.0, 2.0**-53 - 1.0]]), 1.0), r"\(sliding\) moves no norm term"),
-        ([[1.0], [1.0], [1.0]], vx.Norms(np.eye(2), 1.0), "wanted one column of 2 numbers per motion"),
-    ],
-)
-def test_wrong_kernels_are_refused(modes, norms, message):
-    with pytest.raises(vx.SceneError, match=f"^System: .*{message}"):
-        vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], norms, kernel=Kernel(np.array(modes), ("sliding",)))
-
-
 def make_floating_program(rows, limits, push, w):
     """Return the program of a body without stiffness, whose unknowns are its motions; norm terms have `rows`."""
     m, block, modes = rows.shape

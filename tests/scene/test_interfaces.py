@@ -205,20 +205,3 @@ def test_constant_pressure_passes_a_curve():
     history = vx.simulate(scene, bodies({"a": disc, "b": rim}), [0.0, 1.0])
     assert np.abs(history.displacement[-1] + 0.01 * history.mesh.points).max() < 1e-12
     assert np.abs(history.contact.traction).max() < 1e-12
-
-
-# Refusals.
-
-
-@pytest.mark.parametrize(
-    ("effects", "says"),
-    [
-        ([PRESSED, vx.Symmetry(on="boundary")], r"has faces of an interface \(lower\|upper\) between two bodies"),
-        ([vx.BilateralContact(on=JOINT)], r"the first is the translation \(1, 0, 0\) of upper"),
-        ([PRESSED, vx.TrescaFriction(1.0, on="upper|lower")], r"this interface is named 'lower\|upper'"),
-        ([vx.TrescaFriction(1.0, on=JOINT, ground=lambda x, t: (t, 0.0, 0.0))], "found ground= on an interface"),
-    ],
-)
-def test_wrong_effects_between_bodies_are_refused(effects, says):
-    with pytest.raises(vx.SceneError, match=says):
-        vx.simulate(dragged_over(*effects), two_blocks("cubes", "cubes", (1, 2)), [0.0, 1.0])

@@ -19,20 +19,6 @@ def blocks():
     return vx.meshes.bodies({"lower": vx.meshes.squares(2), "upper": vx.meshes.hexagons(3, box=((0.2, 1.2), (1, 2)))})
 
 
-@pytest.mark.parametrize(
-    ("effects", "says"),
-    [
-        ((FOOT, BOND), r"the body floats: 1 .* friction: the translation \(1, 0\) of upper\. Add Clamp"),
-        ((FOOT,), r"part 2 of 2 of the body floats: 3 rigid motions .* of upper\. "),
-        ((BOND,), r"the body floats: 1 rigid motion .* of (lower|upper)\. "),
-        ((vx.Clamp(on="upper.top"), BOND), r"the body floats: 1 .* friction: the translation \(1, 0\) of lower\. "),
-    ],
-)
-def test_errors_name_the_floating_body_and_its_motion(effects, says):
-    with pytest.raises(vx.SceneError, match=rf"^supports: {says}"):
-        pose_scene(vx.Scene(STEEL, *effects), blocks())
-
-
 def test_contact_that_holds_a_body_to_another_causes_no_warning(caplog):
     with caplog.at_level(logging.INFO, logger="vemcvx"):
         posed = pose_scene(vx.Scene(STEEL, FOOT, BOND, RUB), blocks())

@@ -123,13 +123,3 @@ def test_adaptive_runs_and_programs_accept_a_projected_start():
     run = vx.simulate(moving.scene(), mesh, [0.0, 0.5], initial=moving.initial)
     assert program.answer.d.shape == run.program(1).answer.d.shape
     np.testing.assert_allclose(program.answer.d, run.program(1).answer.d, rtol=1e-9, atol=1e-18)
-
-
-def test_wrong_projected_starts_are_refused():
-    mesh = moving.mesh(3)
-    with pytest.raises(vx.SceneError, match=r"projected: found 'settled'; wanted a function f\(x, t\)"):
-        vx.projected("settled")
-    with pytest.raises(vx.SceneError, match="initial: the displacement .* contradicts its supports"):
-        vx.simulate(moving.scene(), mesh, [0.0, 1.0], initial=vx.projected(lambda x, t: 1e-3 + 0 * x))
-    with pytest.raises(vx.SceneError, match="initial: projected"):
-        vx.simulate(moving.scene(), mesh, [0.0, 1.0], initial=vx.projected(lambda x, t: x[:, 0]))

@@ -61,9 +61,17 @@ def list_names():
     gripped = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
     mesh = vx.meshes.squares(2)
     given = {"steel": steel, "held": held, "pull": pull, "gripped": gripped, "mesh": mesh, "np": np, "sp": sp, "vx": vx}
-    west = mesh.centroids[:, 0] < 0.5
+    west, upper = mesh.centroids[:, 0] < 0.5, vx.meshes.squares(3, ((0, 1), (1, 2)))
     given |= {"halves": mesh.with_cell_data("west", west).with_cell_data("east", ~west), "cube": vx.meshes.cubes(1)}
     given |= {"history": run(steel, held, pull, *gripped), "solid": run(steel, held, mesh=given["cube"])}
+    round_scene = (
+        vx.Elasticity(200.0, 0.3, plane="axisymmetric"),
+        vx.Symmetry("bottom"),
+        vx.Pressure(lambda x, t: t, "right"),
+    )
+    given |= {"pair": vx.meshes.bodies({"lower": mesh, "upper": upper}), "turned": run(*round_scene)}
+    operators = vx.Operators(np.eye(1), [[1.0]], D=[[1.0]])
+    given |= {"operators": operators, "program": vx.StepProgram(operators, [2.0], [0.5], [0.0], [0.4])}
     given |= {"run": run, "march": march, "load": load, "K": K, "vemcvx": vemcvx}
     return given | {"folder": Path(tempfile.gettempdir()) / "not there"}
 

@@ -1,21 +1,22 @@
 r"""A soft seal ring in its groove: the contact pressure exceeds the sealed pressure by the pressure of the squeeze.
 
 A rubber ring of rectangular section, a < r < b, is a body of revolution: x_1 is the radius r, x_2 the axial coordinate,
-and all forces are those of the full turn. The rod r = a and the bottom of the groove r = b - delta squeeze the ring;
-then the sealed pressure q acts on the lower side, and pushes the ring over a small clearance to the upper wall of the
-groove. Friction acts on all walls. Rubber is almost incompressible, nu = .4999, and the cells do not lock.
+and all forces are those of the full turn. The rod r = a and the bottom of the groove r = b - delta squeeze the ring by
+delta. Then the sealed pressure q acts on the lower side, and pushes the ring over a small clearance to the upper wall
+of the groove. Friction acts on all walls. Rubber is almost incompressible, nu = .4999; these cells do not lock.
 
-Without friction the stresses do not depend on x_2. With Lame's constants lambda and G,
+Without friction the stresses do not depend on x_2. With Lame's constants lambda and G, the radial displacement u_r, the
+axial strain e_z and the contact pressure p are
 
 $$
 u_r = A (r - a^2 / r), \quad A = -\frac{\delta b}{b^2 - a^2}, \quad e_z = -\frac{q + 2 \lambda A}{\lambda + 2 G}, \qquad
 p(r) = q + 2 G e_z - 2 G A (1 + a^2 / r^2).
 $$
 
-Incompressible rubber has e_z = -2 A: then the contact pressure is q plus -2 G A (3 + a^2 / r^2), the pressure of the
-squeeze, however large q is. So the seal is tight. Friction holds a part of q back until the ring reaches the wall. Then
-the ring cannot move, and the contact pressure grows as fast as q: it exceeds q by four fifths of the pressure of the
-squeeze or more. The forces of the full turn balance to rounding: the force of q, and the forces of wall and friction.
+Incompressible rubber has e_z = -2 A. Then the contact pressure exceeds q by -2 G A (3 + a^2 / r^2), the pressure of the
+squeeze, however large q is. So the seal is tight. Friction bears a part of q until the ring reaches the upper wall.
+Then the ring cannot move, and the contact pressure grows as fast as q: it exceeds q by at least four fifths of the
+pressure of the squeeze. The force of q, the force of the wall and friction balance to rounding.
 
 At each upper corner two walls meet, and the contact forces of both walls act at one node. `wall_pressure` leaves these
 nodes out.
@@ -35,7 +36,7 @@ initial = "settled"
 
 
 def pressure(r, sealed):
-    """Return the pressure on the walls at the radius r without friction, under the sealed pressure q."""
+    """Return the contact pressure p at the radius r without friction, under the sealed pressure `sealed`."""
     a, b = RADII
     shear, lame = YOUNG / (2 * (1 + POISSON)), YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     slope = -SQUEEZE * b / (b**2 - a**2)
@@ -73,7 +74,7 @@ def wall_pressure(history, wall, step=-1):
 
 
 def picture(history):
-    """Draw the pressed ring, and the contact pressure minus q along both walls, beside the closed form."""
+    """Draw the ring, and the contact pressure minus q along both walls, beside the closed form without friction."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

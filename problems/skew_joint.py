@@ -1,16 +1,18 @@
 r"""Two blocks in space with a skew joint: a friction spring, whose loop has a closed form.
 
-A column of square section is cut by a plane. Its normal leans by theta from the vertical, in a direction that is
-oblique to all four sides. A vertical force P(t) loads the upper block, which slides down the slope against springs at
-its sides. The springs carry the horizontal force S. Let phi = atan mu. In equilibrium the upper block slides
+A plane cuts a column of square section. The normal of the plane leans by theta from the vertical, in a direction that
+is oblique to all four sides. A vertical force P(t) loads the upper block, which slides down the slope against springs
+at its sides. The springs bear the horizontal force S. With the friction coefficient mu, let phi = atan mu. In
+equilibrium the upper block slides
 
 $$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \tan(\theta + \phi), $$
 
-and sticks between: S_n = clip(S_{n-1}, P_n tan(theta - phi), P_n tan(theta + phi)) for stiff blocks. (Ring springs of
-railway buffers work like this: S is proportional to the displacement. In every cycle two thirds of the work are
-dissipated if tan(theta + phi) = 3 tan(theta - phi), as here.) Forces balance exactly on any two meshes. The elasticity
-of the blocks makes an error of the size of the stiffness ratio of springs and blocks, and lets the direction of slip
-change a little near edges.
+and sticks while S is between these values. For rigid blocks, step n therefore has
+S_n = clip(S_{n-1}, P_n tan(theta - phi), P_n tan(theta + phi)). (Ring springs of railway buffers work like this: S is
+proportional to the displacement. In every cycle two thirds of the work are dissipated if
+tan(theta + phi) = 3 tan(theta - phi), as here.) Forces balance to rounding although the meshes do not match. For
+elastic blocks, the relative deviation of S is about the ratio of the stiffnesses of springs and blocks, and near edges
+the direction of slip changes a little.
 
     vemcvx run problems/skew_joint.py --n 4 --steps 36 --plot
 """
@@ -61,14 +63,14 @@ def scene(friction=FRICTION):
 
 
 def lean(mesh):
-    """Return the mesh sheared so that its horizontal planes are parallel to the joint."""
+    """Return the mesh, sheared so that its horizontal planes become parallel to the joint."""
     points = mesh.points.copy()
     points[:, 2] += points[:, :2] @ SLOPE
     return vx.PolyhedralMesh(points, mesh.cells, boundaries=mesh.boundaries)
 
 
 def mesh(n, family="tetrahedra"):
-    """Return both blocks, sheared: the lower one is n cells of `family` across, the upper one n + 1 cubes."""
+    """Return both blocks, sheared: n cells of `family` span the lower block, and n + 1 cubes the upper block."""
     square = (-0.5, 0.5), (-0.5, 0.5)
     lower = vx.meshes.SPACE_FAMILIES[family]((n, n, 1 + n // 2), box=(*square, (-HEIGHT, 0.0)))
     upper = vx.meshes.cubes((n + 1, n + 1, 1 + n // 2), box=(*square, (0.0, HEIGHT)))
@@ -87,12 +89,12 @@ def forces(history):
 
 
 def springs(history):
-    """Return S, the horizontal force of the springs down the slope, at the stored instants."""
+    """Return S, the horizontal force of the springs on the upper block, up the slope, at the stored instants."""
     return forces(history)[:, :2] @ SLOPE / np.linalg.norm(SLOPE)
 
 
 def picture(history):
-    """Draw the joint as it begins to slide up, and the loop of the springs' force."""
+    """Draw the pressure on the joint as the block begins to slide up, and the loop of load and spring force."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

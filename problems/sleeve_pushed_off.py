@@ -1,19 +1,20 @@
 r"""A sleeve is shrunk on a tube and pushed off: friction holds it, and Poisson's effect relieves the pressure.
 
 Tube (a < r < b) and sleeve (b < r < c) are bodies of revolution of the length L: x_1 is the radius r, x_2 the axial
-coordinate z, and all forces are those of the full turn. The hot sleeve slides on the tube without friction. Until t = 1
-it cools, and the interference delta develops: the gap is -delta t. Both tubes are then in plane stress with the
-pressure of Lame (1852; Timoshenko and Goodier, *Theory of Elasticity*, 28),
+coordinate z, and all forces are those of the full turn. Until t = 1 the hot sleeve cools on the tube, without friction,
+and the interference grows to delta: the gap is -delta t. Both bodies are then in plane stress. With Young's moduli E_1
+and E_2 and Poisson's ratios nu_1 and nu_2 of tube and sleeve, the pressure on the joint is (Lame, 1852; Timoshenko and
+Goodier, *Theory of Elasticity*, article 28)
 
 $$
 p_0 = \frac{\delta}{b C}, \qquad C = \frac{1}{E_1} \Big( \frac{b^2 + a^2}{b^2 - a^2} - \nu_1 \Big)
 + \frac{1}{E_2} \Big( \frac{c^2 + b^2}{c^2 - b^2} + \nu_2 \Big).
 $$
 
-From t = 1 on the joint is rough, the bottom of the tube is held, and the bottom of the sleeve is pushed upwards, until
-all of the joint slips. Above the height z, friction transfers the force F(z) from the sleeve to the tube. At z this
-force compresses the sleeve, which widens, and stretches the tube, which becomes narrower. With the cross-section areas
-A_1 and A_2 of tube and sleeve,
+From t = 1 on the joint has the friction coefficient mu. The bottom of the tube is held, and the bottom of the sleeve is
+pushed upwards until all of the joint slips. Above the height z, friction transfers the force F(z) from the sleeve to
+the tube. At z this force compresses the sleeve, which widens, and stretches the tube, which becomes narrower. With the
+cross-section areas A_1 and A_2 of tube and sleeve,
 
 $$
 p = p_0 - \kappa F, \qquad \kappa = \Big( \frac{\nu_1}{E_1 A_1} + \frac{\nu_2}{E_2 A_2} \Big) / C, \qquad
@@ -21,9 +22,9 @@ p = p_0 - \kappa F, \qquad \kappa = \Big( \frac{\nu_1}{E_1 A_1} + \frac{\nu_2}{E
 p(z) = p_0 e^{-(L - z) / l}, \qquad F(0) = \frac{p_0}{\kappa} (1 - e^{-L / l}), \qquad l = \frac{1}{2 \pi b \mu \kappa}.
 $$
 
-If both Poisson's ratios are zero, F(0) is mu p_0 times the area of the joint; here it is 11 % smaller. The formulas
-assume that stresses are uniform over each section. With n = 4 the mean pressure of the shrunk joint is within .2 % of
-p_0, and the push-out force within .1 % of F(0).
+F(0) is the force that pushes the sleeve off. If both Poisson's ratios were zero, it would be mu p_0 times the area of
+the joint; here it is 11 % smaller. The formulas assume that axial stresses are uniform over each section. With n = 4
+the mean computed pressure at t = 1 is within .2 % of p_0, and the computed push-out force within .1 % of F(0).
 
     vemcvx run problems/sleeve_pushed_off.py --n 4 --steps 13 --plot
 """
@@ -67,7 +68,7 @@ def scene(poisson=POISSON, travel=TRAVEL):
 
 
 def mesh(n, family="squares"):
-    """Return both tubes, with n cells across each wall and six times as many along it."""
+    """Return the mesh of tube and sleeve, with n cells across each wall and 6 n cells along the axis."""
     a, b, c = RADII
     make = vx.meshes.FAMILIES[family]
     walls = {"tube": (a, b), "sleeve": (b, c)}
@@ -75,7 +76,7 @@ def mesh(n, family="squares"):
 
 
 def times(steps):
-    """Return one instant at the end of cooling, and `steps` - 1 steps of pushing."""
+    """Return the instants of one step of cooling and of `steps` - 1 steps of pushing."""
     return np.append(0.0, np.linspace(1.0, 2.0, steps))
 
 
@@ -85,7 +86,7 @@ def push_force(history):
 
 
 def picture(history):
-    """Draw both tubes, and the pressure along the joint before and after the push, beside closed forms."""
+    """Draw the bodies, the push force, and the pressure before and after the push, beside closed forms."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 4.2), layout="constrained")

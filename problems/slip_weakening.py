@@ -1,21 +1,21 @@
 r"""A user-defined effect: friction that weakens with slip, in a block sheared back and forth over a floor.
 
 The block (0, L) x (0, H) has the shear modulus mu. Its top moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. Its
-sides are free along x only, so that it is sheared uniformly. The friction bound falls with the accumulated slip A of a
-place, from its peak to its residual value:
+sides are free along x only, so that it is sheared uniformly. The friction bound g falls with the accumulated slip A of
+each point, from the peak g_p to the residual value g_r:
 
 $$ g(A) = \max(g_p - k A, g_r). $$
 
-Let a be the slip of the block, and q = mu (U - a) / H its friction. The block sticks while |q| < g(A), and slips with
-|q| = g(A):
+Let a be the displacement of the bottom, and q = mu (U - a) / H the friction. The block sticks while |q| < g(A). When
+the top moves to U, with a and A from before, and the block slips, then |q| = g afterwards, and the slip is
 
 $$
 da = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k)
-\qquad \text{until } g = g_r, \text{ and with } k = 0 \text{ from there}.
+\qquad \text{until } g = g_r, \text{ and with } k = 0 \text{ and } g = g_r \text{ from there}.
 $$
 
 The block is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
-`softening`, and `vemcvx show` compares it with the stiffness of the block.
+`softening`, and `vemcvx show` compares k with the stiffness of the block.
 
 Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.
 
@@ -79,7 +79,7 @@ def top(t):
 
 
 def exact_solution(instants):
-    """Return the friction q on the block (positive against slip to the right) and its slip a at every instant."""
+    """Return the friction q (positive against slip to the right) and the displacement a of the bottom at instants."""
     q, a, way = np.zeros(len(instants)), np.zeros(len(instants)), 0.0
     for n, U in enumerate(top(instants[1:]), start=1):
         trial = MU * (U - a[n - 1]) / HEIGHT

@@ -1,43 +1,43 @@
 r"""The cost of algebraic accuracy: requested, certified and true errors of every solver, in two steps of the paper.
 
-Two steps of `feng_han_huang.py` are solved again and again. In the step *growing* the load grows from 3/4 to 1 of its
-full size, and further nodes slip. In the step *return* the load, once full and then reduced to 1/2, is full again: all
-nodes that had slipped arrive at their bound |lam_i| = w_i with s_i = 0 at once. No term of the first step is
-degenerate, and nearly half of the terms of the second are. The condensed program has one unknown per contact node; the
-full program has all unknowns. The chain of `spring_slider_chain.py`, marched through its loops, has degenerate steps
-and a closed form.
+Every solver solves two steps of `feng_han_huang.py` with several requested accuracies. A friction term i is
+*degenerate* if its friction is at its bound, |lam_i| = w_i, and its slip s_i is zero. In the step *growing* the load
+grows from 3/4 to 1 of its full size, and further nodes slip; no term is degenerate. In the step *return* the load, once
+full and then reduced to 1/2, is full again: all nodes that had slipped arrive at their bounds at once, and nearly half
+of the terms are degenerate. The condensed program has one unknown per contact node; the full program has all unknowns.
+Solvers also march the chain of `spring_slider_chain.py` through its loops; it has degenerate steps and a closed form.
 
-Every solution u is compared with Newton's u*, which is certified to rounding:
+Every solution u is compared with Newton's solution u*, which is certified to rounding. The floor is the part of a gap
+that rounding may cause. With the stiffness K of all unknowns,
 
 $$
-|u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}} \text{ of } u, \text{ plus the same roots of } u^*,
+|u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}} \text{ of } u, \text{ plus the same roots of } u^*.
 $$
 
-relative to the largest |u_m*|_K so far, K the full stiffness. A row that violates this is printed as WRONG, and the
-exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run.
-Before each step the solver solves the step before it, because OSQP and SCS start from their last solution. The median
-over the repetitions is taken. Set-up is factorisation and condensation, and the additional time of the first step
-(compilation by cvxpy). For each solver the accuracy is increased until it misses one; a miss takes up to three
-attempts.
+All errors are relative to the largest |u_m*|_K up to the step. A row that violates this bound is printed as WRONG, and
+the exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run: the
+median over the repetitions. In each repetition the solver first solves the step before, because OSQP and SCS start from
+their last solution. Set-up is factorisation and condensation, and the additional time of the first step (compilation by
+cvxpy). The accuracies of each solver increase until the solver misses one. A miss includes a second attempt.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
-- The gap is of first order in the multipliers, and the error of the solution of second order. Without degenerate terms
-  conic solutions are hundreds of thousands of times better than certified (3.3e-14, certified 2.2e-8). With degenerate
-  terms Clarabel's errors are within a factor of two of the certified ones: the bound is sharp.
-- Clarabel stops at 2e-8 for every requested accuracy, condensed and full. For the accuracy 1e-7 it takes 18 and 36
-  iterations with degenerate terms, in place of 10 and 11. On the chain it meets 1e-6; at 1e-8 it misses in 55 of 117
-  steps and ends at 5.7e-7. From all these answers, and from an answer with the error 5e-3, one active-set step
-  (polish=True) leads to the solution, certified to rounding.
-- OSQP finds the active set by its own polishing, in all four programs and at every accuracy: 2e-14. On the chain this
-  fails in some steps, which reach the limit of 100,000 iterations at every attempt. It ends at 9e-7 for the requested
-  accuracy 1e-6, and at 1.4e-5 for 1e-8. polish=True corrects that too, to rounding.
+- Without degenerate terms the error of a conic solution is proportional to the gap, and the certified error to the root
+  of the gap. So solutions are much more accurate than certified: Clarabel's error is 1.5e-13, certified 6.5e-8. With
+  degenerate terms Clarabel's errors are within a factor of two of the certified errors: the bound is sharp.
+- Clarabel's least certified errors are 1.0e-9 (condensed) and 3.6e-8 (full), with degenerate terms 1.4e-8 and 2.9e-8.
+  For the accuracy 1e-7 it takes 20 iterations with degenerate terms, and 11 without. On the chain it meets 1e-6; at
+  1e-8 it misses in 54 of 117 steps, and the largest certified error is 7.0e-7. From all these answers one active-set
+  step (polish=True) leads to the solution, certified to rounding.
+- OSQP finds the active set by its own polishing, in all four programs and at every accuracy: errors are at most 2e-14.
+  On the chain this fails in some steps, which reach the limit of 100,000 iterations in both attempts. It misses 1e-6 in
+  one step and 1e-8 in five steps, with certified errors of up to 1.5e-6. polish=True corrects these steps to rounding.
 - OSQP counts iterations in multiples of 25. On the condensed program it takes 100 to 700, with degenerate terms 175 to
-  2,975; on the full program 175 to 625, with degenerate terms 100 to 350. So 1e-10 takes 1.5 to 2 times as long as
-  1e-2.
-- Newton ends at rounding after finitely many steps; accuracy costs nothing.
-- In one of the two steps HiGHS 1.15 reports a solution as optimal that is 14 % off; in the other it is right. The
-  certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 4.1e-9 and to rounding.
+  2,975; on the full program 175 to 425, with degenerate terms 100 to 325. The accuracy 1e-10 takes 1.2 to 2.5 times as
+  long as 1e-2.
+- Newton's method reaches rounding after finitely many iterations, so a higher accuracy costs nothing.
+- In one of the two steps HiGHS 1.15 reports an answer as optimal whose error is 14 %; in the other its answer is right.
+  The certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 3.8e-9 and to rounding.
 
     python problems/solver_accuracy.py [--n 32] [--repeats 5] [--table FILE.csv] [--picture FILE.png]
 """
@@ -86,7 +86,7 @@ OURS = {
 
 @dataclass(frozen=True)
 class Row:
-    """The solution of one step by one solver; errors are relative."""
+    """One step, solved by one solver: the requested and the reached accuracies are relative energy errors."""
 
     step: str
     form: str
@@ -97,7 +97,7 @@ class Row:
     certified: float
     floor: float
     reference: float
-    """Certificate and floor of u*."""
+    """The certified error of u*, with its floor."""
     true: float
     setup: float
     seconds: float
@@ -106,6 +106,7 @@ class Row:
 
     @property
     def kept(self):
+        """True if the true error obeys the bound."""
         return self.true <= self.certified + self.floor + self.reference
 
     @property
@@ -115,7 +116,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Reference:
-    """Newton's states at all instants, the last one with all its unknowns."""
+    """Newton's states at all instants; the last state has all unknowns."""
 
     name: str
     form: str
@@ -134,13 +135,13 @@ class Reference:
 
 
 def solvers():
-    """Return name -> solver of an accuracy: ours, and all others that cvxpy finds."""
+    """Return for each name a function that makes the solver of an accuracy: ours, and all others that cvxpy finds."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 
 
 def reference(name, form, n):
-    """Return the step, posed on squares, and its solution."""
+    """Return the step, posed on squares, with its solution by Newton's method."""
     system = pose_scene(feng_han_huang.scene(), feng_han_huang.mesh(n)).system
     full_load, levels = system.force(1.0), STEPS[name]
     system = replace(system, load=lambda t: levels[round(t)] * full_load)
@@ -190,7 +191,7 @@ def energy_norm(K, u):
 
 
 def sweep(n, accuracies=ACCURACIES, repeats=5, names=None):
-    """Return all rows; the accuracy of a solver is increased until it misses."""
+    """Return all rows; the requested accuracy of each solver increases until the solver misses it."""
     rows, made = [], solvers()
     for name in STEPS:
         for form in FORMS:
@@ -231,7 +232,7 @@ def write_table(rows, path):
 
 
 def run_loops(asked=(1e-6, 1e-8)):
-    """Return lines about the chain of sliders through loops in loops, which has degenerate steps."""
+    """Return the table for the chain of sliders, whose nested loops have degenerate steps."""
     force = spring_slider_chain.course(spring_slider_chain.TURNS, first=1.0)
     system, (exact, _) = spring_slider_chain.chain(force), spring_slider_chain.chain_exactly(force)
     lines = ["chain of sliders      asked  certified  all steps  true     missed  most iterations"]
@@ -246,7 +247,7 @@ def run_loops(asked=(1e-6, 1e-8)):
 
 
 def draw(rows, path):
-    """Draw certified errors (above) and true errors (below) over seconds per step, a column for each step and form."""
+    """Draw certified errors (above) and true errors (below) over seconds per step; a column has one step and form."""
     names = list(dict.fromkeys(row.solver for row in rows))
     figure = new_figure(12.0, 7.2)
     columns = [(name, form) for name in STEPS for form in FORMS]
@@ -271,7 +272,7 @@ def draw(rows, path):
 
 
 def draw_series(column, rows, colour, marker):
-    """Draw one solver on one program, accuracy by accuracy."""
+    """Draw the errors of one solver on one program at all requested accuracies."""
     seconds = [row.seconds for row in rows]
     for axes, name in zip(column, ("certified", "true"), strict=True):
         axes.plot(seconds, [getattr(row, name) for row in rows], marker + "-", color=colour, markersize=6, linewidth=1)

@@ -1,27 +1,28 @@
 r"""A rigid sphere pressed on an elastic half space: Hertz' contact as a body of revolution.
 
 The half space is a body of revolution: x_1 is the distance r from the axis, x_2 the axial coordinate, and all forces
-are those of the full turn. Near the contact the sphere of radius R is the paraboloid with the gap r^2 / 2R, and the gap
-falls by the approach delta. This is Hertz' own model. There is no friction. Under the force P the contact has the
-radius a and the pressure p(r), with the peak p_0,
+are those of the full turn. Near the contact the sphere of radius R is a paraboloid: the gap is r^2 / 2R, and decreases
+by the approach delta. This is Hertz' own model. There is no friction. Under the force P the contact has the radius a
+and the pressure p(r) with the peak p_0:
 
 $$
 E^* = E / (1 - \nu^2), \qquad a^3 = 3 P R / (4 E^*), \qquad p(r) = p_0 \sqrt{1 - r^2/a^2},
 \qquad p_0 = 3 P / (2 \pi a^2), \\
 \sigma_z / p_0 = -(1 + \zeta^2)^{-1}, \qquad
-\sigma_r / p_0 = \sigma_\theta / p_0 = -(1 + \nu) (1 - \zeta \arctan(1/\zeta)) + (1 + \zeta^2)^{-1} / 2,
+\sigma_r / p_0 = \sigma_\theta / p_0 = -(1 + \nu) (1 - \zeta \arctan(1/\zeta)) + (1 + \zeta^2)^{-1} / 2.
 $$
 
-where the stresses are those on the axis, at the depth zeta a (Johnson, *Contact Mechanics*, 3.4 and 4.2).
+The stresses are given on the axis, at the depth zeta a (Johnson, *Contact Mechanics*, 3.4 and 4.2).
 
-The far field is cut off: a cylinder of radius and height 24 a stands for the half space. It is clamped at its bottom
-and free at its side. The cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R
-under the same force. So the approach is given and P is measured. The far field moves the contact almost uniformly. So
-it hardly changes a and p_0 under the force P: with 12 a or 48 a in place of 24 a, these two differ by at most .1 %.
+A cylinder of radius and height 24 a replaces the half space. It is clamped at its bottom and free at its side. The
+cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
+Therefore the approach is prescribed, P is measured, and Hertz' formulas are compared for this P. Then the missing far
+field hardly matters, because it would move the contact almost uniformly: with 12 a or 48 a in place of 24 a, radius and
+peak change by at most .1 %.
 
-Cells are squares that are halved five times towards the contact, with hanging nodes. Beside the contact the side of a
-cell is 3 a / (4 n). The radius is computed from the second moment of the forces, <r^2> = 2/5 a^2, and the peak is the
-largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on the axis
+Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
+is 3 a / (4 n). The radius is computed from the second moment of the contact forces, <r^2> = 2/5 a^2, and the peak is
+the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on the axis
 differ from the closed form by at most 1 % of p_0.
 
     vemcvx run problems/sphere_on_half_space.py --n 16 --steps 4 --plot
@@ -47,7 +48,7 @@ def hertz(force):
 
 
 def stresses_on_axis(depth, force):
-    """Return axial and radial stress on the axis at these depths; the hoop stress is the radial stress."""
+    """Return axial and radial stress on the axis at these depths; the hoop stress equals the radial stress."""
     a, peak = hertz(force)
     zeta = np.maximum(depth / a, 1e-12)
     axial = -peak / (1 + zeta**2)
@@ -80,14 +81,14 @@ def force(history):
 
 
 def measure_contact(history, step=-1):
-    """Return the radius of the contact, by <r^2> = 2/5 a^2 of its forces, and the largest pressure."""
+    """Return the radius a of the contact, by <r^2> = 2/5 a^2 for its forces, and the largest pressure."""
     contact = history.contact
     forces = contact.pressure[step] * contact.lengths
     return np.sqrt(2.5 * forces @ contact.points[:, 0] ** 2 / forces.sum()), contact.pressure[step].max()
 
 
 def stresses_near_axis(history):
-    """Return depths, and axial, radial and hoop stress, of the cells at the axis."""
+    """Return the depths (m,), and axial, radial and hoop stresses (m, 3), of the cells at the axis."""
     r, z = history.mesh.centroids.T
     near = (r**2 < history.mesh.areas) & (z > -3 * CONTACT)
     stress, hoop = history.stress(-1)[near], history.out_of_plane_stress(-1)[near]
@@ -95,7 +96,7 @@ def stresses_near_axis(history):
 
 
 def picture(history):
-    """Draw the body near the contact; pressure over the radius, and stresses over the depth, beside closed forms."""
+    """Draw the body near the contact, and pressure over radius and stresses over depth beside closed forms."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

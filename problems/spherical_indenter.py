@@ -1,23 +1,24 @@
 r"""A sphere pressed into an elastic block, and dragged: Hertz' point contact, and partial slip by Cattaneo and Mindlin.
 
-The rigid obstacle lies (x_1^2 + x_2^2) / 2R below the bottom of the block. Under the force P,
+A rigid sphere of radius R lies below the block, with the gap (x_1^2 + x_2^2) / 2R. Under the force P, the radius a of
+the contact and the pressure p(r) are
 
 $$ a^3 = 3 P R (1 - \nu^2) / (4 E), \qquad p(r) = p_0 \sqrt{1-r^2/a^2}, \qquad p_0 = 3 P / (2 \pi a^2) $$
 
-(Johnson, *Contact Mechanics*, 4.2). Then a tangential force Q < mu P acts. With Coulomb friction, and where pressure
-causes no slip (a rigid obstacle and nu = 1/2; nearly so here, where nu = .45),
+(Johnson, *Contact Mechanics*, 4.2). Then a tangential force Q < mu P acts, where mu is the coefficient of Coulomb
+friction. Pressure alone would cause no slip if nu were 1/2; here nu = .45. Without such slip, the friction is
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), \quad c / a = (1 - Q / \mu P)^{1/3}, $$
 
-with stick in r < c (Johnson, 7.2). The closed form neglects the small slip across the direction of Q; the computation
-includes it. The block extends 6 a to all sides and is not quite a half-space: pressing widens it. Friction therefore
-acts only once the block is pressed, from t = 1 on. One half of the block is computed. Cells grow outwards from a/n at
-the contact, and downwards from the first layer on. The top is pressed down and then dragged without rotation; P and Q
-are measured.
+and nodes stick in r < c, where the second root is positive; elsewhere this root is 0 (Johnson, 7.2). The closed form
+neglects the small slip across the direction of Q; the computation includes it. The block extends 6 a to all sides.
+Unlike a half-space, it widens when it is pressed. Friction therefore acts only after pressing, from t = 1 on. One half
+of the block is computed. Cells grow outwards from a/n at the contact, and away from the contact in height. The top is
+pressed down and then dragged without rotation; P and Q are measured.
 
-With n = 8 the radius agrees with Hertz within 2 % and the peak within 5 %, or 2 % if the cells near the contact have
-equal heights, too (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick
-radius, read off single nodes, is .94 of the closed form.
+With n = 8 the radius is 3 % below Hertz' and the peak 4 % above it. Both agree within 2 % if the cells near the contact
+are cubes (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, from
+the second moment of mu p - |traction|, is .94 of the closed form.
 
     vemcvx run problems/spherical_indenter.py --n 8 --steps 8 --plot
 """
@@ -31,7 +32,7 @@ CONTACT = 0.05
 """Approximate radius of the contact."""
 REACH = 6 * CONTACT
 DOWNWARD_GROWTH = 1.4
-"""Growth factor of the cells downwards."""
+"""Growth factor of the heights of cells away from the contact."""
 PRESS, DRAG = 2.05e-3, 5e-4
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 4, "accuracy": 1e-6}
@@ -57,7 +58,7 @@ def scene(friction=FRICTION, press=PRESS, drag=DRAG):
 
 
 def lines(n, growth=1.6, even=1.2):
-    """Return lines from 0 to `REACH`: steps of a/n up to `even` a, then growing steps."""
+    """Return coordinates from 0 to `REACH`: steps of a/n up to `even` a, then growing steps."""
     line, step = list(CONTACT / n * np.arange(even * n)), CONTACT / n
     while line[-1] < REACH:
         step *= growth
@@ -66,7 +67,7 @@ def lines(n, growth=1.6, even=1.2):
 
 
 def block(x, y, z):
-    """Return boxes between lines; "sole" is the part of the bottom near the sphere."""
+    """Return the mesh of boxes with these coordinates; "sole" is the part of the bottom near the sphere."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     boxes = vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells).extruded(z)
@@ -84,7 +85,7 @@ def quarter(n):
 
 
 def times(steps):
-    """Return steps of which a quarter press; the others drag."""
+    """Return the instants: a quarter of the steps press the block, the others drag it."""
     press = max(1, steps // 4)
     return np.concatenate([np.linspace(0, 1, press + 1), np.linspace(1, 2, steps - press + 1)[1:]])
 
@@ -97,7 +98,7 @@ def forces(history):
 
 
 def radius(places, weights):
-    """Return the radius a of forces at places with the density sqrt(1 - r^2 / a^2), for which <r^2> = 2/5 a^2."""
+    """Return a from the second moment of forces with the density sqrt(1 - r^2 / a^2): <r^2> = 2/5 a^2."""
     share = weights / weights.sum()
     centre = [share @ places[:, 0], 0.0]
     return np.sqrt(2.5 * share @ ((places - centre) ** 2).sum(axis=1))

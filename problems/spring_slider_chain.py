@@ -1,6 +1,7 @@
 r"""Springs and sliders: the plays and stops of Prandtl and Ishlinskii as a variational inequality.
 
-The *play* of half width r follows an input x as a ring follows the finger inside it, and the *stop* is the rest:
+The *play* of half width r follows an input x like a ring that follows the finger inside it. The *stop* is input minus
+play:
 
 $$
 p_n = \operatorname{clip}(p_{n-1}, x_n - r, x_n + r),
@@ -9,35 +10,37 @@ $$
 
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
-Three systems (K, load, Norms), Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|, are such sums.
+Each of three systems (K, load, Norms) is the paper's Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|. Their
+solutions are such sums.
 
-1. **Chain.** Spring 0, of stiffness k_0, joins the end u_0, pulled by F(t), to block 1. Spring j joins block j to block
-   j + 1, and spring N joins the last block to a wall. Block i slides on the floor with the friction bound w_i. K is
-   tridiagonal, with the energy 1/2 sum_j k_j (u_j - u_{j+1})^2. Friction at block i reduces the force T_{i-1} of the
-   spring before it to T_i = play_{w_i}(T_{i-1}), because u_i moves when T_i does, in the same direction. Hence, with
-   r_j = w_1 + ... + w_j,
+1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
+   j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Block i slides on the floor with the friction bound
+   w_i. K is tridiagonal, with the energy 1/2 sum_j k_j (u_j - u_{j+1})^2. Friction at block i reduces the force T_{i-1}
+   of spring i - 1 to T_i = play_{w_i}(T_{i-1}), because u_i moves when T_i does, in the same direction. Hence, with
+   T_0 = F and r_j = w_1 + ... + w_j,
 
    $$ T_j = \operatorname{play}_{r_j}(F), \qquad u_i = \sum_{j \ge i} T_j / k_j, \qquad \lambda_i = T_{i-1} - T_i. $$
 
 2. **Parallel elements under a given strain e(t).** Element i is a spring E_i in series with a slider of yield stress
-   y_i, and E_0 is a spring alone. The energy is 1/2 sum E_i (e - p_i)^2, so that K = diag(E), load = E e(t), and
+   y_i and position p_i, and E_0 is a spring without slider. The energy of the elements is 1/2 sum E_i (e - p_i)^2, so
+   K = diag(E), load = E e(t), and the stress is sigma:
 
    $$
    p_i = \operatorname{play}_{y_i/E_i}(e), \qquad \lambda_i = E_i (e - p_i), \qquad \sigma = E_0 e + \sum_i \lambda_i.
    $$
 
 3. **The same elements under a given stress.** Now e is an unknown too, and K = [[E_0 + sum E, -E'], [-E, diag(E)]] has
-   the shape of an arrow. No norm contains e. The elimination of e leaves diag(E) - E E' / (E_0 + sum E), diagonal plus
-   rank one.
+   the shape of an arrow. No norm term contains e. The elimination of e leaves diag(E) - E E' / (E_0 + sum E), diagonal
+   plus rank one.
 
-The third system inverts the second. The inverse of a Prandtl-Ishlinskii operator is another one, whose curve of first
-loading is the inverse curve: under the displacement of the chain, the elements of :func:`inverse` have the stress F.
-Backward Euler makes no error here as long as the input is monotone between instants.
+The third system inverts the second. The inverse of a Prandtl-Ishlinskii operator is a Prandtl-Ishlinskii operator with
+the inverse curve of first loading. So there are elements whose stress is F if their strain is the displacement u_0 of
+the chain (:func:`inverse`). Backward Euler makes no error here as long as the input is monotone between instants.
 
 Sums of plays have three properties. *Return-point memory* (wiping out): when the input returns to an earlier turning
-point without a larger excursion, the state is the earlier one. The loop between is forgotten. *Congruency*: closed
+point without a larger excursion, the state returns, too. The loop between has no later effect. *Congruency*: closed
 loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop dissipates its area.
-For force and displacement of the chain, and a loop between forces dF apart, this is
+For the loop of force and displacement of the chain, between forces that differ by dF, the loss is
 
 $$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 
@@ -55,7 +58,7 @@ import vemcvx as vx
 SPRINGS = np.array([4.0, 3.0, 2.0, 1.0, 1.5])
 BOUNDS = np.array([0.5, 1.0, 1.5, 2.0])
 TURNS = (0, 6, -6, 2, -3, 0.5, -3, 2, 6, -6)
-"""Turning points of the force: a loop in a loop in a loop, and then the outermost loop again."""
+"""Turning points of the force: three nested loops, and then the outermost loop again."""
 
 SOLVERS = (vx.Newton(), vx.Clarabel(accuracy=1e-5), vx.OSQP(accuracy=1e-5))
 """At every return to a turning point some block is exactly at its bound without slipping. At these steps interior-point
@@ -63,7 +66,7 @@ methods and operator splitting converge slowly; therefore their accuracy is 1e-5
 
 
 def course(turns, increment=0.5, first=None):
-    """Return an input from turning point to turning point in equal increments, after a `first` increment.
+    """Return the samples of an input between turning points, in equal increments after a `first` increment.
 
     Errors are relative to the largest energy norm so far. If nothing moves before the first slip, this norm is zero
     until then; `first` should be large enough to cause slip.
@@ -96,20 +99,20 @@ def sample(values):
 
 
 def chain(force, springs=SPRINGS, bounds=BOUNDS):
-    """Return system 1, over u_0 ... u_N."""
+    """Return system 1, with the unknowns u_0 ... u_N."""
     K = np.diag(springs + np.append(0.0, springs[:-1])) - np.diag(springs[:-1], 1) - np.diag(springs[:-1], -1)
     end = np.eye(len(springs))[0]
     return vx.System(K, lambda t: end * sample(force)(t), vx.Norms(np.eye(len(springs))[1:], bounds))
 
 
 def chain_exactly(force, springs=SPRINGS, bounds=BOUNDS):
-    """Return displacements (N + 1, N_blocks + 1) and friction forces (N + 1, N_blocks)."""
+    """Return displacements (N + 1, N_blocks + 1) and friction forces (N + 1, N_blocks) at N + 1 instants."""
     T = play(np.append(0.0, np.cumsum(bounds)), force)
     return np.cumsum((T / springs)[:, ::-1], axis=1)[:, ::-1], T[:, :-1] - T[:, 1:]
 
 
 def loop_area(swing, springs=SPRINGS, bounds=BOUNDS):
-    """Return the dissipation of a closed loop of the chain between forces `swing` apart."""
+    """Return the dissipation of a closed loop of the chain between two forces whose difference is `swing`."""
     r = np.append(0.0, np.cumsum(bounds))
     return float(np.sum(2 * r * np.maximum(swing - 2 * r, 0.0) / springs))
 
@@ -125,12 +128,12 @@ def inverse(springs=SPRINGS, bounds=BOUNDS):
 
 
 def pose_under_strain(strain, E, y):
-    """Return system 2, over the places p_i of the sliders."""
+    """Return system 2, with the positions p_i of the sliders as unknowns."""
     return vx.System(np.diag(E), lambda t: E * sample(strain)(t), vx.Norms(np.eye(len(E)), y))
 
 
 def pose_under_stress(stress, E_0, E, y):
-    """Return system 3, over the strain and the places of the sliders."""
+    """Return system 3, with the strain and the positions of the sliders as unknowns."""
     m = len(E)
     K = np.block([[np.array([[E_0 + E.sum()]]), -E[None]], [-E[:, None], np.diag(E)]])
     unit = np.eye(m + 1)
@@ -138,7 +141,7 @@ def pose_under_stress(stress, E_0, E, y):
 
 
 def march(system, values, solver=None):
-    """Return the trajectory through all samples of an input, one instant each."""
+    """Return the trajectory of a system with one instant for each value of its input."""
     return vx.march(system, np.arange(float(len(values))), solver=solver)
 
 
@@ -184,7 +187,7 @@ def main(path=None):
         f"inverse: the stress of the elements under the chain's displacement is F to {np.abs(stress - force).max():.1e}"
     )
     strain = march(pose_under_stress(force, E_0, E, y), force).state[:, 0]
-    print(f"inverse of the inverse: their strain under F is u_0 to {np.abs(strain - exact[:, 0]).max():.1e}")
+    print(f"inverse of the inverse: the elements' strain under F is u_0 to {np.abs(strain - exact[:, 0]).max():.1e}")
     if path:
         picture(path, force, exact, exact[:, 0], stress)
 

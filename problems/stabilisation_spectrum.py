@@ -1,28 +1,30 @@
 r"""The ratio of the stabilisation to the energy that it replaces, cell by cell: a robustness chart.
 
-The components of virtual functions with Pi v = 0 are harmonic in the cell and linear on its edges. For them a_K^h is
-the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, in place of
+The components of a virtual function v are harmonic in the cell K and linear on its edges. Pi projects v on linear
+fields. If Pi v = 0, the discrete energy a_K^h(v, v) is the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, with the
+values v_i at vertices. It replaces the exact energy a_mu + a_lam,
 
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 
-The chart shows the least and the greatest ratio S / a_mu over all such v. Neither ratio depends on mu, on the size of
-the cell or on nu. Bounded ratios make a_K^h equivalent to a form that is elastic in shear and contains the mean
-dilatation,
+The chart shows the least and the greatest ratio S / a_mu over all v with Pi v = 0. Neither ratio depends on mu, on the
+size of the cell or on nu. If both ratios are bounded, a_K^h is equivalent to a form that is elastic in shear and
+contains the mean dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
-That form does not lock. The last column is the least S / (a_mu + a_lam) at nu = .499999. It goes to zero with 1 / lam
-*because* S does not contain lam, and so does not penalise variations of the dilatation within a cell.
+That form does not lock. The last column is the least S / (a_mu + a_lam), at nu = .499999 unless the row names nu. It
+goes to zero like 1 / lam *because* S does not contain lam, and so does not penalise variations of the dilatation within
+a cell.
 
-On a rectangle 2a x 2b the only such v are (xy, 0) and (0, xy). Their ratios S / a_mu are 6ab / (a^2 + 2b^2) and
-6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a square both ratios are 2. On
-other cells, linear finite elements on a mesh graded towards the vertices compute v. Their energies are a few per cent
-too high.
+On a rectangle 2a x 2b, Pi v = 0 for the combinations of (xy, 0) and (0, xy) only. Their ratios S / a_mu are
+6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a square
+both ratios are 2. On other cells, linear finite elements on a mesh graded towards the vertices compute v. Their
+energies are a few per cent too high.
 
-Results: over all families of meshes S / a_mu stays between .5 and 7. An edge of length e h lowers the least ratio by a
-logarithm only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls, and the greatest grows, in
-proportion to the aspect ratio. On stretched rectangles both ratios fall. The consistent part, exact on linear fields,
-is not affected.
+Results: over all families of meshes S / a_mu stays between .5 and 7. In a cell of size h, an edge of length e h lowers
+the least ratio by a logarithm only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls like the
+inverse of the aspect ratio, and the greatest grows in proportion to it. On stretched rectangles both ratios fall. The
+part of a_K^h that is exact on linear fields is not affected.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """
@@ -97,7 +99,7 @@ def interior(corners, smallest):
 
 
 def virtual_energies(corners):
-    """Return matrices (2n, 2n) of int |eps(v)|^2 and int |div v|^2 over virtual functions; the cell's diameter is 1."""
+    """Return int |eps(v)|^2 and int |div v|^2 as matrices (2n, 2n) for the values of v at the vertices of a cell."""
     edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     smallest = 0.25 * edges.min()
     rim = outline(corners, smallest)
@@ -140,7 +142,7 @@ def extend_harmonically(K, rim, corners, total):
 
 
 def spectrum(corners, poisson=0.3):
-    """Return least and greatest S / a_mu, and least S / (a_mu + a_lam), on Pi v = 0; mu = 1."""
+    """Return least and greatest S / a_mu, and least S / (a_mu + a_lam), over v with Pi v = 0, for mu = 1."""
     corners = np.asarray(corners, dtype=float)
     diameter = np.linalg.norm(corners[:, None] - corners[None], axis=2).max()
     corners = (corners - corners.mean(axis=0)) / diameter

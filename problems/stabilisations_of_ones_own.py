@@ -1,19 +1,20 @@
 """Two user-defined stabilisations: their patch test, their orders, and their effect on incompressible bodies.
 
-A stabilisation defines the energy of the remainder of the projection Pi, S(v - Pi v, w - Pi w), cell by cell, as a
-class with one method. The scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error
-budget and the nodal distance use the same a^h.
+The stabilisation S(v - Pi v, w - Pi w) is the energy of the part of v that the projection Pi on linear fields omits. A
+class with one method defines S for each cell K. The scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``.
+The stiffness, the error budget and the nodal distance use the form a^h with this stabilisation.
 
-boundary    S = mu / 2 sum_e (|e| mean / |e|) (v_b - v_a).(w_b - w_a)    slopes along the edges from a to b, (d_s v,
-            d_s w)_dK: S. Brenner and Sung, Virtual element methods on meshes with small edges or faces (2018);
-            P. Wriggers and others, A virtual element method for contact (2016)
-D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i    L. Beirao da Veiga, F. Dassi and A. Russo, High-order
-            virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
+boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b of the mean length m: slopes
+            along edges, (d_s v, d_s w)_dK. S. Brenner and Sung, Virtual element methods on meshes with small edges or
+            faces (2018); P. Wriggers and others, A virtual element method for contact (2016)
+D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i, with the shape functions phi_i. L. Beirao da Veiga,
+            F. Dassi and A. Russo, High-order virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
 
-On a square an hourglass (1, -1, 1, -1) differs by 2 between the ends of each of four edges. So the boundary form is
-mu / 2 * 16 = 8 mu, as is our 2 mu sum_i v_i^2. On a square of side a the diagonal of the consistent part is (lam + 3
-mu) / 4, because |K| G_i = a / 2 (+-1, +-1). It is at most mu if lam <= mu: up to Poisson's ratio 1/4 the D-recipe is
-half of our default. For larger ratios it grows with lam, and locks; deviatoric=True uses a_K with lam = 0.
+On a square an hourglass (1, -1, 1, -1) differs by 2 between the ends of each of four edges. So its boundary form is
+mu / 2 * 16 = 8 mu, like our default 2 mu sum_i v_i^2. On a square of side a the diagonal a_K(Pi phi_i, Pi phi_i) is
+(lam + 3 mu) / 4, because the mean gradient of phi_i is (+-1, +-1) / (2 a). The diagonal is at most mu if lam <= mu: up
+to Poisson's ratio 1/4 the D-recipe is half of our default. For larger ratios the D-recipe grows with lam, and locks;
+deviatoric=True uses a_K with lam = 0.
 
     python problems/stabilisations_of_ones_own.py [--picture FILE]
 """
@@ -50,7 +51,7 @@ class Boundary(vx.Stabilisation):
 
 @dataclass(frozen=True)
 class DRecipe(vx.Stabilisation):
-    """The diagonal of the consistent part, at least mu."""
+    """The diagonal a_K(Pi phi_i, Pi phi_i), or mu if the diagonal is less."""
 
     deviatoric: bool = False
 
@@ -87,7 +88,7 @@ def patch_error(stabilisation, mesh):
 
 
 def errors(stabilisation, family, sizes=SIZES, poisson=0.3):
-    """Return relative energy errors of Pi u at t = 1 for the block that slips everywhere."""
+    """Return relative energy errors of Pi u at t = 1 for a block whose contact nodes all slip."""
     lam, scene = full_slip.lame(poisson), full_slip.scene(poisson, scale_load, stabilisation=stabilisation)
     runs = [vx.simulate(scene, full_slip.mesh(n, family), [0.0, 1.0]) for n in sizes]
     exact = partial(exact_strain, lam=lam)
@@ -95,7 +96,7 @@ def errors(stabilisation, family, sizes=SIZES, poisson=0.3):
 
 
 def scale_load(t):
-    """Return the load in time, which keeps strains below a thousandth."""
+    """Return the factor of the load at time t, which keeps strains below a thousandth."""
     return 1e-3 * t
 
 

@@ -1,18 +1,18 @@
 r"""A strip held at one end on a belt that moves back and forth: partial slip, and the force of the hold.
 
 The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
-x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. As a rod, the strip slips over a length l next to
-its hold, where friction pulls it along, and moves with the belt beyond:
+x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. A rod slips over a length l next to the hold, where
+friction pulls it along, and beyond l it moves with the belt:
 
 $$
 E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U - g (l - x)^2 / (2 E H),
 \qquad l = (2 E H U / g)^{1/2}.
 $$
 
-So the force of the hold is F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt
-reverses at U1, friction reverses in a zone that grows from the hold. Then F = F(U1) - 2 F((U1 - U) / 2), but at least
--g L: Masing's rule (1926). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* + g L (U1 - U*), of
-which g L U* / 3 is stored. The rod is a model with the error O(H / l).
+So the force of the hold is F(U) = g l until all of the strip slips, l = L at U* = g L^2 / (2 E H); then F = g L. When
+the belt reverses at U1, friction reverses in a zone that grows from the hold. By Masing's rule (1926), F is then
+F(U1) - 2 F((U1 - U) / 2), but at least -g L. In the first motion up to U1 > U*, the work of the belt is
+2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
 """
@@ -34,7 +34,7 @@ def run(t):
 
 
 def hold(t):
-    """Return the force that holds the strip against the belt."""
+    """Return the force F of the hold, by the rod model."""
 
     def first(U):
         return BOUND * LENGTH * np.minimum(np.sqrt(U / FULL), 1.0)
@@ -45,7 +45,7 @@ def hold(t):
 
 
 def displacement(x, U):
-    """Return the displacement of the rod while the belt moves for the first time, U <= U*."""
+    """Return the displacement of the rod in the first motion of the belt, for U <= U*."""
     slips = np.sqrt(2 * YOUNG * HEIGHT * U / BOUND)
     return U - BOUND * np.maximum(slips - x, 0.0) ** 2 / (2 * YOUNG * HEIGHT)
 
@@ -68,7 +68,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the strip while the belt moves for the first time, and the force of the hold over the belt's motion."""
+    """Draw the strip in the first motion of the belt, and the force of the hold over the displacement of the belt."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

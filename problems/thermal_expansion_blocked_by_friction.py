@@ -1,17 +1,17 @@
 r"""A bar on a rough floor, heated and cooled: it expands from its ends only, and does not return completely.
 
 Half of a bar of length 2 L and height H is computed: x = 0 is its middle (a plane of symmetry) and x = L its free end.
-It lies on a floor with the friction bound g per length. Its temperature theta is uniform and is 0, T, 0, T at t = 0, 1,
-2, 3; plane stress, nu = 0, coefficient of expansion alpha. As a rod, with s the distance from the end, the force N(s)
-(compression positive) on its section and the displacement u of the end obey
+The bar lies on a floor with the friction bound g per length, in plane stress, with nu = 0. Its temperature theta is
+uniform: 0, T, 0, T at t = 0, 1, 2, 3. The coefficient of expansion is alpha. In the model of a rod, s is the distance
+from the end. The force N(s) on the section (compression positive) and the displacement u of the end obey
 
 $$
-N' = \pm g \text{ where it slips}, \qquad N = E H \alpha \theta \text{ where it never slipped},
+N' = \pm g \text{ where the rod slips}, \qquad N = E H \alpha \theta \text{ where it never slipped},
 \qquad u = \int (\alpha \theta - N / (E H)) ds.
 $$
 
-During the first heating, friction builds up the force N = g s over the length l = E H alpha T / g. Beyond it the bar is
-locked with the stress -E alpha T. The end moves by
+During the first heating, friction builds up the force N = g s over the length l = E H alpha T / g. Farther from the end
+nothing moves, and the stress is -E alpha T. The end moves by
 
 $$ u_1 = \alpha T l - g l^2 / (2 E H) = E H (\alpha T)^2 / (2 g). $$
 
@@ -20,9 +20,9 @@ length N is E H alpha T below the previous force g s. The change of N over this 
 
 $$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2. $$
 
-Half of the expansion stays, with compression up to g l / 2 locked in. During every further heating, the end returns to
-u_1. Friction dissipates int g u(s) ds = g^2 l^3 / (6 E H) in the first heating, with u(s) = g (l - s)^2 / (2 E H). The
-rod is a model with an error of the order of H / l.
+Half of the expansion stays, and so does a tensile force of up to g l / 2. During every further heating, the end returns
+to u_1. Friction dissipates int g u(s) ds = g^2 l^3 / (6 E H) in the first heating, with u(s) = g (l - s)^2 / (2 E H).
+The relative error of the rod model is O(H / l).
 
     vemcvx run problems/thermal_expansion_blocked_by_friction.py --n 4 --steps 24
 """
@@ -45,7 +45,7 @@ def slip_length(young=YOUNG, bound=BOUND):
 
 
 def end_displacement(young=YOUNG, bound=BOUND):
-    """Return the displacement of the rod's end when heated, cooled, and heated again."""
+    """Return the displacements of the rod's end after heating, cooling, and heating again."""
     first = young * HEIGHT * (EXPANSION * RISE) ** 2 / (2 * bound)
     return first, 0.5 * first, first
 

@@ -1,19 +1,20 @@
 r"""A tube shrunk on another tube in space: the pressure between them is Lame's, and they slide along each other.
 
-Two tubes a < r < b and b < r < c have the length L; a quarter of them is computed. The outer radius of the inner tube
-exceeds the inner radius of the outer tube by the interference delta. It is modelled as the gap -delta t. Ends are free
-and the joint is smooth, so that both tubes are in plane stress. Radial and hoop stresses are the same as in
-`press_fit.py` (Lame 1852; Timoshenko and Goodier, *Theory of Elasticity*, 28), and the tubes change their lengths,
+Two tubes a < r < b and b < r < c have the length L; a quarter of the section is computed. The outer radius of the inner
+tube exceeds the inner radius of the outer tube by the interference delta, which is modelled as the gap -delta t. The
+bottom z = 0 is a plane of symmetry, the upper ends are free and the joint has no friction, so both tubes are in plane
+stress. Radial and hoop stresses are the same as in `press_fit.py` (Lame 1852; Timoshenko and Goodier, *Theory of
+Elasticity*, article 28). With E and nu of each tube and the pressure p, the axial strains are
 
 $$
-e_z = -\nu(\sigma_r + \sigma_\theta) / E, \qquad \sigma_r + \sigma_\theta = -2 p b^2 / (b^2 - a^2),
-\qquad 2 p b^2 / (c^2 - b^2)
+e_z = -\nu(\sigma_r + \sigma_\theta) / E, \qquad \sigma_r + \sigma_\theta = -2 p b^2 / (b^2 - a^2)
+\text{ (inner tube)}, \qquad 2 p b^2 / (c^2 - b^2) \text{ (outer tube)}.
 $$
 
-in the inner and in the outer tube. The inner tube becomes longer and the outer tube shorter: they slide on each other
-by the difference of e_z times z. Both tubes have 3n sectors in the quarter, so that they approximate the circle r = b
-by the same polygon. Layers do not match: n/2 and 3n/4. With n = 8 the mean pressure agrees with Lame's within .6 %.
-Nodal pressures have errors O(h) and scatter by 4 %, the recovered pressures `contact.pressure_recovered` by 1 %.
+The inner tube becomes longer and the outer tube shorter: they slide on each other by the difference of e_z times z.
+Both tubes have 3n sectors in the quarter, so they approximate the circle r = b by the same polygon. Their layers do not
+match: n/2 in the inner tube, 3n/4 in the outer. With n = 8 the mean pressure agrees with Lame's within .6 %. Nodal
+pressures have errors O(h) and scatter by 4 %, the recovered pressures `contact.pressure_recovered` by 1 %.
 
     vemcvx run problems/tubes_shrunk_on.py --n 8 --steps 2 --accuracy 1e-7 --plot
 """
@@ -62,7 +63,7 @@ def scene(interference=INTERFERENCE):
 
 
 def mesh(n, family="ring"):
-    """Return hexahedra: 3n sectors, in n/2 layers of the inner tube and 3n/4 of the outer tube."""
+    """Return a mesh of hexahedra: 3n sectors, with n/2 layers in the inner tube and 3n/4 in the outer tube."""
     tubes, layers = {}, max(1, n // 2)
     for name, ends, high in (("inner", RADII[:2], layers), ("outer", RADII[1:], 3 * layers // 2)):
         rings = max(2, round(6 * n * np.log(ends[1] / ends[0]) / np.pi))
@@ -76,7 +77,7 @@ def times(steps):
 
 
 def mean_pressure(history):
-    """Return the force of the joint over its area, at every step."""
+    """Return the mean pressure on the joint at every step."""
     contact = history.contact
     return contact.pressure @ contact.lengths / contact.lengths.sum()
 

@@ -1,17 +1,18 @@
 r"""A round pad pressed on a floor and twisted: it slips from its edge inwards, up to the torque 2/3 mu P R.
 
-The pad has the radius R and the height H = R/4, E = 1000. The uniform pressure p acts on its top, which then rotates by
-the angle t w about the axis. The floor is rigid, with Coulomb friction. With nu = 0, pressing does not widen the pad
-and twisting does not change the pressure, so that the pressure on the floor stays p. The shear of a thin pad is G r t
-w / H up to the bound, which it reaches at the radius c = mu p H / (G t w). It slips outside of c:
+The pad has the radius R, the height H = R/4 and the shear modulus G. The uniform pressure p acts on its top. From t = 0
+to 1 the top rotates by the angle t w about the axis. The floor is rigid, with the friction coefficient mu. With nu = 0,
+pressing does not widen the pad and twisting does not change the pressure, so the pressure on the floor stays p. The
+shear stress of a thin pad at the radius r is G r t w / H where it is below the bound mu p: inside the radius
+c = mu p H / (G t w). Outside of c the pad slips. The torque is
 
 $$
 T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{before}.
 $$
 
-In full slip, when c tends to 0, T = 2/3 mu P R with P = p pi R^2 for every pad. (Nothing slips on the axis, so that c
-is not zero. At the end of these steps c < R/5, and c^3 is less than .2 % of 4 R^3.) With n = 6 the error of the torque
-of full slip is below .5 %.
+In full slip, when c tends to 0, every pad has T = 2/3 mu P R, with the force P = p pi R^2. (Nothing slips on the axis,
+so c is not zero. At the end c = R/6, and c^3 is .12 % of 4 R^3.) With n = 6 the error of the torque of full slip is
+below .5 %.
 
     vemcvx run problems/twisted_pad.py --n 8 --steps 16 --plot
 """
@@ -32,7 +33,7 @@ SMALL = {"n": 6, "steps": 12}
 
 
 def thin_pad(angle):
-    """Return the torque of a thin pad rotated by these angles."""
+    """Return the torque T on a thin pad whose top rotates by these angles."""
     c = np.minimum(RADIUS, FRICTION * PRESSURE * HEIGHT / (SHEAR * np.maximum(angle, 1e-9 * FIRST)))
     slips = np.pi * FRICTION * PRESSURE * (4 * RADIUS**3 - c**3) / 6
     return np.where(c < RADIUS, slips, np.pi * SHEAR * angle * RADIUS**4 / (2 * HEIGHT))
@@ -56,9 +57,9 @@ initial = "settled"
 
 
 def mesh(n, family="rings"):
-    """Return n rings of 6n sectors in n/2 layers; the innermost ring is a polygon.
+    """Return n rings of 6n sectors in n/2 layers; the innermost ring is one polygonal cell.
 
-    The corners are a little outside of their circles, so that the polygons have the areas of the circles.
+    Nodes are a little outside of their circles, so that the polygons have the areas of the circles.
     """
     sectors = 6 * n
     widening = np.sqrt(2 * np.pi / sectors / np.sin(2 * np.pi / sectors))
@@ -72,14 +73,14 @@ def times(steps):
 
 
 def torque(history):
-    """Return the torque of friction about the axis at every step, against the rotation."""
+    """Return the torque of friction about the axis at every step, positive against the rotation."""
     contact = history.contact
     x, force = contact.points, contact.traction * contact.friction_lengths[:, None]
     return -(force[:, :, 1] @ x[:, 0] - force[:, :, 0] @ x[:, 1])
 
 
 def picture(history):
-    """Draw the sole when its edge slips, and the torque beside the torque of a thin pad."""
+    """Draw the bottom of the pad when its edge slips, and the torque beside the torque on a thin pad."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

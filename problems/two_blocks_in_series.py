@@ -1,16 +1,16 @@
 r"""Two blocks with friction between them, sheared back and forth: a loop in closed form, exact on every mesh.
 
 Blocks of shear moduli mu_1, mu_2 and heights H_1, H_2 lie on each other, with the same length and meshes that do not
-match. The lower block is clamped below, and the top of the upper block is moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1,
-3, 5. Their sides are free along x only, so that both blocks are sheared uniformly. Bilateral contact and Tresca
-friction with the bound g act between them. Both blocks have the same friction traction q, so that the slip of the upper
-over the lower block is
+match. The lower block is clamped at its bottom, and the top of the upper block moves by U(t) = U0 (0, 1, -1, 1) at
+t = 0, 1, 3, 5. The sides of both blocks are free along x only, so both blocks are sheared uniformly. Bilateral contact
+and Tresca friction with the bound g act between the blocks. The friction traction q is the shear stress of both blocks,
+so the slip of the upper over the lower block is
 
 $$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2, $$
 
-and step by step q_n = clip((U_n - a_{n-1}) / C, +-g): springs in series with a slider. A closed loop of the amplitude
-U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear along common edges, so virtual elements
-reproduce the solution on any two meshes: every difference from it is an algebraic error.
+and in step n, q_n is (U_n - a_{n-1}) / C, clipped to the interval from -g to g: springs in series with a slider. A
+closed loop of the amplitude U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear in each block, so
+virtual elements reproduce the solution on any two meshes: every difference from the solution is an algebraic error.
 
     vemcvx run problems/two_blocks_in_series.py --mesh nonconvex --n 4 --steps 40
 """
@@ -60,7 +60,7 @@ def scene():
 
 
 def mesh(n, family="hexagons"):
-    """Return the lower block in cells of `family` and the upper one in squares, n + 3 across its height."""
+    """Return the blocks: the lower block in cells of `family`, the upper block in squares, n + 3 across its height."""
     lower = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHTS[0])))
     upper = vx.meshes.squares(n + 3, box=((0, LENGTH), (HEIGHTS[0], sum(HEIGHTS))))
     return vx.meshes.bodies({"lower": lower, "upper": upper})
@@ -83,7 +83,7 @@ def picture(history):
     graph.plot(top(history.times), history.contact.traction[:, :, 0].mean(axis=1), "C0o", label="computed")
     for sign in (1, -1):
         graph.axhline(sign * BOUND, color="0.5", linestyle="--", linewidth=1.0)
-    graph.set(xlabel="displacement $U$ of the top (mm)", ylabel="friction between them (MPa)", ylim=(-0.9, 1.25))
+    graph.set(xlabel="displacement $U$ of the top (mm)", ylabel="friction traction $q$ (MPa)", ylim=(-0.9, 1.25))
     graph.locator_params(nbins=6)
     graph.grid()
     graph.legend(loc="upper left")

@@ -1,4 +1,4 @@
-"""Error bars that are theorems: they shrink with meshes and steps, and the exact solution lies between their ends.
+"""Error bars that are theorems: they contain the exact values, and finer meshes and smaller steps shrink them.
 
 The block has the displacement of `manufactured_full_slip.py`, known in closed form, with t^2 / 1000 in place of t.
 Its left side is on rollers. The tractions of the closed form act on the top, left and right sides, its body force

@@ -84,7 +84,7 @@ def times(steps):
 
 
 def force(history):
-    """Return P of the whole contact at every step."""
+    """Return the force P on the whole contact at every step."""
     contact = history.contact
     return 4 * contact.pressure @ contact.lengths
 

@@ -13,7 +13,8 @@ $$
 (Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block about 40 half-widths wide and 20 high, of which one half
 is computed. Cells have the width a/n at the contact, and grow outwards. The meshes do not match: in each direction the
 upper body has about 3/4 of the cells of the lower body. The top is pressed down without friction, and P is the sum of
-the computed contact forces. With n = 16 half-width and peak agree with Hertz within .5 %.
+the computed contact forces. With n = 16 the half-ellipse that fits the nodal pressures best has half-width and peak
+within .5 % of Hertz' values.
 
     vemcvx run problems/hertz_two_cylinders.py --n 12 --steps 4 --plot
 """
@@ -77,7 +78,7 @@ def times(steps):
 
 
 def force(history):
-    """Return P of the whole contact at every step."""
+    """Return the force P on the whole contact at every step."""
     contact = history.contact
     return 2 * contact.pressure @ contact.lengths
 

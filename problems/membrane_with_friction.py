@@ -124,7 +124,7 @@ def pose_strip(mesh, pull):
     return membrane(mesh, pull, "top", "bottom", node_lengths(mesh, "bottom"))
 
 
-def strip_exactly(pull, bound=BOUND, height=HEIGHT):
+def solve_strip_exactly(pull, bound=BOUND, height=HEIGHT):
     """Return the displacement a (N + 1,) of the rough edge and its friction lambda (N + 1,) per length."""
     a = np.zeros(len(pull))
     for n in range(1, len(pull)):
@@ -137,7 +137,7 @@ def pose_on_table(mesh, pull):
     return membrane(mesh, pull, "right", "left", node_areas(mesh))
 
 
-def table_exactly(x, turns=TURNS, bound=BOUND):
+def solve_table_exactly(x, turns=TURNS, bound=BOUND):
     """Return u and lambda (len(turns), len(x)) at the turning points; no slip zone may exceed the zone before it."""
     u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
     for n, swing in enumerate(np.diff(turns), start=1):
@@ -167,7 +167,7 @@ def solve_on_table(mesh, increment=0.5, solver=None):
 
 def energy_error(posed, trajectory, at, points):
     """Return |u_h - I u|_a at the turning points over the largest |I u|_a; I u has the nodal values of the exact u."""
-    exact, _ = table_exactly(points[posed.free, 0])
+    exact, _ = solve_table_exactly(points[posed.free, 0])
     off, K = trajectory.state[at] - exact, posed.system.K
     size = np.einsum("ni,ni->n", exact, (K @ exact.T).T)
     return np.sqrt(np.einsum("ni,ni->n", off, (K @ off.T).T) / size.max())
@@ -181,7 +181,7 @@ def picture(path, mesh, posed, trajectory, at):
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     x = np.linspace(0, LENGTH, 801)
-    u, friction = table_exactly(x)
+    u, friction = solve_table_exactly(x)
     density = trajectory.multipliers[:, :, 0] / posed.measures
     free, rough = mesh.points[posed.free, 0], mesh.points[posed.rough, 0]
     # We draw forty nodes, because all nodes would hide the lines.
@@ -205,7 +205,7 @@ def picture(path, mesh, posed, trajectory, at):
 def main(path=None):
     box = ((0.0, LENGTH), (0.0, HEIGHT))
     pull = EDGE_PULL
-    a, friction = strip_exactly(pull)
+    a, friction = solve_strip_exactly(pull)
     mesh = vx.meshes.voronoi(8, box)
     posed = pose_strip(mesh, pull)
     print("strip with a rough edge, exact on every mesh (Voronoi)")

@@ -1,4 +1,4 @@
-r"""Why backward Euler: comparison with the midpoint rule, on slips that are known in closed form.
+r"""Why backward Euler: comparison with the midpoint rule, on the slip of one block.
 
 Quasistatic friction is a play operator in the energy norm $|.|_a$. With the elastic form a and the friction j, let C be
 the set {z : a(z, v) <= j(v) for all v} of displacements whose forces friction can balance. Let u_l(t) be the
@@ -61,6 +61,7 @@ from vemcvx.plots.style import COMPUTED, SECOND
 R = 2.0
 STEPS = (16, 32, 64, 128, 256)
 FINE = 4096
+"""Number of intervals of the extrapolated reference in the pull from rest."""
 BEHIND = (-1 / 3, 0.0)
 """Start of the sole in the pull from rest: slip begins at t = 1/3, which is no instant of the run."""
 

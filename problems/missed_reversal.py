@@ -7,10 +7,9 @@ body is unloaded but not stress-free, because friction locks stresses in.
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
 half a step, k/2, away from the nearest instants, and the run misses the last fraction k of the load before the
-reversal. The run lacks the slip that this part of the load causes, also while the load decreases: from the reversal to
-the end the error is O(k), as (3.28) of the paper allows. With an even number of steps a step ends at the reversal. If
-the load only grows, as in the paper, no slipping node sticks again, and any number of steps gives the same
-displacement.
+reversal. The run lacks the slip that this part of the load causes. From the reversal to the end its error is O(k), as
+(3.28) of the paper allows. With an even number of steps a step ends at the reversal. If the load only grows, as in the
+paper, no slipping node sticks again, and any number of steps gives the same displacement.
 
     vemcvx run problems/missed_reversal.py --n 16 --steps 27 --plot
 """
@@ -73,7 +72,7 @@ def picture(history):
     graph.plot(course(history.times), history.contact.slip[:, corner, 0], "C0o-", linewidth=0.8, label=words)
     graph.set(xlabel="load / largest load", ylabel="slip of the pulled corner (mm)")
     error = largest_distance(history, vx.simulate(scene(), history.mesh, times(2 * history.steps)))
-    graph.set_title(f"largest error: {100 * error:.2g} % in energy", fontsize="small")
+    graph.set_title(f"largest error: {100 * error:.2g} % in the energy norm", fontsize="small")
     graph.grid()
     graph.legend()
     return figure

@@ -196,7 +196,7 @@ def errors(sizes: Sequence[int] = SIZES, reference: int = REFERENCE, stabilisati
 
 
 def table_1(found: Errors, sizes: Sequence[int]) -> dict[str, vx.measures.ConvergenceTable]:
-    """Return Table 1: relative errors with their orders, then absolute ones in the paper's norm."""
+    """Return Table 1: relative errors with their orders, then absolute errors in the paper's norm."""
     h = 1 / np.array(sizes)
     relative = {kind: [one.relative for one in found[kind]] for kind in KINDS}
     absolute = {kind: [one.absolute / np.sqrt(2) for one in found[kind]] for kind in KINDS}

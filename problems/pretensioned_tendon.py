@@ -1,4 +1,4 @@
-r"""A tendon, tensioned, bonded and released: friction preserves its stress except along a length at the end.
+r"""A tendon, tensioned, bonded and released: friction preserves its stress except along the transfer length.
 
 Half of a tendon is computed, with the length L from the middle x = 0 and the height H, in plane stress with nu = 0. A
 jack at x = L holds its prestress s_0, so that u = 0 at t = 0. The tendon lies on a bed with the friction bound g per

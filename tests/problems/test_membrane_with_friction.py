@@ -22,7 +22,7 @@ def test_stick_slip_and_reversal_are_exact_on_every_mesh(family):
     mesh = vx.meshes.FAMILIES[family](4, box=BOX)
     posed = lesson.pose_strip(mesh, lesson.EDGE_PULL)
     trajectory = vx.march(posed.system, TIMES)
-    a, friction = lesson.strip_exactly(lesson.EDGE_PULL)
+    a, friction = lesson.solve_strip_exactly(lesson.EDGE_PULL)
     u = a[:, None] * (1 - mesh.points[posed.free, 1] / lesson.HEIGHT)
     allowed = bounds(posed.system, trajectory)
     lam = admissible(posed.system, trajectory)[:, :, 0]
@@ -59,7 +59,7 @@ def test_the_closed_form_on_a_rough_table_is_an_integral_of_play_operators():
     """T = play_{g x}(q), for a pull q, and u = int T agree with formulas at reversals; loops lose dq^3 / (12 g)."""
     x = np.linspace(0, lesson.LENGTH, 2001)
     pull = lesson.course(lesson.TURNS, 0.25)
-    u, _ = lesson.table_exactly(x)
+    u, _ = lesson.solve_table_exactly(x)
     T = play(lesson.BOUND * x, pull)[lesson.turning_instants(pull, lesson.TURNS)]
     middle = 0.5 * (T[:, 1:] + T[:, :-1])
     integral = np.cumsum(middle[:, ::-1], axis=1)[:, ::-1] * (x[1] - x[0])
@@ -77,7 +77,7 @@ def test_energies_and_slip_zones_on_the_table_have_errors_of_first_order():
         posed, trajectory, at = lesson.solve_on_table(mesh)
         errors.append(lesson.energy_error(posed, trajectory, at, mesh.points)[1:].max())
         sizes.append(mesh.h)
-        _, friction = lesson.table_exactly(mesh.points[posed.rough, 0])
+        _, friction = lesson.solve_table_exactly(mesh.points[posed.rough, 0])
         lam = trajectory.multipliers[at][:, :, 0]
         assert (np.abs(lam) <= lesson.BOUND * posed.measures * (1 + 1e-12)).all()
         # Computed friction is wrong in bands around the ends of two zones. Exact friction jumps there by 2 g and by g.

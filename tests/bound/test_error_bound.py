@@ -422,21 +422,6 @@ def test_runs_keep_the_largest_bound_of_their_steps_and_its_kind(scene, steps, k
 
 
 @pytest.mark.long
-def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
-    with pytest.raises(vx.SceneError, match="store='all'"):
-        vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)
-    scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(lambda x, t: (t, 0.0, 0.0), on="right"))
-    run = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0])
-    for call in (
-        lambda: vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True),
-        lambda: vx.error_bound(run, step=1),
-        lambda: vx.error_bound(run),
-    ):
-        with pytest.raises(vx.SceneError, match=r"exists in the plane only.* in space there is no bound yet"):
-            call()
-
-
-@pytest.mark.long
 def test_the_command_line_prints_the_bound(tmp_path):
     arguments = ["run", "feng_han_huang", "--n", "4", "--steps", "2", "--bound", "--report", "--out", str(tmp_path)]
     done = CliRunner().invoke(app, arguments)

@@ -113,32 +113,6 @@ def test_steps_with_large_errors_are_split():
     assert split_steps(times, loss([0.0, 2.0, 0.0]), 1.0).tolist() == times.tolist()
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("of", "stress"),
-        ("most_unknowns", -5),
-        ("progress", True),
-        ("theta", 0.0),
-        ("initial", np.zeros((9, 2))),
-    ],
-)
-def test_wrong_arguments_are_named(name, value):
-    with pytest.raises(vx.SceneError, match=f"^adapt: found .*{name}"):
-        vx.adapt(paper_scene(), vx.meshes.squares(2), [0.0, 1.0], **{name: value})
-
-
-def test_wrong_meshes_single_instants_and_scenes_without_estimate_are_refused():
-    mesh, viscous = vx.meshes.squares(2), paper_scene().with_(vx.Viscosity(shear=1.0))
-    for arguments, solver, message in (
-        ((paper_scene(), 8, [0.0, 1.0]), None, "found 8 instead of a mesh"),
-        ((viscous, mesh, [0.0, 1.0]), None, "^adapt: there is no estimate for scenes with Viscosity"),
-        ((paper_scene(), mesh, [1.0]), None, "adapt: found one instant"),
-    ):
-        with pytest.raises(vx.SceneError, match=message):
-            vx.adapt(*arguments, solver=solver)
-
-
 @pytest.mark.long
 def test_data_are_not_evaluated_outside_the_run():
     def late(t):

@@ -130,25 +130,14 @@ class Rubs(vx.Effect):
         return "Rubs"
 
 
-def test_scenes_steps_and_histories_without_an_estimate_are_refused(tmp_path):
-    free = paper_scene().without(vx.TrescaFriction)
-    for effect, subject in (
-        (vx.Viscosity(shear=1.0), "Viscosity"),
-        (vx.PointLoad(lambda x, t: [[0.1 * t, 0.0]], at=(0.0, 1.0)), "PointLoad"),
-        (Rubs(), "Rubs, .* by ends="),
-    ):
-        history = vx.simulate(free.with_(effect), vx.meshes.squares(2), [0.0, 1.0])
-        with pytest.raises(vx.SceneError, match=f"no estimate for .*{subject}"):
-            error_budget(history)
-    history = vx.simulate(free, vx.meshes.squares(2), [0.0, 1.0])
-    for steps in ([], "last", [0.5], [[1]]):
-        with pytest.raises(vx.HistoryError, match=r"^error_budget: found steps = "):
-            error_budget(history, steps)
-    assert error_budget(history, -1).steps.tolist() == [1]
+def test_friction_on_unknown_edges_and_histories_from_files_have_no_estimate(tmp_path):
+    scene = paper_scene().without(vx.TrescaFriction).with_(Rubs())
+    history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="no estimate for .*Rubs, .* by ends="):
+        error_budget(history)
     history.write(tmp_path)
-    for given, message in ((3, "found 3; wanted a History"), (vx.read_history(tmp_path), "read from files")):
-        with pytest.raises(vx.HistoryError, match=message):
-            error_budget(given)
+    with pytest.raises(vx.HistoryError, match="read from files"):
+        error_budget(vx.read_history(tmp_path))
 
 
 def test_a_run_of_one_instant_has_no_error_in_time():

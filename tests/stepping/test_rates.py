@@ -198,17 +198,6 @@ def test_the_friction_of_a_belt_is_the_bound_at_its_speed():
     assert run.certificate_kind == "bound"
 
 
-def test_a_run_with_dashpots_begins_from_any_state_but_not_settled():
-    held = vx.Clamp(on="top")
-    with pytest.raises(vx.SceneError, match="found 'settled', a state at rest"):
-        block(held, vx.Pressure(3.0, on="left"), vx.VelocityContact(on="bottom", damping=5.0), initial="settled")
-
-
-def test_laws_of_slips_and_of_rates_are_not_mixed():
-    with pytest.raises(vx.SceneError, match="a law of slip rates has neither"):
-        vx.Law(lambda t, p, past, rate: rate, rates=True, slips=False)
-
-
 def test_a_body_that_only_friction_by_speed_holds_is_refused():
     floor, friction = vx.BilateralContact(on="bottom"), vx.SpeedFriction(lambda speed: 2.0 * speed, on="bottom")
     floats = pytest.warns(vx.SceneWarning, match="nothing but friction or one-sided contact holds the body")

@@ -45,9 +45,10 @@ class ExitCode2(vx.VemcvxError):
 
 
 def vemcvx(words):
-    """Run a command in an empty folder, and raise its refusal."""
+    """Run a command in an empty folder, in which it writes no file, and raise its refusal."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         done = CliRunner().invoke(app, shlex.split(words))
+        assert not any(path.is_file() for path in Path(folder).rglob("*"))
     if done.exit_code == 2:
         raise ExitCode2(
             done.output.strip().removeprefix("vemcvx: ").replace(str(FILE.parents[2]), "ROOT").replace("\\", "/")

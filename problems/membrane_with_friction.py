@@ -9,7 +9,7 @@ $$
 
 with u = 0 on one part of the boundary and grad u . n = q(t) on another. The friction lambda acts per area (a membrane
 on a rough table) or per length of a part of the boundary (there grad u . n + lambda = q). The tension is one. In the
-weak form a(u, v) = int grad u . grad v and j(v) = int g |v|. Both u and lambda are scalars, without directions.
+weak form a(u, v) = int grad u . grad v and j(v) = int g |v|.
 
 **Virtual elements** (Ahmad et al., Comput. Math. Appl. 66, 2013; Beirao da Veiga et al., M3AS 23, 2013). With the mean
 gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`, a cell of area A has the
@@ -30,8 +30,8 @@ dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
 x = 0. Its other sides are free. Friction has the bound g per area. It reduces T = -du/dx, the force per length, as x
-grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. That file defines play_r, the
-play operator of half width r. With it
+grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. With the play operators play_r
+of that file
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 

@@ -1,9 +1,9 @@
 r"""Why backward Euler: comparison with the midpoint rule, on the slip of one block.
 
-Quasistatic friction is a play operator in the energy norm $|.|_a$. With the elastic form a and the friction j, let C be
-the set {z : a(z, v) <= j(v) for all v} of displacements whose forces friction can balance. Let u_l(t) be the
-displacement of the body under the load l without friction, and z = u_l - u. With the normal cone N_C and the projection
-P_C on C in this norm
+Quasistatic friction is a play operator in the energy norm $|.|_a$. With the elastic form a and the friction functional
+j, let C be the set {z : a(z, v) <= j(v) for all v} of displacements whose forces friction can balance. Let u_l(t) be
+the displacement of the body under the load l without friction, and z = u_l - u. With the normal cone N_C and the
+projection P_C on C in this norm
 
 $$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 
@@ -22,8 +22,8 @@ $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 
 
 Its map of z is 2 P_C - 1, which is nonexpansive like P_C: errors of the solver do not grow either. However:
 
-1. Only in the middle of a step is z certain to be in C. If z is outside of C at the end of a step, friction exceeds its
-   bound and (2.1) fails: friction cannot balance the state with which the next step begins.
+1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
+   fails at the beginning of the next step.
 2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2, but a
    reflection may keep all distances. Suppose that a place begins to slip inside a step of length k. At the end of this
    step z is beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step z is below its bound by eta, and
@@ -40,9 +40,9 @@ of second order in the step. Where slips turn gradually, it is of first order, t
     python problems/midpoint_rule.py [--picture FILE]
 
 The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C
-the disc about zero whose radius is the unit of length. There are three experiments. A straight pull there and back
-begins to slip inside a step. A slip that turns starts from the exact state. A pull from rest begins to slip inside a
-step, and turns afterwards.
+the disc about zero whose radius is the unit of length. There are three experiments. In a straight pull
+there and back, and in a pull from rest that turns afterwards, slip begins inside a step. A slip that turns starts from
+the exact state.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@ r"""A silo: friction on the walls carries the filling, and the pressure on the f
 
 Half of a plane silo of half-width B and height H is computed: x = 0 is the middle, x = B is a rigid rough wall with the
 friction coefficient mu, and y = 0 is a smooth floor. The filling is elastic, in plane strain, and its weight w per area
-grows from zero. Let s be its vertical compressive stress. Between rigid walls the horizontal stress is K s, with
+grows from zero. Let s be the vertical stress in compression. Between rigid walls the horizontal stress is K s, with
 K = nu / (1 - nu). Janssen (Z. VDI 39, 1895) assumed that the filling settles everywhere, so that friction is at its
 bound mu K s along the whole wall. The equilibrium of a slice of height dz at the depth z below the top then gives
 

@@ -20,7 +20,7 @@ So a step of the midpoint rule is one convex program, too: backward Euler to the
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-Its map of z is 2 P_C - 1, which is nonexpansive like P_C: errors of the solver do not grow either. However:
+The midpoint rule maps z by 2 P_C - 1, which is nonexpansive like P_C: errors of the solver do not grow either. However:
 
 1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
    fails at the beginning of the next step.

@@ -1,9 +1,9 @@
 """A load that reverses between two instants: the error of the time steps, and when there is none.
 
 The block of Feng, Han and Huang, Section 4 (`feng_han_huang.py`), is ten times as stiff here, and pushed twice as
-strongly. The load grows until t = 1/2 and then returns to zero. While it grows, slip spreads along the contact. When it
-reverses, all nodes stick at once; then slip in the other direction spreads, over less of the contact. At the end the
-body is unloaded but not stress-free, because friction locks stresses in.
+strongly. The load grows until t = 1/2 and then returns to zero. While the load grows, slip spreads along the contact.
+When the load reverses, all nodes stick at once; then slip in the other direction spreads, over less of the contact. At
+the end the body is unloaded but not stress-free, because friction locks stresses in.
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
 half a step, k/2, away from the nearest instants, and the run misses the last fraction k of the load before the

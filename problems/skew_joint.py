@@ -35,7 +35,7 @@ SMALL = {"n": 3, "steps": 18}
 
 
 def load(t):
-    """Return P(t)."""
+    """Return the vertical force P."""
     return FORCE * np.interp(t, [0, 1, 2, 3], [0, 1, 0.2, 1])
 
 

@@ -74,12 +74,12 @@ SMALL = {"n": 4, "steps": 40}
 
 
 def top(t):
-    """Return U(t)."""
+    """Return the displacement U of the top."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
 def exact_solution(instants):
-    """Return the friction q (positive against slip to the right) and the displacement a of the bottom at instants."""
+    """Return friction q, positive against slip to the right, and the displacement a of the bottom at all instants."""
     q, a, way = np.zeros(len(instants)), np.zeros(len(instants)), 0.0
     for n, U in enumerate(top(instants[1:]), start=1):
         trial = MU * (U - a[n - 1]) / HEIGHT

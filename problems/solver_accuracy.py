@@ -111,6 +111,7 @@ class Row:
 
     @property
     def missed(self):
+        """True if the certified error exceeds the requested accuracy."""
         return self.certified > self.asked
 
 
@@ -153,7 +154,7 @@ def reference(name, form, n):
 
 
 def measure(exact, name, solver, repeats):
-    """Return the row of one solver at one accuracy, or None if it does not accept the program."""
+    """Return the row of one solver at one accuracy, or None if the solver does not accept the program."""
     last, states = len(exact.states) - 1, exact.states
     start = time.process_time()
     try:

@@ -39,7 +39,7 @@ SMALL = {"n": 8, "steps": 4, "accuracy": 1e-6}
 
 
 def hertz(force):
-    """Return radius of the contact and peak pressure under the force P."""
+    """Return the radius of the contact and the peak pressure under the force P."""
     a = np.cbrt(3 * force * RADIUS * (1 - POISSON**2) / (4 * YOUNG))
     return a, 3 * force / (2 * np.pi * a**2)
 
@@ -111,7 +111,7 @@ def measure_contact(history, step):
 
 
 def stick_radius(history):
-    """Return c at the end, by the second moment of mu p - |q| = mu p0 c/a sqrt(1 - r^2 / c^2)."""
+    """Return c at the end, by the second moment of mu p - |traction| = mu p_0 c/a sqrt(1 - r^2 / c^2)."""
     contact = history.contact
     spare = FRICTION * contact.pressure[-1] - np.linalg.norm(contact.traction[-1], axis=1)
     return radius(contact.points[:, :2], np.maximum(spare, 0.0) * contact.lengths)

@@ -182,7 +182,7 @@ def chart():
 
 
 def hexagon(aspect):
-    """Return a regular hexagon, stretched."""
+    """Return a regular hexagon, stretched along x by the factor `aspect`."""
     angle = np.pi / 3 * np.arange(6)
     return np.column_stack([aspect * np.cos(angle), np.sin(angle)])
 

@@ -28,7 +28,7 @@ UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 40}
 
 
-def run(t):
+def move_belt(t):
     """Return the displacement of the belt."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
@@ -39,9 +39,9 @@ def hold(t):
     def first(U):
         return BOUND * LENGTH * np.minimum(np.sqrt(U / FULL), 1.0)
 
-    back, forth = ((AMPLITUDE + sign * run(t)) / 2 for sign in (-1, 1))
+    back, forth = ((AMPLITUDE + sign * move_belt(t)) / 2 for sign in (-1, 1))
     most = BOUND * LENGTH
-    return np.select([t <= 1, t <= 3], [first(np.abs(run(t))), most - 2 * first(back)], 2 * first(forth) - most)
+    return np.select([t <= 1, t <= 3], [first(np.abs(move_belt(t))), most - 2 * first(back)], 2 * first(forth) - most)
 
 
 def displacement(x, U):
@@ -55,7 +55,7 @@ def scene(bound=BOUND):
         vx.Elasticity(young=YOUNG, poisson=0.0, plane="stress"),
         vx.Symmetry(on="left"),
         vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(bound, on="bottom", ground=lambda x, t: (run(t), 0.0)),
+        vx.TrescaFriction(bound, on="bottom", ground=lambda x, t: (move_belt(t), 0.0)),
     )
 
 
@@ -76,8 +76,8 @@ def picture(history):
     how = {"stress": "xx", "forces": "friction", "stretch": 2.5, "units": UNITS}
     vx.plots.stressed_body(history, step=history.steps // 10, ax=body, **how)
     dense = times(2000)
-    graph.plot(run(dense), hold(dense), "k-", label="rod")
-    graph.plot(run(history.times), -history.reaction("left")[:, 0], "C0o", label="computed")
+    graph.plot(move_belt(dense), hold(dense), "k-", label="rod")
+    graph.plot(move_belt(history.times), -history.reaction("left")[:, 0], "C0o", label="computed")
     for sign in (1, -1):
         graph.axhline(sign * BOUND * LENGTH, color="0.5", linestyle="--", linewidth=1.0)
     graph.set(xlabel="displacement of the belt (mm)", ylabel="force of the hold (N/mm)")

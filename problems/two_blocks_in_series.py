@@ -29,12 +29,12 @@ SMALL = {"n": 4, "steps": 40}
 
 
 def top(t):
-    """Return U(t)."""
+    """Return the displacement U of the top."""
     return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
 def exact_solution(instants):
-    """Return the friction traction q and the slip a of the upper block over the lower one at every instant."""
+    """Return the friction traction q and the slip a of the upper over the lower block at all instants."""
     q, a = np.zeros(len(instants)), np.zeros(len(instants))
     for n, U in enumerate(top(instants[1:]), start=1):
         q[n] = np.clip((U - a[n - 1]) / COMPLIANCE, -BOUND, BOUND)

@@ -179,7 +179,7 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
     assert history.dissipated[fifth] == pytest.approx(work - most * belt.FULL / 3, rel=1e-2)
     # Slips are relative to the belt, which carries the sticking part of the strip along.
     k, x = 3, contact.points[:, 0]
-    run = belt.run(history.times[k])
+    run = belt.move_belt(history.times[k])
     assert np.abs(contact.slip[k, :, 0] - belt.displacement(x, run) + run).max() < belt.AMPLITUDE / belt.LENGTH / 4
     assert np.array_equal(contact.sticking[k], x > x[~contact.sticking[k]].max())
     assert x[contact.sticking[k]].min() == pytest.approx(np.sqrt(run / belt.FULL) * belt.LENGTH, abs=belt.HEIGHT)

@@ -68,8 +68,8 @@ methods and operator splitting converge slowly; therefore their accuracy is 1e-5
 def course(turns, increment=0.5, first=None):
     """Return the samples of an input between turning points, in equal increments after a `first` increment.
 
-    Errors of solvers are relative to the largest energy norm so far. This norm is zero until something moves, so `first`
-    should be large enough to cause slip.
+    Errors of solvers are relative to the largest energy norm so far. This norm is zero until something moves, so
+    `first` should be large enough to cause slip.
     """
     turns = turns if first is None else (turns[0] + first, *turns[1:])
     legs = [np.linspace(a, b, round(abs(b - a) / increment) + 1)[1:] for a, b in pairwise(turns)]

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -76,17 +75,6 @@ def test_run_prints_and_writes_the_history(tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == files | {f"{name}.png" for name in pictures}
     assert f"files       {tmp_path / 'out'}: history.pvd with 3 instants, summary.json" in done.output
     assert f"pictures    {tmp_path / 'out'}: deformed_mesh.png" in done.output
-
-
-@pytest.mark.long
-def test_probes_are_written(tmp_path):
-    assert "probes.csv" in run("--out", tmp_path, "--probe", "0,0", "--probe", "0.3,0.4")
-    lines = (tmp_path / "probes.csv").read_text().splitlines()
-    assert lines[0] == "step,time,point,x,y,displacement_x,displacement_y"
-    found = np.array([[float(word) for word in line.split(",")] for line in lines[1:]])
-    assert found[:, 3:5].tolist() == 3 * [[0.0, 0.0], [0.3, 0.4]]
-    probed = vx.read_history(tmp_path).probe([[0.0, 0.0], [0.3, 0.4]])
-    assert np.array_equal(found[:, 5:], probed.reshape(-1, 2))
 
 
 @pytest.mark.long

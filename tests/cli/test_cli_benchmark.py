@@ -15,7 +15,7 @@ from scenes import mostly_long
 from test_cli import invoke, output_of
 
 import vemcvx as vx
-from vemcvx.cli.collection import INSTANCES, CollectionInstance, write_collection
+from vemcvx.cli.collection import INSTANCES, write_collection
 from vemcvx.cli.collection.benchmark import (
     ANSWERED,
     FAILED,
@@ -189,12 +189,6 @@ class Crashes(Mine):
 class Raises(Mine):
     def solve(self, program, target):
         raise RuntimeError("no pivot")
-
-
-class Warm:
-    def solve(self, program, target, lam, p):
-        answer = vx.Newton().prepare(program.operators).solve(program, target, lam, p)
-        return answer.d, answer.lam, answer.p, int(np.abs(lam).max() > 0)
 """
 
 
@@ -264,18 +258,6 @@ def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_pa
         own = [row for row in rows if row["instance"] == name and row["solver"].startswith("Mine")]
         assert min(float(row["true"]) for row in own) <= 1e-9
     assert {row["solver"].split()[0] for row in rows} == {"Mine", "newton", "scs"}
-
-
-@pytest.mark.slow
-def test_steps_of_a_sequence_start_from_the_previous_solution(collection, tmp_path):
-    """The solver Warm counts starts with nonzero multipliers: all but the first of eight."""
-    short = CollectionInstance(grade="sequences", problem="feng_han_huang", n=8, of=8, step=8, steps=8)
-    write_collection(tmp_path / "all", instances=[short])
-    solvers = f"{collection / 'own.py'}:Warm,osqp,scs"
-    benchmark(tmp_path / "all", "--solvers", solvers, "--tolerances", "1e-8", "--out", tmp_path / "out")
-    trials = {path.name.split("_")[0]: journal(path) for path in (tmp_path / "out").glob("*.jsonl")}
-    assert [one.iterations for one in trials["Warm"]] == [7]
-    assert [one.outcome for one in trials["scs"] + trials["osqp"]] == [ANSWERED] * 2
 
 
 @pytest.mark.slow

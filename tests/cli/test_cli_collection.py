@@ -15,7 +15,7 @@ import pytest
 from test_cli import invoke, output_of
 
 import vemcvx as vx
-from vemcvx.cli.collection import INSTANCES, CollectionInstance, confirm, write_collection, writing
+from vemcvx.cli.collection import INSTANCES, CollectionInstance, confirm, write_collection
 from vemcvx.cli.collection.benchmark import kind_of
 from vemcvx.cli.collection.writing import CORE, LARGE, OPTIMA, SEQUENCES, departures
 from vemcvx.exchange import sequence_from_npz
@@ -45,17 +45,6 @@ def test_names_are_unique_and_published_and_every_grade_has_a_core_instance():
     assert {one.grade for one in INSTANCES if one.name in CORE} == GRADES
     published = [line.split(",")[0] for line in SCRIPT.with_name(OPTIMA).read_text().splitlines()[1:]]
     assert sorted(published) == sorted([*names, *(one.name for one in (*LARGE, *SEQUENCES))])
-
-
-@pytest.mark.parametrize(
-    ("options", "wanted"),
-    [((), {*INSTANCES, *SEQUENCES}), (("--large",), {*INSTANCES, *SEQUENCES, *LARGE}), (("--core",), CORE)],
-)
-def test_options_choose_the_instances(tmp_path, monkeypatch, options, wanted):
-    chosen = []
-    monkeypatch.setattr(writing, "write_collection", lambda folder, beside, some, progress: chosen.extend(some) or "")
-    assert invoke("collection", "--out", tmp_path, *options).exit_code == 0
-    assert {one.name for one in chosen} == {getattr(one, "name", one) for one in wanted}
 
 
 @pytest.mark.long

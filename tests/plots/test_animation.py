@@ -13,7 +13,6 @@ from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.base.canvas import new_figure
-from vemcvx.plots.pictures import _frames
 
 
 @pytest.fixture(scope="module")
@@ -32,18 +31,6 @@ def test_a_gif_has_a_frame_for_each_stored_step(history, tmp_path):
             film.seek(k)
             sizes.add(film.size)
     assert len(sizes) == 1
-
-
-@pytest.mark.long
-def test_all_frames_have_the_same_axes_and_colours(history):
-    figure, seen = new_figure(), []
-    for _ in _frames(history, figure):
-        figure.draw_without_rendering()
-        ax = figure.axes[0]
-        seen.append((ax.get_position().bounds, ax.get_xlim(), ax.get_ylim(), ax.collections[0].get_clim()))
-    assert len(seen) == 5
-    for other in seen[1:]:
-        assert np.concatenate(other) == pytest.approx(np.concatenate(seen[0]), abs=1e-12)
 
 
 def test_films_that_cannot_be_written_are_refused_and_keep_older_files(history, tmp_path, monkeypatch):

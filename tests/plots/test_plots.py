@@ -186,15 +186,6 @@ def test_contact_on_two_sides_is_drawn_over_arc_length_in_two_parts():
         assert np.abs(np.diff(line.position[part])) == pytest.approx(np.linalg.norm(np.diff(x[part], axis=0), axis=1))
 
 
-def test_contact_on_a_ceiling_is_drawn_from_left_to_right():
-    history = squeeze("top", small("squares", 4))
-    line = contact_line(history, "test")
-    assert line.label == "$x_1$"
-    assert line.position == pytest.approx([0.0, 0.25, 0.5, 0.75])
-    assert line.limits == pytest.approx(np.array([[0, 1], [1, 3], [3, 5], [5, 7]]) / 8)
-    assert np.array_equal(line.along(history.contact.traction), history.contact.traction[:, line.order, 0])
-
-
 @pytest.mark.long
 @mostly_slow("suffix, begins", [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures_are_written_and_replace_older_pictures_only(history, loose, tmp_path, suffix, begins):
@@ -283,30 +274,6 @@ def test_a_body_is_coloured_by_its_stress_with_arrows_of_contact_forces(history)
     }
     for stress, values in invariants.items():
         assert np.array_equal(stressed_body(history, -1, stress=stress).axes[0].collections[0].get_array(), values)
-
-
-@pytest.mark.long
-def test_magnification_limits_and_units_can_be_chosen(history):
-    units = {"length": "mm", "force": "N", "time": "s"}
-    axes = new_figure().subplots(2, 3).ravel()
-    deformed_mesh(history, -1, ax=axes[0], magnify=0.5, limits=(0, 7), units=units)
-    cells = axes[0].collections[0]
-    moved = history.mesh.points + 0.5 * history.displacement[-1]
-    assert cells.get_paths()[0].vertices[0] == pytest.approx(moved[history.mesh.cells[0][0]])
-    assert cells.get_clim() == (0, 7)
-    assert axes[0].get_title().startswith("t = 1 s, displacements × 0.5, friction at most ")
-    assert " N/mm" in axes[0].get_title()
-    friction_traction(history, ax=axes[1], limits=(-9, 9), units=units)
-    assert (axes[1].get_ylim(), axes[1].get_ylabel()) == ((-9, 9), "friction on the body\n(N/mm)")
-    stick_slip_map(history, ax=axes[2], units=units)
-    assert (axes[2].get_xlabel(), axes[2].get_ylabel()) == ("$x_1$ (mm)", "t (s)")
-    wear(history, ax=axes[3], limits=(0, 1), units=units)
-    assert axes[3].get_ylabel() == "friction work\n(N mm/mm)"
-    energy_ledger(history, ax=axes[4], limits=(-1, 1), units=units)
-    assert (axes[4].get_ylim(), axes[4].get_ylabel()) == ((-1, 1), "energy (N mm), per thickness")
-    stressed_body(history, ax=axes[5], magnify=2, limits=(-1, 1), units=units)
-    assert "displacements × 2," in axes[5].get_title()
-    assert axes[5].collections[0].get_clim() == (-1, 1)
 
 
 def test_a_magnified_thin_layer_is_not_inverted():

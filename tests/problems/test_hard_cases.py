@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,16 +79,6 @@ def test_the_table_reports_an_answer_with_a_false_certificate():
     shifted = vx.simulate(block(bound=3.9), mesh, times, solver=vx.Clarabel())
     wrong = Finding("Clarabel", "answer", allowed=1e-6, history=shifted)
     assert "differs from Newton by" in compare_findings(case.make(), findings[0], wrong)
-
-
-@pytest.mark.slow
-def test_the_command_draws_a_picture_and_finds_no_wrong_answer(tmp_path):
-    command = [sys.executable, hard_cases.__file__, "--picture", str(tmp_path / "table.png")]
-    environment = {**os.environ, "PYTHONPATH": str(Path(hard_cases.__file__).parents[1])}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert f"{len(hard_cases.CASES)} cases; Newton does" in done.stdout
-    assert "0 findings are wrong" in done.stdout
-    assert (tmp_path / "table.png").stat().st_size > 10_000
 
 
 @pytest.mark.long

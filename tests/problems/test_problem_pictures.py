@@ -112,7 +112,3 @@ def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
     run = subprocess.run([sys.executable, "-m", "vemcvx", *options], capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith(f"{name}: {gallery.title(name).removesuffix('.')[:40]}")
-
-
-def test_pictures_are_small_altogether():
-    assert sum(path.stat().st_size for path in (ROOT / "problems" / "pictures").glob("*.png")) < 4_500_000

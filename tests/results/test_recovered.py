@@ -163,28 +163,3 @@ def test_averages_keep_constants_resultants_and_signs(closed_below, angle):
     assert (found[:, ~closed] == 0).all()
     assert found @ lengths == pytest.approx(forces.sum(axis=1), rel=1e-12)
     assert np.ptp(found[1, closed]) < 0.3 * np.ptp(forces[1, closed] / lengths[closed])
-
-
-def press_blocks(lower, upper, top, n=4):
-    """Press a block in space on another, five cells on four, by the stress top(x); return contact."""
-    make, (x, y) = vx.meshes.SPACE_FAMILIES, ((0, 1), (0, 1))
-    parts = {
-        "lower": make[lower](n, box=(x, y, (-1, 0)), seed=1),
-        "upper": make[upper](5 * n // 4, box=(x, y, (0, 1)), seed=2),
-    }
-    scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.Clamp(on="lower.bottom"),
-        vx.Symmetry(on=[f"{body}.{side}" for body in parts for side in ("left", "right", "front", "back")]),
-        vx.Traction(lambda x, t: np.column_stack([np.zeros((len(x), 2)), -t * top(x)]), on="upper.top"),
-        vx.UnilateralContact(on="lower|upper"),
-    )
-    return vx.simulate(scene, vx.meshes.bodies(parts), [0.0, 1.0]).contact
-
-
-@pytest.mark.long
-def test_constant_pressure_and_resultants_in_space_are_exact():
-    contact = press_blocks("cubes", "voronoi3", lambda x: np.ones(len(x)))
-    assert contact.pressure_recovered[-1] == pytest.approx(1.0, abs=1e-9)
-    contact = press_blocks("cubes", "voronoi3", lambda x: 1 + x[:, 0])
-    assert contact.pressure_recovered @ contact.lengths == pytest.approx(contact.pressure @ contact.lengths)

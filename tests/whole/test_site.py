@@ -73,10 +73,6 @@ def test_gallery_pages_name_the_tests_of_a_problem():
     assert set(problem_files()) - set(found) <= {"frictional_hysteresis", "missed_reversal"}
 
 
-def test_contributing_names_the_command_of_the_site():
-    assert f"python {SCRIPT.relative_to(ROOT).as_posix()} " in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-
-
 def test_checks_of_pages_find_every_kind_of_fault(tmp_path):
     pytest.importorskip("bs4")
     from generator import checks

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Row, bounds_distance, distance, judge
+from vemcvx.cli.compare import Row, bounds_distance, distance, judge, warn_once
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import list_installed
 
@@ -213,6 +214,20 @@ def test_a_time_limit_ends_the_process_of_a_solver(broken):
     }
     solved = [key for key, line in read_rows(output).items() if line[1] != "-"]
     assert solved == [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default")]
+
+
+def test_warnings_are_raised_once_if_all_solvers_fail():
+    """A warning may name the mistake in the problem."""
+
+    def fail():
+        for _ in range(2):
+            warnings.warn("held on one side", vx.SceneWarning, stacklevel=1)
+        raise vx.SceneError("no solver answers")
+
+    told = pytest.warns(vx.SceneWarning, match="held on one side")
+    with told as warned, pytest.raises(vx.SceneError, match="no solver answers"), warn_once():
+        fail()
+    assert len(warned) == 1
 
 
 @pytest.mark.long

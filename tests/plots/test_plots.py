@@ -200,8 +200,12 @@ def test_pictures_are_written_and_replace_older_pictures_only(history, loose, tm
         write_plots(history, tmp_path, suffix)
     with pytest.raises(vx.HistoryError, match=r"write_plots: .*jpg"):
         write_plots(history, tmp_path, ".jpg")
-    with pytest.raises(vx.VemcvxError, match="cannot write pictures there"):
-        write_plots(loose, tmp_path / f"wear{suffix}")
+
+
+def test_pictures_are_not_written_into_a_file(loose, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(vx.VemcvxError, match="taken: cannot write pictures there"):
+        write_plots(loose, tmp_path / "taken")
 
 
 @pytest.mark.parametrize(

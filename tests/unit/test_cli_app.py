@@ -230,25 +230,6 @@ def test_a_failing_cell_and_a_server_that_stops_are_errors(tmp_path, monkeypatch
     assert "app: the server of the page has stopped" in output
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (("--check", "--html", "x.html"), "app: found --check and --html; give one of them."),
-        (("--html", "nowhere/x.html"), "--html: nowhere/x.html cannot be written: its folder must exist"),
-        (("--step", "3"), "app: found --step without --html; the live page has a slider for the step."),
-        (("nothing", "--check"), "nothing: there is no such problem file here"),
-        (("--port", "70000"), "Invalid value for '--port'"),
-    ],
-)
-def test_wrong_options_are_refused(words, sentence, tmp_path, monkeypatch):
-    monkeypatch.setenv(live_page.GIVEN, "")
-    monkeypatch.chdir(tmp_path)
-    code, output = call("app", *words)
-    assert code == 2
-    assert sentence in output
-
-
 @pytest.fixture
 def address(tmp_path):
     """Yield the address of the page, with its token, on a server in its own process; stop the server like Ctrl-C."""

@@ -299,9 +299,9 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # Otherwise take one sure step, from the point where the last sure step ended, and continue Newton's method from the
 # result. Until the gap is halved again, Newton's method has one round between two sure steps.
 #
-# **Theorem.** The smallest gap tends to zero. *Proof.* If the gap is halved again and again, the claim holds. If not,
-# then from some round on there are always further sure steps. They are the iterates of the projected gradient, so the
-# gap of these iterates tends to zero, and it is halved after all: a contradiction. $\square$
+# **Theorem.** The smallest gap tends to zero. *Proof.* If it is halved again and again, the claim holds. Otherwise
+# there is a round after which it is never halved, and sure steps go on for ever. They are the iterates of the
+# projected gradient, so their gap tends to zero, and the smallest gap is halved after all: a contradiction. $\square$
 
 
 # %%

@@ -69,7 +69,7 @@ def test_a_bump_between_nodes_increases_the_bound_of_a_body_on_an_inclined_suppo
 
 
 @pytest.mark.long
-def test_two_friction_effects_on_one_ground_have_the_bound_of_their_sum():
+def test_splitting_friction_into_two_effects_keeps_the_error_bound():
     def belt(x, t):
         return 0.02 * t, 0.0
 

@@ -1,4 +1,4 @@
-"""The problems of bodies of revolution against their closed forms, and balances of forces of the full turn."""
+"""The problems of bodies of revolution against their closed forms, and balances of forces, summed around the axis."""
 
 from __future__ import annotations
 

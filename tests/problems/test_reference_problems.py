@@ -41,7 +41,7 @@ def test_a_block_pushed_uphill(polish, family):
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_cylinder_presses_as_hertz_says(solver):
-    """Half-width a and peak pressure are within two per cent for the measured force, on elements of a / 12."""
+    """Half-width a and peak agree with Hertz for the measured force within two per cent, on elements of a / 12."""
     history = vx.simulate(hertz.scene(), hertz.mesh(12), hertz.times(3), solver=solver)
     contact = history.contact
     P = 2 * history.force("bottom")[-1][1]

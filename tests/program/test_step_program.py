@@ -157,7 +157,7 @@ def make_exact_program(seed, block):
     K = root @ root.T + np.diag(2.0 ** rng.integers(-6, 3, n))
     B, D = rng.integers(-2, 3, (m * block, n)).astype(float), rng.integers(-2, 3, (r, n)).astype(float)
     d = rng.integers(-64, 65, n) / 64
-    # Slips s = B d - b along (3, 4)/5 in two components: lam = w s/|s| is a number of few bits, too.
+    # With two components, slips s = B d - b are along (3, 4)/5, so that lam = w s/|s| has few bits, too.
     way = np.array([[3.0, 4.0], [-4.0, 3.0], [3.0, -4.0]]) if block == 2 else np.array([[1.0], [-1.0], [1.0]])
     kind, w = rng.integers(0, 3, m), 5.0 * rng.integers(1, 8, m)
     size = 5.0 if block == 2 else 1.0
@@ -224,7 +224,7 @@ def test_the_active_one_of_two_parallel_bounds_has_the_force():
     operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=np.ones((2, 1)))
     program = StepProgram(operators, np.array([2.0]), np.zeros(0), np.zeros(0), np.array([1.0, 3.0]))
     _, p = program.multipliers(np.ones(1))
-    # The force of the second bound, at a distance z, has the part level / (level + z), with level = 1e-6 z.
+    # The second bound, at a distance z, gets the fraction level / (level + z) of the force; level = 1e-6 z.
     assert p == pytest.approx([1.0, 0.0], abs=2e-6)
     assert program.certify([1.0]).gap <= 2 * 2e-6
 

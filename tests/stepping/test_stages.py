@@ -19,7 +19,7 @@ MESH, SIDES = blocks(2), ["left", "right"]
 
 
 def pulled(law, out=(0.0, 0.02)):
-    """Return the scene of a block pressed on another, whose top moves from out[0] at t = .5 to out[1] at t = 2."""
+    """Return the scene of two blocks; the upper block's left side moves from out[0] at t = .5 to out[1] at t = 2."""
     return vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.Clamp(on="low.bottom"),

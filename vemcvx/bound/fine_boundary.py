@@ -48,9 +48,9 @@ class FineBoundary:
         return line
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
-        """Return values (m, j) of rows at both ends of boundary edges, (b, 2, j); nan on edges without rows.
+        """Convert values (m, j) of rows to values (b, 2, j) at the ends of boundary edges; nan on edges without rows.
 
-        Effects whose rows have no edges are omitted.
+        All entries are nan if `rows.ends` is None.
         """
         found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
         if rows.ends is not None:
@@ -67,7 +67,7 @@ class FineBoundary:
 
 
 def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
-    """Return `values`, with `line` in place of values that differ from it by rounding errors only, and `line`."""
+    """Replace values by `line` where they differ from it by rounding errors only; return the values and `line`."""
     size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
     return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
 

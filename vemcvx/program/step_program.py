@@ -127,7 +127,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm of g, overlaps or forced slips of stuck terms; if 0, root of w |b|, friction work."""
+        """The largest energy norm among g, overlaps, and forced slips of stuck terms; if 0, root of the work w'|b|."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -244,7 +244,7 @@ class StepProgram(ArrayRecord):
             law = of_terms, np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
-        if operators.own_columns is None:  # Rows on one unknown divide the force on it, each row within its bound.
+        if operators.own_columns is None:  # Rows that share an unknown divide the force on it.
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
             return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))

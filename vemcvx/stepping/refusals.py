@@ -111,7 +111,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
 
 
 def refuse_floating_rates(system: System) -> None:
-    """Raise SceneError if a law of slip rates alone holds a body: errors of the forces would change its slips."""
+    """Raise SceneError if only friction that depends on slip rates holds a body: errors of forces would alter slips."""
     if system.kernel is not None and system.norms is not None and system.norms.reads_rates:
         raise SceneError(
             "friction: found a law of slip rates, but nothing except friction and contact holds the body against "

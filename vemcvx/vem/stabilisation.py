@@ -4,8 +4,8 @@
 
 The first part is exact if u or v is linear. The second part is zero then, because (I - Pi) p = 0 for linear p. So (2.8)
 and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do
-not depend on K: the energy of (I - Pi) v must be comparable to its true energy. (It is comparable to the shear energy
-only: with lam in S_K the method would lock. So alpha_* decreases as nu grows; on a square it is at most
+not depend on K: S_K of (I - Pi) v must be comparable to its true energy. (The default S_K is comparable to the
+shear energy only: with lam in S_K the method would lock. So alpha_* decreases as nu grows; on a square it is at most
 6 mu / (lam + 3 mu): problems/stabilisation_spectrum.py.) In vertex values S_K is a matrix S, symmetric and positive
 definite on the range of I - Pi, which adds to the local matrix
 
@@ -37,11 +37,11 @@ class Stabilisation(ABC):
     """A base class for a user's stabilisation S_K: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
 
     A subclass defines `form`. A frozen dataclass is best: it compares, prints and pickles well. `form` receives groups
-    of cells with equally many vertices; translates with the same moduli may be passed only once.
+    of cells with equally many vertices; one cell may stand for all its translates with the same moduli.
 
     Examples
     --------
-    mu for every component at every vertex, half of "shear". In the plane C[:, 2, 2] is mu (in space C[:, 3, 3]);
+    This example is S = mu I, half of "shear". In the plane C[:, 2, 2] is mu (in space C[:, 3, 3]);
     problems/stabilisations_of_ones_own.py has more examples.
 
     >>> class HalfOfOurs(vx.Stabilisation):

@@ -9,9 +9,9 @@ bodies does not change the pressure, and nodes slip in circles. The torque of fu
 $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
 
 the torque of a cone clutch under uniform pressure (Shigley, *Mechanical Engineering Design*, 16-9, with the axial force
-p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors, because nodes of one body on the chords of the other would wedge the
-rotating joint. Their layers do not match. The pressure at all nodes is p with a relative error below (pi / (4n))^2.
-With n = 8 the torque is .64 % below the torque of the cone, because polygons replace the circles.
+p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors: otherwise nodes of one body would lie inside chords of the other
+body, and wedge the rotating joint. Their layers do not match. The pressure at all nodes is p with a relative error
+below (pi / (4n))^2. With n = 8 the torque is .64 % below the torque of the cone, because polygons replace the circles.
 
     vemcvx run problems/cone_clutch.py --n 8 --steps 10 --accuracy 1e-6 --plot
 """
@@ -57,7 +57,7 @@ def scene(friction=FRICTION, angle=ANGLE):
 
 
 def lean_layers(flat, levels, inside):
-    """Return a ring extruded to prisms that lean like the joint: inside of it, or from it to the rim."""
+    """Return `flat` extruded to prisms that lean like the joint: in the cone if `inside`, else from cone to rim."""
     solid = flat.extruded(levels)
 
     r, cone = np.hypot(*solid.points[:, :2].T), SMALLER + SLOPE * solid.points[:, 2]

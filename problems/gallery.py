@@ -123,7 +123,7 @@ def title(name):
 
 
 def write_page(folder):
-    """Write README.md into `folder`: every picture there that has the name of a file beside this file."""
+    """Write README.md into `folder`, with every picture there that is named like a Python file in `problems`."""
     lines = [
         "# Gallery",
         "",

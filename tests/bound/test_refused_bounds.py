@@ -47,7 +47,7 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
     [
         # Springs at all nodes state a different problem on each mesh, so that bounds of two meshes would disagree.
         ((STEEL, Stiffness()), "springs to the ground along boundary edges"),
-        # The weight is zero, so that the check of active effects would not find this friction.
+        # A check of nonzero forces alone would miss this friction, because its weight is zero.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
         # All nodes are held, so that no cell is strained: without the refusal, the bound would be a ninth of the error.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
@@ -61,7 +61,7 @@ def test_scenes_without_a_bound_are_refused(effects, message):
 
 
 @pytest.mark.long
-def test_coulomb_friction_that_is_zero_at_nodes_is_bounded_as_given_friction():
+def test_coulomb_friction_that_is_zero_at_nodes_has_a_bound_for_the_given_friction():
     """The bound does not hold for the scene itself, in which friction acts between nodes."""
     between = vx.CoulombFriction(lambda x, t: np.where(x[:, 0] % 0.5 > 0.01, 0.5, 0.0), on="bottom")
     load = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), on="top")

@@ -54,7 +54,7 @@ PAIRS = {
 @pytest.mark.long
 @few_families
 @pytest.mark.parametrize("pair", PAIRS)
-def test_one_side_with_two_names_acts_as_one_side(family, pair):
+def test_a_side_divided_into_two_parts_acts_as_one_side(family, pair):
     mesh = floor(family)
     one, two = run(mesh, *PAIRS[pair]("bottom")), run(mesh, *PAIRS[pair]("west"), *PAIRS[pair]("east"))
     size = np.abs(one.displacement).max()

@@ -7,9 +7,9 @@ This module does not use the package. A step of backward Euler is the convex pro
     subject to  E u = h,   n_j.u <= gap_j  at rigid obstacles,
 
 in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program to 1e-13 if
-possible. On the sets of Clarabel's answer, the optimality conditions are solved again as a dense linear system, and all
-inequalities are checked. Coulomb's friction, w = mu p, needs a fixed-point iteration, in which each program begins with
-the sets of the previous program.
+possible. On the active sets of Clarabel's answer (slipping rows, pressing obstacles), the optimality conditions are
+solved again as a dense linear system, and all inequalities are checked. Coulomb's friction, w = mu p, needs a
+fixed-point iteration, in which each program begins with the sets of the previous program.
 
 Signs: normals point out of the body, and tangents are normals rotated by +90 degrees. Friction exerts the nodal force
 -lam t on the body, and the obstacle exerts -p n.
@@ -502,7 +502,7 @@ class March:
         return np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int), acts
 
     def _polish(self, H, f, gap, h, bounds, b, sets):
-        """Solve the optimality conditions on the sets as a dense linear system; correct sets with wrong signs."""
+        """Solve the optimality conditions, a dense linear system, on the sets; repair sets with wrong signs."""
         sign, acts = sets
         n = len(f)
         for _ in range(MOST_SETS):

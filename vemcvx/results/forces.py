@@ -10,10 +10,10 @@ P'(B^' lam + D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as i
 to the ground are part of A: their forces are -K_s u. If two supports hold the same direction of a node, the first takes
 the force.
 
-A force on a node acts through the sides (in space, faces) of its effect that meet there. A contact row has its own
-sides. The force of a support is distributed, in proportion to int phi_i (phi_i: the hat function of the node), over the
-sides to which its direction is normal, or over all sides if there are none. So the force of each effect is divided
-among the boundaries, and the parts add up to the whole force.
+A force on a node acts through the sides (in space, faces) of its effect that meet there. The force of a contact row
+is divided among the ends of the row (:mod:`vemcvx.scene.rows`), in proportion to their lengths. The force of a support
+is distributed, in proportion to int phi_i (phi_i: the hat function of the node), over the sides to which its direction
+is normal, or over all sides if there are none. So the forces of an effect on all boundaries add up to its whole force.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class BoundaryForces(ArrayRecord):
     Attributes
     ----------
     causes : (q, 2) int
-        The effect of each row, a number in `History.effects`, and a second effect that acts on the same sides, so that
-        the forces of both are not separate; -1 if there is none.
+        The number in `History.effects` of the effect of each row, and of a second effect if both act on the same side
+        and their forces cannot be separated; -1 stands for no effect.
     ends : (q, 2) int
         The node, and the other node of the side, or in space the number of the face. The second number is -1 without
         a side, and -2 for forces on the other body of an interface.
@@ -120,7 +120,7 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 def _list_contact(
     posed: PosedScene, rows: ContactRows, parts: Sequence[ContactSurface], kind: str, force: Floats
 ) -> Iterator[_Rows]:
-    """Yield the forces (S, m, dim) of contact rows, made from `parts`, on their nodes and then on the partners."""
+    """Yield the forces of contact rows on nodes, then the opposite forces on partners; the rows come from `parts`."""
     each = rows.ends.tocoo()
     share = each.data / rows.lengths[each.row]
     causes = _owners(rows.nodes[each.row], rows.partners[each.row], rows.names[each.col, 1], parts, posed.causes[kind])
@@ -133,7 +133,7 @@ def _list_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return the first two effects (k, 2) that own each end of an edge; -1 if there is no such effect."""
+    """Return for each end of contact rows the first two effects (k, 2) whose rows have this end; -1 for no effect."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -157,7 +157,7 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        # Pins take no force. The force on the axis of a body of revolution tends to zero with the mesh size.
+        # Pins take no force. Materials hold the axis of a body of revolution; this force tends to zero with h.
         if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions
@@ -250,7 +250,7 @@ def reaction(history: Acting, name: str) -> Floats:
 
 
 def force(history: Acting, of: Cause) -> Floats:
-    """Return the force of an effect, or on a boundary without its supports: see :meth:`vemcvx.History.force`."""
+    """Return the force of an effect, or of contact, friction and springs on a boundary: see `History.force`."""
     acting = history.acting
     if isinstance(of, str):
         return _total(acting.force[:, _through(history, of, "force") & ~acting.held])
@@ -260,7 +260,7 @@ def force(history: Acting, of: Cause) -> Floats:
 
 
 def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
-    """Return the moment of an effect, or on a boundary without its loads: see :meth:`vemcvx.History.moment`."""
+    """Return the moment of an effect, or of all effects but loads on a boundary: see `History.moment`."""
     history._space.refuse_revolution("moment")
     acting, points = history.acting, history._space.mesh.points
     centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")

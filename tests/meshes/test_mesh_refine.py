@@ -197,9 +197,6 @@ def test_cells_to_refine_are_given_by_number_or_by_flag():
             for name in mesh.ARRAYS:
                 np.testing.assert_array_equal(getattr(found.mesh, name), getattr(mesh, name))
             np.testing.assert_array_equal(found.parents, np.arange(mesh.n_cells))
-        for cells in ([-1], np.ones(4, dtype=bool)):
-            with pytest.raises(vx.MeshError, match=r"cells to refine must be numbers of cells .*got"):
-                mesh.refine(cells)
 
 
 @pytest.mark.long

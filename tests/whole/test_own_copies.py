@@ -75,17 +75,6 @@ def test_systems_copy_their_arguments():
     assert np.array_equal(vx.march(system, TIMES).state, state)
 
 
-def test_meshes_copy_their_arguments():
-    points, cells = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), np.array([[0, 1, 2, 3]])
-    sides, data = np.array([[3, 0]]), np.ones(1)
-    mesh = vx.PolygonMesh(points, cells, boundaries={"left": sides}, cell_data={"a": data})
-    for value in (points, cells, sides, data):
-        value[...] = 0
-    assert mesh.areas.tolist() == [1.0]
-    assert mesh.boundaries["left"].tolist() == [[3, 0]]
-    assert mesh.cell_data["a"].tolist() == [1.0]
-
-
 def test_runs_copy_instants_and_initial_states():
     times, initial = TIMES.copy(), np.zeros((MESH.n_nodes, 2))
     history = vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp("right")), MESH, times, initial=initial)

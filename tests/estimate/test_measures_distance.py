@@ -169,22 +169,6 @@ def test_nodal_distances_need_the_nodes_of_the_first_mesh_in_the_second():
         vx.measures.energy_distance(fine, coarse, kind="nodal")
 
 
-def test_wrong_kinds_meshes_and_fields_are_refused():
-    a, b = field(vx.meshes.squares(3), wavy), field(small("voronoi", 3), wavy)
-    distance = vx.measures.energy_distance
-    for error, message, call in (
-        (vx.MeshError, r"second mesh\): cell \d+, of \d vertices", lambda: distance(a, b, kind="exact")),
-        (
-            vx.HistoryError,
-            r"found displacements \(4, 2\)",
-            lambda: vx.measures.Field(a.mesh, np.zeros((4, 2)), a.moduli),
-        ),
-        (vx.HistoryError, r"found moduli \(2, 3\)", lambda: vx.measures.Field(a.mesh, a.displacement, np.ones((2, 3)))),
-    ):
-        with pytest.raises(error, match=message):
-            call()
-
-
 def test_different_domains_are_refused_unless_their_common_part_is_requested():
     a, b = field(vx.meshes.squares(4), affine), field(vx.meshes.squares(4, box=((0, 0.5), (0, 1))), nothing)
     with pytest.raises(vx.MeshError, match=r"first mesh has the area 1, the second 0.5, and they share 0.5; both must"):

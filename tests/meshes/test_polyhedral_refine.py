@@ -99,17 +99,6 @@ def test_uniform_refinement_of_prisms_gives_prisms_over_the_parts_of_their_polyg
     assert np.ptp(wedges.volumes) < 1e-16
 
 
-def test_only_tetrahedra_are_refined_locally():
-    wanted = r"^refine: local refinement in space needs tetrahedra .*; cell 0, with 6 faces, is not one\. Start with"
-    with pytest.raises(vx.MeshError, match=wanted):
-        vx.meshes.cubes(2).refine([0])
-    joint = bodies({"a": tetrahedra(2), "b": tetrahedra(3, UP)})
-    with pytest.raises(vx.MeshError, match="local refinement in space needs tetrahedra"):
-        joint.refine([0])
-    with pytest.raises(vx.MeshError, match="^adapt: local refinement in space needs tetrahedra"):
-        vx.adapt(vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="top")), vx.meshes.prisms(2), [0.0, 1.0])
-
-
 @pytest.mark.parametrize("make", ["kelvin", "voronoi3"])
 def test_cells_whose_parts_would_have_curved_faces_are_refused(make):
     with pytest.raises(vx.MeshError, match=r"^refine: parts of cells .* would not have plane faces \(cell"):

@@ -44,13 +44,6 @@ def test_a_user_defined_law_needs_no_slope(accuracy):
     assert abs(run.state[-1, 0] - u) <= 2 * run.certified[-1] * run.norm[-1]
 
 
-def test_the_slope_of_a_law_has_one_row_per_term_and_one_column_per_limit():
-    norms = vx.Norms([[1.0]], 0.0, law=vx.Law(lambda t, p, past, slip: p, slope=lambda t, p, past: np.ones((2, 1))))
-    system = vx.System([[1.0]], lambda t: [t], norms, limits=vx.Limits([[1.0]], 0.0))
-    with pytest.raises(vx.SceneError, match=r"^Norms: slope: found a matrix of shape \(2, 1\); wanted \(1, 1\)"):
-        vx.march(system, [0.0, 1.0])
-
-
 def resting(push=0.29, mu=0.3, young=200.0, press=1.0):
     """Return the scene of a block that is pressed and pushed on a floor, without supports."""
 

@@ -50,9 +50,9 @@ LINES |= {"meshes": 6_964, "meshes/io": 1_403, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_825
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 21_836
+TESTS = 21_745
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 32_292
+ALL_TESTS = 32_201
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -66,6 +66,8 @@ from .exchange import write_program as write_program
 from .history import History as History
 from .history import joined as joined
 from .history import read_history as read_history
+from .limit_analysis.limit_load import LimitLoad as LimitLoad
+from .limit_analysis.limit_load import limit_load as limit_load
 from .linear import Iterative as Iterative
 from .linear import LinearSolver as LinearSolver
 from .linear import Pardiso as Pardiso

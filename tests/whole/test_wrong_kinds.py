@@ -126,6 +126,7 @@ GIVEN = {
 """Name -> valid value of a parameter without a default."""
 OTHERS = {
     vx.adapt: {"target": 0.9},
+    vx.limit_load: {"scene": vx.Scene(STEEL, *GRIPPED), "load": PUSH},
     vx.Orthotropic: {"young": (2.0, 1.0)},
     vx.PrescribedDisplacement: {"value": (1.0, 0.0)},
     vx.TrescaFriction: {"on": "bottom"},
@@ -149,7 +150,7 @@ USES = {
     vx.programs: list,
     vx.programs_of_march: list,
 }
-OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity
+OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity, vx.LimitLoad
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
 """Records that runs and solvers return: `tests/whole/test_contributing.py` tests answers of a solver."""
 LEFT = {"progress", "stream", "folder", "effects"}

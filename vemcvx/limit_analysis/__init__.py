@@ -1,0 +1,1 @@
+"""Limit loads: cone programs for a whole load, without steps."""

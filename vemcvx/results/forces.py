@@ -10,10 +10,10 @@ P'(B^' lam + D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as i
 to the ground are part of A: their forces are -K_s u. If two supports hold the same direction of a node, the first takes
 the force.
 
-A force on a node acts through the sides (in space, faces) of its effect that meet there. The force of a contact row
-is divided among the ends of the row (:mod:`vemcvx.scene.rows`), in proportion to their lengths. The force of a support
-is distributed, in proportion to int phi_i (phi_i: the hat function of the node), over the sides to which its direction
-is normal, or over all sides if there are none. So the forces of an effect on all boundaries add up to its whole force.
+A force on a node acts through the sides (in space, faces) of its effect that meet there. The force of a contact row is
+divided among the row's ends (`vemcvx.scene.rows`) in proportion to their lengths. The force of a support is
+distributed, in proportion to integrals of hat functions, over the sides to which its direction is normal, or over all
+sides if there are none. So the force of each effect is divided among boundaries, and the parts add up to it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Bounds for data with features between the quadrature points, both of the assembly and of the bounds themselves."""
+"""Bounds for data with features that the quadrature points of the assembly, and those of the bounds, may miss."""
 
 from __future__ import annotations
 

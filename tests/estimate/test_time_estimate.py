@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from random_scenes import KINDS, coarse_mesh, declared_scene
+from random_scenes import KINDS, coarse_mesh, feature_scene
 from scenes import mostly_long, paper_scene
 
 import vemcvx as vx
@@ -149,7 +149,7 @@ def test_the_estimate_does_not_depend_on_the_stored_steps(lifted, initial):
 
 def measure_effectivity(seed):
     """Return the effectivities of the whole budget and of its error of steps, and the relative true error of steps."""
-    scene, initial = declared_scene(seed)
+    scene, initial = feature_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)
     system = pose_scene(scene, mesh).system
@@ -168,7 +168,7 @@ def measure_effectivity(seed):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction")
 @pytest.mark.parametrize("seed", range(40), ids=lambda seed: f"{seed}-{KINDS[seed % len(KINDS)]}")
-def test_estimates_of_declared_scenes_are_one_to_five_times_the_true_errors(seed):
+def test_estimates_of_scenes_with_features_are_one_to_five_times_the_true_errors(seed):
     whole, in_steps, lost = measure_effectivity(seed)
     assert 1.0 <= whole <= MOST
     if lost > NOISE:

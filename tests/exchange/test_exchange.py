@@ -93,7 +93,7 @@ def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     assert found.gap <= 4 * (program.certificate.gap + program.certificate.floor) + found.floor
     if form == "npz":
         assert isinstance(back, vx.SolvedProgram)
-        # If K has a kernel, K from a file is factorised with other anchors, and bounds differ by rounding.
+        # Anchors on a kernel of K (`vemcvx.program.kernel`) are chosen anew after reading: bounds differ by rounding.
         floor = program.certificate.floor
         assert back.bounds == (
             program.bounds if ours.kernel is None else pytest.approx(program.bounds, rel=0, abs=floor)

@@ -196,7 +196,7 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
     """Place one part twice; the second instance is moved up by 1, then rotated about its middle by 90 degrees."""
     mesh = read_text(".inp", PART + ASSEMBLY, bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
-    assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}  # named on one side
+    assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}  # a surface of low
     middles = {name: mesh.points[edges].mean(axis=(0, 1)).round(12).tolist() for name, edges in mesh.boundaries.items()}
     assert middles == {
         "low.base": [0.5, 0.0],
@@ -279,7 +279,7 @@ TWO = """*NODE
 
 
 def test_a_name_on_part_of_an_interface_names_this_part(read_text):
-    """Name a set "toe" on the second body: the boundary "toe" is the piece of the first body that touches the set."""
+    """Name a set "toe" on the second body: the boundary "toe" has the edges of the first body that touch it."""
     mesh = read_text(".inp", TWO.format(y=1.0), bodies="physical")
     assert mesh.interfaces["foot"].bodies == ("low", "high")
     toe = mesh.boundaries["toe"].tolist()

@@ -32,7 +32,7 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
     assert found.max() == pytest.approx(high)
     assert found[found.argmax() :].min() == pytest.approx(low)
     falls = run.times[1:][np.diff(found) < 0]
-    # The sawtooth has the period .02, a step has .005: the pad slips in the step after the one that reaches mu_0 P.
+    # In short steps the period is .02. Here it is one step longer: the pad slips in the step after friction mu_0 P.
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 
@@ -44,7 +44,7 @@ def test_with_free_sides_the_steady_friction_is_the_bound_at_the_speed_of_the_di
 
 
 def test_a_block_sinks_into_its_dashpots_like_an_exponential():
-    """Step by step the closed form is exact. Energies have errors O(k): the weight works while the block sinks."""
+    """Steps have their own closed form. Sinking and loss over time have errors O(k); the work is that of the weight."""
     errors, mesh = [], support.mesh(3)
     mesh = mesh.with_cell_data("all", np.ones(mesh.n_cells))
     for steps in (50, 100):
@@ -72,7 +72,7 @@ def test_a_block_without_springs_creeps_at_a_constant_speed():
 
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()])
 def test_other_solvers_move_a_disc_below_a_pad_at_rest(solver):
-    """In the first step the disc moves, and all forces are balanced up to rounding."""
+    """At rest all forces are balanced up to rounding: only the motion of the disc gives the first step a scale."""
     times = brake.times(20)
     found, exact = (
         vx.simulate(brake.scene(), brake.mesh(2), times, initial="settled", solver=one) for one in (solver, None)

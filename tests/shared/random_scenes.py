@@ -40,11 +40,11 @@ def coarse_mesh(seed, n=6):
 
 
 KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")
-"""Kinds of declared scenes: scene number k is of the kind KINDS[k % 8]."""
+"""Kinds of scenes with a feature: scene number k is of the kind KINDS[k % 8]."""
 
 
-def declared_scene(seed):
-    """Return a declared scene and its initial state.
+def feature_scene(seed):
+    """Return a scene with a feature that a run may miss, and its initial state.
 
     Scenes are blocks of random stiffness and Poisson's ratio. Each has one feature that steps, nodes or quadrature
     points may miss: heat that varies in space and time, a bump of the obstacle, friction on a small patch, a bound that

@@ -152,7 +152,7 @@ USES = {
 }
 OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity, vx.LimitLoad
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
-"""Records that runs and solvers return: `tests/whole/test_contributing.py` tests answers of a solver."""
+"""Records that runs and solvers return, not tested here; `tests/whole/test_contributing.py` tests answers."""
 LEFT = {"progress", "stream", "folder", "effects"}
 """Parameters that are not tested: `progress` (any function), paths of output, and the effects of a scene."""
 METHODS = (

@@ -18,19 +18,19 @@ computable number
 by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r_z| / 2. It is the best result over s of
 the parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager
 and J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
-Posteriori Error Estimation* (2000), chapter 8). Springs to the ground are treated like triangles. Their part of
-(r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
+Posteriori Error Estimation* (2000), chapter 8). Springs to the ground count as triangles, as in :mod:`.hypercircle`.
+Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
-The proof uses two conditions. Except for q itself, tractions of tau_z do no work on e. T(z_h) contains the work on z_h
-of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are met if z_h
-vanishes on contact, and tau_z has no traction there (except for bonded normals). Then the interval is a theorem for any
-stick, slip and opening. In this case r_z does not decrease with the mesh size, and the width decreases like A. Where
-z_D moves an end of an edge with friction, the work of friction there is bounded by its largest possible value.
+The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) contains the
+work on z_h of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are
+met if z_h vanishes on contact, and tau_z has no traction there, except normal ones where contact cannot open. Then the
+interval is a theorem for any stick, slip and opening; but r_z does not decrease with the mesh size, and the width
+decreases like A. Where z_D moves an end of an edge with friction, friction work there is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
-The omitted load l_0 changes q(u) by l_0(z_h), and by A_z eta through friction and contact; an omitted part q_0 of the
-quantity changes it by q_0(u) (:mod:`.reading`). The interval contains estimates of these changes.
+The load minus its linear fit, l_0 with the norm eta (:mod:`.reading`), changes q(u) by l_0(z_h), and by A_z eta through
+friction and contact. The nonlinear part q_0 of the quantity adds q_0(u). The interval contains estimates of both.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class QuantityBound(Outlined):
 
     @property
     def guaranteed(self) -> bool:
-        """True if the interval is a theorem: load and quantity are linear at all examined points."""
+        """True if the interval is a theorem: at all examined points, load and quantity equal their linear fits."""
         return self.reading == 0.0
 
     @property
@@ -258,7 +258,7 @@ class Dual:
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """Return a bound on the work of friction on z that is not in T, on edges with an end that z_D moves."""
+        """Return a bound on the work on z of friction that T omits: friction on edges with an end that z_D moves."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
         ends, bent = self.fields.on_edges

@@ -53,7 +53,7 @@ TOP = 1_827
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 21_949
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 32_459
+ALL_TESTS = 32_460
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -20,6 +20,13 @@ from vemcvx.meshes import read
 FILES = Path(__file__).parent / "files"
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 FLAT = "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
+DECK, TWICE, WITHIN, TWO, BULK, GMSH = (
+    (FILES / name).read_text()
+    for name in (
+        *("many_spellings.inp", "one_part_twice.inp", "meshes_in_instances.inp", "two_blocks.inp"),
+        *("three_layouts.bdf", "groups_41.msh"),
+    )
+)
 
 
 @pytest.fixture
@@ -108,44 +115,6 @@ def test_every_cell_of_a_rod_has_its_own_material():
 
 # Abaqus.
 
-DECK = """*heading
-a deck with many spellings
-*Node, nset=Everything
-1, 0.,
-2, 1.D0, 0.
-3, 1., 1., 0., 0., 0., 1.
-4, 0., 1.
- 5, 2., 0.
-6, 2., 1.,
-*Element,
- type=cpe4rh, elset=Left
-7, 1, 2,
- 3, 4
-*ELEMENT, TYPE=CPS4I, ELSET="RIGHT"
-8, 2, 5, 6, 3
-*Nset, nset=Floor, generate
-1, 2
-5, 5, 1
-*NSET, NSET=floor
-1
-*Elset, elset=both
-left, right
-*Surface, type=element, name=top
-both, S3
-*Surface, type=NODE, name=ends
-2, 1.
-Floor,
-*Surface, name=far
-8, S2
-*Surface, name=free
-both,
-*Element, type=CAX4
-9, 1, 2, 3, 4
-*Spring, elset=x
-*Step
-*End Step
-"""
-
 
 def test_a_deck_may_use_every_spelling(read_text):
     with pytest.warns(
@@ -170,31 +139,9 @@ def test_a_deck_may_use_every_spelling(read_text):
     }
 
 
-PART = (
-    "*PART, NAME=Block\n" + FLAT + "*ELEMENT, TYPE=CPS4, ELSET=Iron\n1, 1, 2, 3, 4\n*NSET, NSET=base\n1, 2\n*END PART\n"
-)
-ASSEMBLY = """*ASSEMBLY, NAME=A
-*INSTANCE, NAME=low, PART=BLOCK
-*END INSTANCE
-*INSTANCE, NAME=high, PART=Block
-, 1.
-.5, 1.5, 0., .5, 1.5, 1., 90.
-*END INSTANCE
-*ELSET, ELSET=_s, INTERNAL, INSTANCE=high
-1
-*SURFACE, NAME=side
-_s, S3
-*SURFACE, NAME=roof
-low.Iron, S3
-*NSET, NSET=hold, INSTANCE=low, GENERATE
-1, 2
-*END ASSEMBLY
-"""
-
-
 def test_instances_are_bodies_after_translation_and_rotation(read_text):
     """Place one part twice; the second instance is moved up by 1, then rotated about its middle by 90 degrees."""
-    mesh = read_text(".inp", PART + ASSEMBLY, bodies="physical")
+    mesh = read_text(".inp", TWICE, bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
     assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}  # a surface of low
     middles = {name: mesh.points[edges].mean(axis=(0, 1)).round(12).tolist() for name, edges in mesh.boundaries.items()}
@@ -213,38 +160,15 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
 
 def test_a_part_without_an_end_is_read(read_text):
     """Omit *END PART: the part then ends where the file ends or where an instance begins."""
-    part = PART.replace("*END PART\n", "")
-    assert read_text(".inp", part).n_cells == 1
-    assert read_text(".inp", part + ASSEMBLY, bodies="physical").n_cells == 2
-
-
-INDEPENDENT = f"""*PART, NAME=Block
-*END PART
-*INSTANCE, NAME=low, PART=Block
-{FLAT}*ELEMENT, TYPE=CPS4
-1, 1, 2, 3, 4
-*END INSTANCE
-*INSTANCE, NAME=high, PART=Block
-0., 1.D0,
-.5, 2., 0., .5, 2., 1., 180.
-*NODE
-1, 0., 0.
-2, 1., 0.
-3, 1., 2.
-4, 0., 2.
-*ELEMENT, TYPE=CPS4
-1, 1, 2, 3, 4
-*NSET, NSET=toe
-1, 2, 99, 98
-*END INSTANCE
-"""
+    assert read_text(".inp", TWICE.partition("*END PART")[0]).n_cells == 1
+    assert read_text(".inp", TWICE.replace("*END PART\n", ""), bodies="physical").n_cells == 2
 
 
 def test_nodes_within_an_instance_are_translated_and_rotated_with_it(read_text):
     """Use instances with meshes of their own; the upper one is moved up by 1, then rotated by 180 degrees."""
     words = r"mesh\.inp: .* not read: .*nodes of toe that do not exist"
     with pytest.warns(vx.MeshWarning, match=words):
-        mesh = read_text(".inp", INDEPENDENT, bodies="physical")
+        mesh = read_text(".inp", WITHIN, bodies="physical")
     assert mesh.points[4:8] == pytest.approx(np.array([(1, 3), (0, 3), (0, 1), (1, 1)]), abs=1e-15)
 
 
@@ -252,35 +176,12 @@ def test_a_part_whose_elements_are_not_read_is_no_body(read_text):
     text = "CPS44\n1, 1, 2, 3, 4\n*NSET"
     words = "'low' with 1 cells, 'high' with 0 cells; .* these parts .* not read: .*elements of the type CPS44 in high"
     with pytest.raises(vx.MeshError, match=words):
-        read_text(".inp", INDEPENDENT.replace("CPS4\n1, 1, 2, 3, 4\n*NSET", text), bodies="physical")
-
-
-TWO = """*NODE
-1, 0., 0.
-2, 3., 0.
-3, 3., 1.
-4, 0., 1.
-11, 0., {y}
-12, 1., {y}
-13, 2., {y}
-14, 0., 3.
-15, 1., 3.
-16, 2., 3.
-*ELEMENT, TYPE=CPS4, ELSET=low
-1, 1, 2, 3, 4
-*ELEMENT, TYPE=CPS4, ELSET=high
-11, 11, 12, 15, 14
-12, 12, 13, 16, 15
-*NSET, NSET=foot
-11, 12, 13
-*NSET, NSET=toe
-11, 12
-"""
+        read_text(".inp", WITHIN.replace("CPS4\n1, 1, 2, 3, 4\n*NSET", text), bodies="physical")
 
 
 def test_a_name_on_part_of_an_interface_names_this_part(read_text):
     """Name a set "toe" on the second body: the boundary "toe" has the edges of the first body that touch it."""
-    mesh = read_text(".inp", TWO.format(y=1.0), bodies="physical")
+    mesh = read_text(".inp", TWO, bodies="physical")
     assert mesh.interfaces["foot"].bodies == ("low", "high")
     toe = mesh.boundaries["toe"].tolist()
     assert toe in [[edge] for edge in mesh.interfaces["foot"].edges.tolist()]
@@ -293,7 +194,7 @@ def test_a_name_on_part_of_an_interface_names_this_part(read_text):
 def test_a_warning_names_a_body_that_touches_no_other(read_text):
     words = r"mesh\.inp: 'high' touches no other body: the nearest nodes, of 'low', are 0\.25 away near \(\d, 1\.25\)"
     with pytest.warns(vx.MeshWarning, match=words) as caught:
-        mesh = read_text(".inp", TWO.format(y=1.25), bodies="physical")
+        mesh = read_text(".inp", re.sub(r"^(1[123], .*, )1\.$", r"\g<1>1.25", TWO, flags=re.M), bodies="physical")
     assert len(caught) == 1
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.UnilateralContact(on="foot"))
     with pytest.raises(vx.SceneError, match="no boundary named 'foot'; outside interfaces it is named 'high.foot'"):
@@ -364,17 +265,6 @@ def test_sides_of_solids_have_the_numbers_of_abaqus(kind, read_text):
 
 # Nastran.
 
-BULK = """$ a comment
-grid,1,,0.,0.,0.
-GRID*                  2                              1.              0.
-*                     0.
-grid           3              1.      1.
-GRID           4              0.      1.      0.
-ctria6,1,7,1,2,3,,,
-CTRIA3         2       8       1       3       4     45.      .1
-MAT1           1    210.              .3
-"""
-
 
 def test_cards_of_nastran_may_have_free_small_and_large_fields(read_text):
     """Read cards without BEGIN BULK and ENDDATA; numbers after the nodes of a cell are ignored."""
@@ -400,56 +290,6 @@ def test_unsupported_cards_are_refused_with_the_cause(read_text):
 
 
 # Gmsh.
-
-GMSH = """$MeshFormat
-4.1 0 8
-$EndMeshFormat
-$PhysicalNames
-3
-1 1 "floor"
-2 5 "steel"
-2 6 "all of it"
-$EndPhysicalNames
-$Entities
-4 5 2 0
-1 0 0 0 0
-2 1 0 0 0
-3 1 1 0 0
-4 0 1 0 0
-1 0 0 0 1 0 0 1 1 2 1 -2
-2 1 0 0 1 1 0 1 9 2 2 -3
-3 1 1 0 0 1 0 0 2 3 -4
-4 0 1 0 0 0 0 0 2 4 -1
-5 0 0 0 1 1 0 1 7 2 1 -3
-1 0 0 0 1 1 0 2 5 6 3 1 2 -5
-2 0 0 0 1 1 0 1 6 3 5 3 4
-$EndEntities
-$Nodes
-1 4 1 4
-2 1 0 4
-1
-2
-3
-4
-0 0 0
-1 0 0
-1 1 0
-0 1 0
-$EndNodes
-$Elements
-5 5 1 5
-1 1 1 1
-1 1 2
-1 2 1 1
-2 2 3
-1 5 1 1
-3 1 3
-2 1 2 1
-4 1 2 3
-2 2 2 1
-5 1 3 4
-$EndElements
-"""
 
 
 def test_groups_of_gmsh_become_boundaries_and_cell_data(read_text, capfd):
@@ -659,7 +499,7 @@ def test_cells_of_higher_order_are_read_by_their_corners(family, nodes, suffix, 
 
 MADE = {".vtu": small("voronoi", 2), ".kelvin.vtu": vx.meshes.kelvin(1)}
 MADE |= {".msh": vx.meshes.triangles(2), ".solid.msh": vx.meshes.tetrahedra(1)}
-TEXTS = {".polyhedra.vtu": POLYHEDRA, ".gmsh.msh": GMSH, ".parts.inp": PART + ASSEMBLY, ".deck.inp": DECK, ".bdf": BULK}
+TEXTS = {".polyhedra.vtu": POLYHEDRA, ".gmsh.msh": GMSH, ".parts.inp": TWICE, ".deck.inp": DECK, ".bdf": BULK}
 
 
 @pytest.mark.slow

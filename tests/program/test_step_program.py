@@ -1,4 +1,4 @@
-"""A step's program: its certificate, multipliers computed from an answer, answers of cvxpy, refused arguments."""
+"""A step's program: its certificate, multipliers computed from an answer, answers of cvxpy, accepted matrices."""
 
 from fractions import Fraction
 

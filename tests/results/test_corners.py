@@ -133,7 +133,7 @@ def test_growth_compares_the_two_finest_meshes():
     assert growth(h, h**-0.29) == "grew by a factor 1.22 from h = 0.125 to 0.0625"
     assert growth(h, -3.0 * h**-0.1) == "grew by a factor 1.07 from h = 0.125 to 0.0625"
     assert growth(h, 2.0 - h) == growth(h, np.ones(5)) == growth(h[:1], h[:1]) == growth([], []) == ""
-    # Two meshes with equal cells at the place count as one.
+    # Meshes whose cells are less than 1.5 times as large as the finest cells are skipped.
     assert growth([1.0, 0.5, 0.5, 0.45], [1.0, 1.3, 1.35, 1.5]) == "grew by a factor 1.5 from h = 1 to 0.45"
 
 

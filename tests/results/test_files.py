@@ -77,7 +77,7 @@ def test_a_history_with_constant_data_is_pickled_with_its_scene():
     assert [effect.describe() for effect in again.scene] == [effect.describe() for effect in history.scene]
 
 
-def test_a_history_without_its_scene_is_pickled_and_copied(history):
+def test_a_history_is_pickled_without_its_scene_and_copied_with_it(history):
     bare = pickle.loads(pickle.dumps(dataclasses.replace(history, scene=None)))
     assert np.array_equal(bare.displacement, history.displacement)
     assert copy.copy(history).scene is history.scene

@@ -1,4 +1,4 @@
-"""Values at points and along lines: u_h where it is known, Pi u_h inside cells, and refusals outside the body."""
+"""Values at points and along lines: u_h where it is known, Pi u_h inside cells, and no values outside the body."""
 
 from __future__ import annotations
 

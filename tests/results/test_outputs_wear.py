@@ -53,7 +53,7 @@ def total_wear(history):
 
 @mostly_long("name", SCENES, "two normals")
 def test_wear_is_the_sum_of_weights_times_slips_and_adds_up_to_the_dissipation(name):
-    """The slip w_i |(I - nn') du_i| is computed again from displacements, which include moving supports."""
+    """The work w_i |(I - nn') du_i| is computed again from displacements, which include moving supports."""
     scene, mesh = SCENES[name], small("voronoi", 5)
     history = vx.simulate(scene, mesh, TIMES)
     assert total_wear(history) == pytest.approx(history.dissipated, abs=ROUNDED * history.dissipated[-1])

@@ -1,4 +1,4 @@
-"""Results in space: files, tables, probes and reactions; functions of the plane are refused."""
+"""Results in space: files, tables, probes and reactions."""
 
 from __future__ import annotations
 

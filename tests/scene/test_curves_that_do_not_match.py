@@ -69,7 +69,7 @@ def test_straight_sides_with_hanging_nodes_keep_their_normals(lean):
 
 
 def test_the_boundary_of_a_round_cell_is_not_straight():
-    """All nodes belong to one cell: the angles between its sides are small, but they add up to a full turn."""
+    """The arc belongs to one cell. The angles between its edges are small, but they add up to a right angle."""
     angle = np.linspace(0, np.pi / 2, 201)
     points = np.vstack([np.column_stack([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
     mesh = vx.PolygonMesh(points, [list(range(202))]).with_boundary("arc", lambda x: np.hypot(*x.T) > 0.9)

@@ -72,7 +72,7 @@ AROUND = (vx.TrescaFriction(0.1, on="boundary"),)
     *(1, 5),
 )
 def test_a_refusal_names_the_direction_of_the_load(mesh, held, load, motion):
-    """The error has the sign of the load: a load to the left pushes to the left."""
+    """The message has the sign of the load: a load to the left pushes to the left."""
     scene = vx.Scene(STEEL, *held, vx.Traction(load, on="boundary" if held is AROUND else "top"))
     with pytest.raises(vx.SceneError, match=re.escape(f"against {motion} of the body. The load pushes it in")):
         vx.simulate(scene, mesh, [0.0, 1.0])

@@ -134,7 +134,7 @@ def enriched_bound(pair):
 
 
 def beside_refined(coarse, part, most=20_000):
-    """Return |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run.
+    """Return three results: |v - v_f - w_f|_a; a bound of |u - v_f - w_f|_a; and the ErrorBound of the finer run.
 
     All results are for a step from rest: u is the solution, v belongs to the coarse run, v_f and its enrichment w_f to
     the finer run. The finer mesh is refined where its bound is large, until the bound is at most `part` of the error

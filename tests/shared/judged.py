@@ -187,7 +187,7 @@ def _iterative_error(drawn, system):
     """Return a function of t: the energy error of an iterative solver in the response to loads and supports at t.
 
     With K x = b, a residual of r |b| causes an error of r cond(K)^(1/2) |x|_K. x may be far larger than the states,
-    which contact limits.
+    because contact limits the states.
     """
     if not isinstance(drawn.linear, vx.Iterative) or system.kernel is not None:
         return lambda t: 0.0

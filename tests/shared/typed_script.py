@@ -96,7 +96,7 @@ class Mine:
         return d, lam, p
 
 
-# The three functions of a problem file.
+# With `scene` above, the functions of a problem file.
 def mesh(n: int, family: str = "voronoi") -> vx.PolygonMesh:
     make = vx.meshes.FAMILIES[family]
     return make(n, box=((0.0, 2.0), (0.0, 1.0)))

@@ -74,7 +74,7 @@ def test_the_safeguard_answers_convex_programs_whose_sets_cycle(seed):
 @pytest.mark.arithmetic
 @mostly_long("seed", [127, 1099])
 def test_active_sets_of_discs_that_share_a_node_settle(seed):
-    """Friction acts while contact is closed, and the gap of one face moves the disc of another."""
+    """Friction acts while contact is closed. At a node of two faces, motion normal to one face is slip on the other."""
     scene, mesh, kind = random_scene(seed)
     assert kind == "tresca_closed"
     assert vx.simulate(scene, mesh, TIMES).certificate.max() <= 1e-8

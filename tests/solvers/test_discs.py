@@ -107,7 +107,7 @@ def is_solved(program, accuracy=1e-8):
 @pytest.mark.parametrize("count", [5, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_programs_are_solved(kind, count):
-    """The accuracy is 1e-8 of the load's energy norm, and 1e-7 where slips are 1e-14 to 1e-3 of the motions."""
+    """The accuracy is 1e-8 of the load's energy norm, and 1e-7 for programs with slips of 1e-14 to 1e-3."""
     accuracy = 1e-7 if "edge" in kind else 1e-8
     assert [seed for seed in range(count) if not is_solved(draw_program(seed, kind), accuracy)] == []
 

@@ -174,7 +174,7 @@ def test_friction_in_space_falls_with_the_length_of_the_path():
 
 
 def test_friction_acts_along_any_given_direction():
-    """A block is sheared and pressed. Friction along e = (3, 4) / 5 reaches its bound: lam = g e or -g e."""
+    """A block is pulled along e = (3, 4) / 5, off the floor. Friction along e reaches its bound: lam = g e or -g e."""
 
     bound, held = 1.0, vx.PrescribedDisplacement(lambda x, t: [0.3 * t, 0.4 * t], on="top")
     along_e = lambda normals: np.tile([0.6, 0.8], (len(normals), 1))  # noqa: E731
@@ -247,7 +247,7 @@ def random_system(rng, n=6, healing=False):
 
 
 def march_by_cvxpy(system, law, times):
-    """Return states from a fixed-point iteration of cvxpy in each step, and the largest change in a last iteration."""
+    """Return states from fixed-point iterations of cvxpy, and the largest change in a step's last iteration."""
     B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
     K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
     d, states = cp.Variable(system.n), [np.zeros(system.n)]

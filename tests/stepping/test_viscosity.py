@@ -114,7 +114,7 @@ def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(famil
 @few_families
 @mostly_long("store", ["all", 3], 1)
 def test_reactions_include_the_forces_of_dashpots(family, store):
-    """Forces of supports and floor, which include the forces of dashpots there, balance the load at every instant."""
+    """Forces of supports and floor, which include the forces of dashpots there, balance the load after the start."""
     scene = vx.Scene(
         *solid(),
         vx.PrescribedDisplacement(0.0, on="left", direction="normal"),

@@ -66,7 +66,7 @@ def test_the_judge_finds_no_fault_in_a_right_answer():
 
 @pytest.mark.parametrize("complaint", FALSE)
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
-def test_the_judge_finds_relative_errors_of_a_millionth(complaint):
+def test_the_judge_finds_a_false_state_false_work_and_a_gap_that_is_no_number(complaint):
     drawn, history = run_known_scene()
     trajectory = history.trajectory
     false = replace(history, trajectory=replace(trajectory, **FALSE[complaint](trajectory)))

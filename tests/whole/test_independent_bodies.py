@@ -17,7 +17,7 @@ NAMES = ("lower", "middle", "upper")
 
 
 def stack_boxes(rng):
-    """Return names, mesh and independent bodies of two or three boxes with equally many cells along x."""
+    """Return the names and the mesh of two or three stacked boxes, and the bodies for the independent program."""
     names = NAMES if rng.random() < 0.4 else ("lower", "upper")
     columns, y, made = int(rng.integers(3, 5)), 0.0, {}
     for name in names:
@@ -145,7 +145,7 @@ def test_stacks_agree_with_independent_programs(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("chunk", range(6))
 def test_many_stacks_agree(chunk):
-    """The independent program may fail for 2 of the 20 stacks of a chunk; it failed for 4 of 240 stacks."""
+    """The independent program may fail for at most 2 of the 20 stacks of a chunk."""
     failed = []
     for seed in range(100 + 20 * chunk, 120 + 20 * chunk):
         try:

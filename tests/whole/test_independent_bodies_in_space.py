@@ -171,7 +171,7 @@ def push_aside(x, t):
 
 @pytest.mark.skipif(not Path(PEER).exists(), reason="the system has no Python")
 @pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.slow)])
-def test_coulomb_s_law_between_bodies_agrees_with_getfem(n, tmp_path):
+def test_coulombs_law_between_bodies_agrees_with_getfem(n, tmp_path):
     if not has_getfem():
         pytest.skip("GetFEM is not installed")
     laws = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(FRICTION, on="lower|upper")

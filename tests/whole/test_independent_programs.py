@@ -149,7 +149,7 @@ def guide_along():
 
 
 def hard_core(mesh):
-    """Return two materials; the hard one reaches the floor."""
+    """Yield two materials; the hard one reaches the floor."""
     hard = np.abs(np.array(mesh.centroids)[:, 0] - 0.5) < 0.25
     young, poisson = np.where(hard, 2000.0, E), np.where(hard, 0.2, 0.35)
     yield vx.Elasticity(2000.0, 0.2, on="hard"), lambda other: other.isotropic(young, poisson)

@@ -33,7 +33,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-nb_output_stderr = "remove"  # such as the notice of `vemcvx.simulate` about few steps
+nb_output_stderr = "remove"  # removes, for example, the notice of `vemcvx.simulate` about few steps
 
 autodoc_typehints = "none"
 autodoc_inherit_docstrings = False  # methods of a base class are described in its entry

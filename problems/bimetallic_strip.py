@@ -9,8 +9,8 @@ $$
 \quad / (E_1^2 h_1^4 + 4 E_1 E_2 h_1^3 h_2 + 6 E_1 E_2 h_1^2 h_2^2 + 4 E_1 E_2 h_1 h_2^3 + E_2^2 h_2^4),
 $$
 
-and the end deflects by kappa L^2 / 2 against the middle. In plane stress this curvature is exact away from the free
-end. Within a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error
+and the end deflects by kappa L^2 / 2 relative to the middle. In plane stress this curvature is exact away from the
+free end. Within a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error
 O((H / L)^2). Nothing is in contact. A soft foundation prevents a vertical translation; its force is zero, because the
 strip is in equilibrium without it.
 
@@ -51,7 +51,7 @@ def curvature(grain=None):
 
 
 def deflection(grain=None):
-    """Return the deflection of the end against the middle, upwards if the lower layer expands more."""
+    """Return the deflection of the end relative to the middle, upwards if the lower layer expands more."""
     return 0.5 * curvature(grain) * LENGTH**2
 
 

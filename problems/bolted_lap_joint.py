@@ -4,13 +4,12 @@ Each bolt goes through a hole in both plates; it fits the hole of the lower plat
 hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the gap under the heads is -delta t,
 because turning the nuts shortens the shank between head and nut by delta. Then the end of the upper plate is moved
 along x. Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the walls
-of the upper holes. At each instant, up to rounding,
+of the upper holes. Let N be the force that presses the plates together. At each instant, up to rounding,
 
 $$
 \text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
 plate}, \qquad \text{friction } \le \mu N, \\
-N, \text{ which presses the plates together } = \text{ tension of the bolts } + \text{ transverse forces at the ends
-of the plates}.
+N = \text{ tension of the bolts } + \text{ transverse forces at the ends of the plates}.
 $$
 
 At friction = mu N the plates slip by c at constant pull. Then the bolts press on the walls and transmit the rest of the

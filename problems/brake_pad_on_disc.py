@@ -1,4 +1,4 @@
-r"""A brake pad, pressed while its disc turns forward, relieved while it turns back: later cycles wear it alike.
+r"""A brake pad, pressed while its disc turns forward, relieved while the disc turns back: later cycles add equal wear.
 
 The disc is a ring a < r < b on a rigid hub, which rotates by the small angle phi(t). A pad lies on the rim of the disc,
 |x| < b sin alpha. The sides of the pad are guided along y, and the pressure P(t) acts on its flat top. Only Coulomb

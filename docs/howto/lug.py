@@ -2,7 +2,7 @@
 
 The lug is clamped at its left end. The radius of the bush is 0.01 mm larger than the radius of the hole. A pin in the
 bush pulls to the right, up to 8 kN at t = 1. The model is the upper half of the lug, 10 mm thick, in plane stress.
-Lengths are in mm, forces in N, stresses in MPa; forces in the results are per mm of thickness, and for the half.
+Lengths are in mm, forces in N, stresses in MPa; forces in the results are for this half, per mm of thickness.
 """
 
 import numpy as np

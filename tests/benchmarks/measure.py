@@ -35,7 +35,7 @@ class Row:
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
     """Return the median seconds of each action; actions alternate, so that a drift of the machine affects all.
 
-    The first round is not counted, because the first use of memory takes as long as the work.
+    If repeats > 1, an uncounted round comes first, because the first use of memory takes as long as the work.
     """
     seconds: list[list[float]] = [[] for _ in actions]
     for action in actions if repeats > 1 else ():

@@ -2,7 +2,7 @@
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 4] [--python /usr/bin/python3]
 
-A block (1 x 1 x 1/4, tetrahedra, n x n x n/4 cells, E = 200, nu = .3) is held at its top, pushed down, tilted and
+A block (1 x 1 x 1/4, n x n x n/4 cubes of six tetrahedra, E = 200, nu = .3) is held at its top, pushed down, tilted and
 pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU seconds.
 
 Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, u = W r + q on Coulomb's cones, by nonsmooth
@@ -173,8 +173,8 @@ def report(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--siconos", type=int, nargs="*", default=[12, 20, 32], help="cells along a side")
-    parser.add_argument("--getfem", type=int, nargs="*", default=[12, 20], help="cells along a side")
+    parser.add_argument("--siconos", type=int, nargs="*", default=[12, 20, 32], help="cubes along a side")
+    parser.add_argument("--getfem", type=int, nargs="*", default=[12, 20], help="cubes along a side")
     parser.add_argument("--steps", type=int, default=4)
     parser.add_argument("--python", default="/usr/bin/python3", help="Python that can import the peers")
     arguments = parser.parse_args()

@@ -106,7 +106,7 @@ LOADS = {
 
 
 def bar_under(of):
-    """Return the run of a bar, and the exact force -u' at many points s."""
+    """Return the run of a bar, many points s along it, and the exact force -u' at these points."""
     s = np.linspace(0.0, 1.0, 100_001)
     force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
     return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), s, force

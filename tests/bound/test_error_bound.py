@@ -189,7 +189,7 @@ def test_bounds_hold_against_finer_meshes(name, family, sizes):
 
 
 def one_step(seed):
-    """Return a random scene with given friction (one in three has one-sided contact), and the instant of its step."""
+    """Return a random scene with given friction (one in three has one-sided contact), and the end of its only step."""
     scene, turn = random_scene(seed)
     if seed % 3 < 2:
         return scene, turn

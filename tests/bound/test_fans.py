@@ -25,7 +25,7 @@ def fans(family="voronoi", lam=1.5, n=6):
 
 
 def balanced_forces():
-    """Return balanced forces on the edges (3, 2, 2) and in the interior (3, 2) of a reference triangle."""
+    """Return a vector of balanced forces on the edges (3, 2, 2) and in the interior (3, 2) of a reference triangle."""
     ends = [CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)]
     x = np.array([*ends, *CORNERS])
     rows = np.zeros((3, 9, 2))

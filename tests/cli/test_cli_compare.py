@@ -122,7 +122,7 @@ def test_all_solvers_that_accept_the_program_agree():
         asked, certified, good, apart, allowed, honest = told[name, settings][:6]
         assert float(asked) == 1e-6
         assert good == ("yes" if float(certified) <= 1e-6 else "no")
-        if apart == "-":  # All others are compared with the most certain solution, which may be a polished one.
+        if apart == "-":  # This is the most certain solution, with which all others are compared.
             continue
         assert 0 < float(apart) <= float(allowed) <= 2 * 4 * float(certified)
         assert honest == "yes"
@@ -297,7 +297,7 @@ def test_a_false_certificate_is_called_wrong(attempts):
 
 
 @pytest.mark.long
-def test_the_page_of_solvers_shows_this_table():
+def test_the_page_of_solvers_shows_the_table_of_its_command():
     command, block = re.search(r"`vemcvx (compare [^`]*)`[^`]*```text\n(.*?)```", page("solvers"), re.DOTALL).groups()
     arguments = command.split()[1:]
     done = CliRunner().invoke(app, ["compare", str(ROOT / arguments[0]), *arguments[1:]], env={"COLUMNS": "80"})

@@ -43,7 +43,7 @@ def closed_form(across, path=PATH):
 
 
 def sheared(q, *effects, press=0.0, path=PATH):
-    """Return a block whose top moves along the path; if the top also presses, nu = 0 and nothing bulges."""
+    """Return the scene of a block whose top moves along the path; if the top also presses, nu = 0: nothing bulges."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]

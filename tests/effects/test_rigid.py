@@ -33,7 +33,7 @@ def test_a_bar_with_a_rigid_end_stretches_uniformly():
 
 @pytest.mark.parametrize("point", [(1.3, 0.0), (41.0, 7.0)])
 def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
-    """Force F at eccentricity e and moment M sink the plate by F / (k L), and turn it by (e F + M) / (k L^3 / 12)."""
+    """A force -F at eccentricity e and a moment M sink the plate by F / (k L) and turn it by 12 (M - e F) / (k L^3)."""
     k, F, M = 50.0, 4.0, 0.3
     at = np.array(point)
     rigid = vx.Rigid(on="bottom", at=point, force=(0.0, -F), moment=M)

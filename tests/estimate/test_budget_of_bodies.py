@@ -149,7 +149,7 @@ def test_estimates_on_two_blocks_are_one_to_five_times_the_error(young, families
 
 
 @pytest.mark.long
-def test_a_bump_of_the_gap_between_nodes_is_in_the_estimate():
+def test_bumps_of_a_gap_that_vanish_at_nodes_are_in_the_estimate():
     """The estimate compares the bump with the jump of displacements, however far both bodies have moved."""
 
     def data_error(gap, lift):

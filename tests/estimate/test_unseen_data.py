@@ -27,7 +27,7 @@ def near(x, centre, radius):
 
 
 def spot(x, radius=0.08):
-    """Return True in a disc that contains no node, no centroid and no quadrature point of squares(4)."""
+    """Return True in a disc with one centroid of squares(4), but no node and no point at which body forces are read."""
     return np.hypot(x[:, 0] - 0.37, x[:, 1] - 0.38) < radius
 
 

@@ -66,8 +66,8 @@ def test_a_block_slides_or_tips_as_a_linear_program_of_statics_finds(friction, a
 
 
 @pytest.mark.parametrize("family", ["cubes", pytest.param("voronoi3", marks=pytest.mark.long)])
-def test_a_plate_pushed_at_its_edge_lies_between_two_linear_programs(family):
-    """Polygons of 48 sides inside and around the discs of friction give bounds that differ by 1 / cos(pi / 48)."""
+def test_the_factor_of_a_plate_pushed_at_its_edge_lies_between_two_linear_programs(family):
+    """Polygons of 48 sides replace the discs of friction: first polygons inside the discs, then ones around them."""
     mesh = vx.meshes.SPACE_FAMILIES[family](3, box=((0.0, 2.0), (0.0, 1.0), (0.0, 0.5)))
     found = vx.limit_load(rest_on_floor(0.3), mesh, vx.Traction((0.0, 2.0, 0.5), on="right"))
     points = mesh.points[mesh.points[:, 2] < 1e-12]
@@ -156,7 +156,7 @@ def test_the_motion_found_is_a_mechanism_whose_bound_is_the_upper_one(seed):
 @FLOATS
 @pytest.mark.parametrize("law", ["Tresca", pytest.param("Coulomb", marks=pytest.mark.long)])
 def test_steps_find_equilibrium_below_the_factor_and_none_above(law):
-    """The block slides, with the force 1.2 that friction can bear."""
+    """The block slides at the force 1.2, the largest that friction bears."""
     mesh = vx.meshes.voronoi(4, box=((0.0, 2.0), (0.0, 1.0)))
     friction = vx.CoulombFriction(0.2, on="bottom")
     if law == "Tresca":
@@ -185,8 +185,8 @@ def test_compliance_gaps_and_stiffness_do_not_matter():
     assert stiff.factor == pytest.approx(0.2, rel=1e-8)
 
 
-def test_friction_without_contact_and_contact_without_friction_have_limits():
-    """A frame of obstacles holds a block; the weight 1 holds it against a force upwards."""
+def test_contact_without_friction_has_a_limit_load():
+    """Obstacles hold a block at three sides; the pressure 1 on its top holds it against a force upwards."""
     mesh = vx.meshes.squares(2)
     contact = vx.UnilateralContact(on=["left", "right", "bottom"])
     found = vx.limit_load(

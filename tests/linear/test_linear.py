@@ -109,7 +109,7 @@ class Eliminating(Minimal):
         return SuperLU().eliminate(K, order, last)
 
 
-def test_linear_solvers_that_eliminate_condense_programs():
+def test_programs_are_condensed_by_linear_solvers_with_elimination():
     system = pose_scene(paper_scene(), small("squares", 6)).system
     ours, full, condensed = (
         next(vx.programs(paper_scene(), small("squares", 6), [0.0, 1.0], linear=linear))

@@ -122,7 +122,7 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
 
 
 def test_stiffness_and_load_on_triangles_agree_with_linear_elements_of_scikit_fem():
-    """Compare entries of free unknowns, and the nodes in contact with those nodes of the floor that are not held."""
+    """Compare entries of free unknowns. The nodes in contact must be the nodes of the floor that are not held."""
     flat = make_skfem_mesh(skfem.MeshTri)
     mesh = convert(flat)
     pull = vx.Traction(lambda x, t: np.tile([3.0 * t, -t], (len(x), 1)), on="pushed")

@@ -12,7 +12,7 @@ import vemcvx as vx
 
 @pytest.mark.long
 def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
-    """Rod theory has an error O(H / l), l = 20 H; here the end is within 0.3 % and friction work within 0.5 %."""
+    """Rod theory has an error O(H / l), l = 20 H; here the end is within .31 % and friction work within .5 %."""
     history = vx.simulate(bar.scene(), bar.mesh(4), bar.times(24))
     mesh = history.mesh
     end = history.displacement[:, mesh.points[:, 0] == bar.LENGTH, 0].mean(axis=1)

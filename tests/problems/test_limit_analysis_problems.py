@@ -19,7 +19,7 @@ def test_a_footing_slides_or_tips(height):
 
 
 def test_a_block_slides_up_its_incline():
-    """The motion of the mechanism also lifts the block by the friction angle."""
+    """The motion of the mechanism is steeper than the incline by the friction angle."""
     found = vx.limit_load(*limit_load.incline(3))
     assert found.factor / limit_load.WEIGHT == pytest.approx(limit_load.incline_limit(), rel=1e-8)
     rise = found.motion[:, 1] / found.motion[:, 0]
@@ -27,7 +27,7 @@ def test_a_block_slides_up_its_incline():
 
 
 @pytest.mark.parametrize("n", [2, pytest.param(5, marks=pytest.mark.long)])
-def test_a_plate_turns_about_a_point_just_below_its_limit_it_rests_and_above_there_is_no_equilibrium(n):
+def test_the_mechanism_of_a_plate_is_a_turn_and_steps_find_equilibrium_only_below_the_limit(n):
     mesh, times = limit_load.mesh(n), [0.0, 0.5, 1.0]
     found = limit_load.find_plate_limit(mesh)
     with gallery.quiet():

@@ -93,7 +93,7 @@ def displacement_form(fans: Fans) -> Floats:
 class OutlineValues:
     """A displacement on the outlines of cells, split into a linear part and a remainder.
 
-    The defect of :mod:`.hypercircle` depends only on the remainder, smaller by a power of h: no cancellation.
+    The defect of :mod:`.hypercircle` depends on the remainder only: no digits cancel, although the defect is small.
     """
 
     slopes: Floats

@@ -12,8 +12,8 @@ split triangle they have no spurious motions.) The prestress sigma_0 acts as for
 The unknown is x = m - v, with the displacement v of the run. x is as small as the equilibrium residual of v, so x has
 small rounding errors. One solve per step suffices unless a body floats.
 
-No local problem needs compatible data. Of all admissible stresses on these fans, tau is nearest to the exact stress:
-tractions constructed vertex by vertex gave bounds up to a fifth larger.
+No local problem needs compatible data. Of all admissible stresses on these fans, tau is nearest to the exact stress.
+(Tractions constructed vertex by vertex gave bounds up to a fifth larger.)
 """
 
 from __future__ import annotations

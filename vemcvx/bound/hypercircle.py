@@ -6,8 +6,8 @@ with
     j(v) = int g |v_t - d| + phi(v_n - gap),
 
 with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the gap and infinite beyond; for a compliant
-obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. Springs to the ground (stiffness k) are treated as triangles:
-if tau has the tractions -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the spring energy.
+obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. Springs to the ground (stiffness k) contribute, too: if tau
+has the tractions -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the spring energy.
 
 **The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions, x
 the edge motions of tau minus L y, and f the coefficients of the body force. With the forms G of stresses
@@ -15,9 +15,9 @@ the edge motions of tau minus L y, and f the coefficients of the body force. Wit
 
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f).
 
-*Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the stress of L y does the same work on
-x as v, the stress of f has least energy, and the displacement of f vanishes on the outline. What remains is |tau|^2 -
-2 (tau, eps(v)) + |v|^2 for L y and f, where the second term is the work on v of the tractions of tau and of f.
+*Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the tractions of this stress do the
+same work on L y as on v, the stress of f has least energy, and the displacement of f vanishes on the outline. The rest
+is |tau|^2 - 2 (tau, eps(v)) + |v|^2 for L y and f, where (tau, eps(v)) is the work on v of the tractions and of f.
 
 **The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes where v touches an obstacle or
 is held. The best w solves S w = R with the residual R of v. The displacement v + w is called richer.

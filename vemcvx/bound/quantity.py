@@ -18,8 +18,8 @@ computable number
 by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r_z| / 2. It is the best result over s of
 the parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager
 and J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
-Posteriori Error Estimation* (2000), chapter 8). Springs to the ground count as triangles, as in :mod:`.hypercircle`.
-Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
+Posteriori Error Estimation* (2000), chapter 8). Springs to the ground contribute to A and A_z as in
+:mod:`.hypercircle`. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
 The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) contains the
 work on z_h of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are

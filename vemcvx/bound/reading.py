@@ -24,8 +24,8 @@ of gaps. Features narrower than the distance of points may be missed.
 
 with the length l_e of an edge, the longest side d_K of a cell's box, and the depth z of :mod:`.surface`. The first two
 follow from Poincare inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to
-l_e / (2 mu)); half is enough for functions orthogonal to linear ones. Under surface waves, a half space stores the
-energy 2 mu times the wave number, which is at most the energy of motions. The last is exactly the squared dual norm.
+l_e / (2 mu)); half is enough for functions orthogonal to linear ones. A surface wave d with the wave number k stores
+the energy 2 mu k |d|^2 in a half space, at most the energy of motions. The last is exactly the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
 for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as

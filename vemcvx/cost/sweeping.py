@@ -155,7 +155,7 @@ def read_journal(path: Path) -> dict[str, Row]:
 
 
 def append(path: Path, row: Row) -> None:
-    """Append a row to the journal; it begins with a newline, so an incomplete line of a killed process stays apart."""
+    """Append a newline and a row to the journal; the newline ends an incomplete line that a killed process left."""
     try:
         with path.open("a", encoding="utf-8") as stream:
             stream.write(f"\n{json.dumps(row)}\n")

@@ -1,7 +1,7 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
 Each pass simulates the whole history on its mesh. Friction depends on the path, so a history transferred from a coarser
-mesh would keep the errors of that mesh. Costs grow geometrically: all passes cost little more than twice the last pass.
+mesh would keep the errors of that mesh. Costs grow geometrically: passes together cost little more than twice the last.
 
 A pass refines the smallest set of cells that contains a given part theta of the squared indicators (Dorfler, *A
 convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If a smaller set is predicted to
@@ -58,7 +58,7 @@ THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes within which the mesh error falls if the quantity has a limit: cells multiply by 3 to 8."""
+"""Number of passes in which the mesh error falls if the quantity has a limit; cells become 3 to 8 times as many."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",

@@ -12,8 +12,8 @@ runs may agree by chance.
 The finer run has an error, too. This error is half the error of the run if the order is one: at singular corners, where
 friction rotates in space, or where a reversal is missed. It is a quarter if the solution is smooth. The estimate for
 steps has an extra factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is
-underestimated. If the pressure is singular, as at most corners of contact, the largest wear grows without limit, which
-is reported as for extremes (:mod:`vemcvx.results.corners`). Its mesh error is then twice its change by refinement.
+underestimated. At the majority of corners of contact, the pressure is singular. Then the largest wear has no limit,
+which is reported (:mod:`vemcvx.results.corners`), and its mesh error is twice its change by refinement.
 
 Values are of second order in the steps if the states are. In space, friction rotates with the slip, and the states of
 backward Euler and the values are of first order there; the estimate includes this.

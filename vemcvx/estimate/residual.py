@@ -64,7 +64,7 @@ from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, IN_SPACE = 0.63, 0.8
-"""The constants c in the plane and in space; the stabilisation and data errors have no such factor."""
+"""The constants c in the plane and in space; q, the stabilisation and data errors have no such factor."""
 SPATIAL_FACTOR = 7.0
 """The factor in s, for the stabilisation in space."""
 

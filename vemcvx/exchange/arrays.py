@@ -181,7 +181,7 @@ def read_matrix(path: Path, name: str) -> Matrix:
         raise ProgramError(f"{name}: the file is cut short or is no text; its last line must be complete.")
     try:
         rows, columns, entries, _, field, symmetry = mminfo(io.BytesIO(data))
-        # A wrong size in the header must not allocate far more memory than the file takes; a million rows may be empty.
+        # A wrong size in the header must not allocate far more memory than the file takes; 2^20 empty rows are allowed.
         large = max(rows, columns, entries) > max(2**20, len(data))
         if field == "complex" or large or (symmetry != "general" and rows != columns):
             raise ValueError(f"found {rows} rows, {columns} columns and {entries} {field} entries, {symmetry}")

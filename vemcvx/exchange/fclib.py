@@ -40,7 +40,7 @@ MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -mu r_N u_T /
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
     """Return the contents of the file by suffix.
 
-    Raise ProgramError if h5py is not installed, or the step has no Coulomb's law against rigid obstacles.
+    Raise ProgramError if h5py is not installed, or if friction in the step is not Coulomb's law on rigid obstacles.
     """
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")

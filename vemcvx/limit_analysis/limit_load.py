@@ -2,8 +2,8 @@ r"""The limit load of bodies that friction and one-sided contact alone hold.
 
 The columns of N are the rigid motions that no support holds, f_0 the loads of the scene, f the load. The factor is the
 largest alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), |lam_i| <= w_i + (J p)_i and p >= 0. In Tresca's law J = 0; in
-Coulomb's law w = 0 and J = mu. A mechanism is a motion N c with D N c + J'|B N c| <= 0 and f'N c = 1. It is an upper
-bound, because admissible forces obey
+Coulomb's law w = 0 and J = mu. A mechanism is a motion N c with D N c + J'|B N c| <= 0 and f'N c = 1. It gives the
+upper bound sum_i w_i |B_i N c| - f_0'N c, because admissible forces obey
 
     alpha = c'N'(B'lam + D'p) - f_0'N c <= sum_i w_i |B_i N c| + p'(D N c + J'|B N c|) - f_0'N c.
 
@@ -234,7 +234,7 @@ class Balance(NamedTuple):
         return lam, p, max(x.max(initial=0.0) for x in (left, -p, lengths(lam) - self.w - self.J @ p))
 
     def correct_motion(self, c: Floats, lam: Floats, p: Floats) -> tuple[Floats, float]:
-        """Return the mechanism, on which the load works 1, and the largest violation of a condition."""
+        """Return the mechanism, on which the load does the work 1, and the largest violation of a condition."""
         c = c / (self.push @ c)
         opens = self.D @ c + self.J.T @ lengths(self.B @ c)
         closed, sticks = p > -opens, self.w + self.J @ p - lengths(lam) > lengths(self.B @ c)

@@ -15,7 +15,7 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: the default for up to two million unknowns if Pardiso is not installed.
+    """Sparse LU with diagonal pivots: without Pardiso, the default for up to two million unknowns in the plane.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class SuperLUFactor(Factor):
         """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
 
         By Sylvester's law of inertia, the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
-        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K has a kernel
-        and as many anchors, positive pivots prove that K is semidefinite (Haynsworth 1968).
+        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. For K = A + E, k
+        kernel motions of A, and stiffness E on k unknowns, positive pivots prove A semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
@@ -112,7 +112,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut are above it unless the lower half would be empty: separators of meshes in rows are rows.
+        # Vertices at the cut join the upper half unless this would empty the lower half. So rows become separators.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]

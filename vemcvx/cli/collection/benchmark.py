@@ -1,10 +1,10 @@
 """`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
 
 Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both, relative to
-norms of its own. So each solver runs with many tolerances. A trial is one call of a solver with one tolerance. The true
-error of its answer d is |d - d*|_K / |d*|_K, where d* is the certified optimum of the file. The true error is known up
-to the certificate of d*; the certified error of d does not need d*. The time of a solver to the error E on an instance
-is the time of the *cheapest* trial with a true error of at most E. The benchmark computes from these times
+norms of its own. So each solver runs with many tolerances. In a trial, a solver runs with one tolerance. The true error
+of its answer d is |d - d*|_K / |d*|_K, where d* is the certified optimum of the file. The true error is known up to the
+certificate of d*; the certified error of d does not need d*. The time of a solver to the error E on an instance is the
+time of the *cheapest* trial with a true error of at most E. The benchmark computes from these times
 
 - for every E, the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
   answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);

@@ -277,7 +277,7 @@ class CommonRule:
 
 @lru_cache(maxsize=4)
 def common_rule(first: Mesh, second: Mesh) -> CommonRule:
-    """Return a rule exact for quadratic functions on the cells of both meshes; in space, for constants if they nest.
+    """Return a rule exact for quadratic functions on cells of both meshes; in space, for constants on nested meshes.
 
     The last few rules are cached, because histories are compared step by step on the same two meshes.
     """

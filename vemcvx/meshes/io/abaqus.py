@@ -192,7 +192,7 @@ class _Deck:
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self._numbers_of(kind, instance)
         if of.isdigit():
-            if kind == "NSET" and int(of) not in known:  # types of elements that are not read are reported already
+            if kind == "NSET" and int(of) not in known:  # missing elements have unread types: `unread` lists these
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:

@@ -16,8 +16,8 @@ the edge motions of tau minus L y, and f the coefficients of the body force. Wit
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f).
 
 *Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the tractions of this stress do the
-same work on L y as on v, the stress of f has least energy, and the displacement of f vanishes on the outline. The rest
-is |tau|^2 - 2 (tau, eps(v)) + |v|^2 for L y and f, where (tau, eps(v)) is the work on v of the tractions and of f.
+same work on L y as on v, the stress of f has least energy, and the displacement of f vanishes on the outline. The
+rest of |r|_K^2 is |tau|^2 - 2 (tau, eps(v)) + |v|^2 for L y and f; (tau, eps(v)) is the work of tractions and f on v.
 
 **The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes where v touches an obstacle or
 is held. The best w solves S w = R with the residual R of v. The displacement v + w is called richer.

@@ -68,7 +68,7 @@ LONG_SIDE = 0.3
 
 All sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to 1 : 3.2 are split. Thinner
 rectangles are only cut across, until their parts are wider. Zigzag cells with twelve sides of 0.26 are split into five
-parts; with a limit of 0.25 there would be ten thin parts around one point.
+parts; with a limit of 0.25 there would be twelve thin parts around one point.
 """
 
 
@@ -255,7 +255,7 @@ def _children(
 ) -> tuple[Ints, Ints, Ints]:
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
-    A part begins at each position `begin` of the outlines; the first position of a cell is always one. Cells in `split`
+    The mask `begin` has the positions of the outlines where parts begin, also the first of each cell. Cells in `split`
     have several parts; triangles in `medial` also have the part between their midpoints. `centre` is a node, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])

@@ -314,7 +314,7 @@ def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) 
 def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[PolyhedralMesh]) -> None:
     """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
 
-    No unshared node of a body, no point just outside it, and no point just below a face may be inside another body.
+    No unshared node, no point just outside such a node, and no point just below a face may be inside another body.
     """
     mesh, body = joined.mesh, joined.body
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Pictures, listed in __init__.pyi, are imported when first used: modules that draw nothing use colours and units.
+# Pictures, listed in __init__.pyi, are imported when first used: some modules need colours and units only.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,6 +1,6 @@
 """Contact in the plane along a line: friction and its bounds, stick, slip, pressure, wear.
 
-The position on the line is a coordinate if all contact nodes lie along this axis, or else the arc length of
+The position on the line is x_1 or x_2 if all contact nodes lie along this axis. Else it is the arc length of
 :mod:`vemcvx.results.arc`, one piece of contact after the other. A node owns half of each of its edges.
 """
 

@@ -252,7 +252,7 @@ def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, u
     places, largest = places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
     if largest == 0.0:
         return ""
-    # Draw one arrow in each square of a grid of 14 x 14.
+    # Draw at most one arrow in each square of width size / 14.
     _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
     arrows = moved[kept] * 0.085 * size / largest
     canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)

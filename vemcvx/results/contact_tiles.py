@@ -86,7 +86,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # A change of log d is half the last one minus half a mean of last ones: the largest grows by rounding only.
+            # A change of log d is half the last minus half a mean of last changes: the largest grows by rounding only.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break

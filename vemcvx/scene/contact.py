@@ -122,10 +122,10 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows with the same node and normal form one term, unless their grounds move differently. The weight of a term
-# is the sum of the weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u
-# (orthonormal tangents), and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is
-# kept if supports drag its node along the boundary (this dissipates), or if it has a pressure (this is reported).
+# Friction rows with the same node, normal and kind (`_kinds`) form one term. The weight of a term is the sum of the
+# weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u (orthonormal tangents),
+# and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is kept if supports drag
+# its node along the boundary (this dissipates), or if it has a pressure (this is reported).
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""

@@ -3,8 +3,8 @@
 A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
 rows along tangents have a tangent in place of n. Every row has *ends*: the edges of its part that meet its node, each
 with half the edge length, which is int phi_i over the edge. If rows of several parts form one term, the term has the
-union of their ends, so a shared edge counts once. If a force acts on one row, the fraction on another row is the length
-of their common ends, divided by the length of the first row.
+union of their ends, so a shared edge counts once. A force on a row of one table is distributed to the rows of another
+table: each of these gets the fraction (length of its common ends with the first row) / (length of the first row).
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, of: ContactRows) -> sp.csr_matrix:
-        """Return the fraction (m, r) of a force on each of the r rows `of` that acts on each row of this table."""
+        """Return fractions (m, r): entry (i, j) is the part of a force on row j of `of` that row i of `self` gets."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
 
@@ -163,8 +163,8 @@ def merge_terms(
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
     """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
 
-    Supports that hold a node fully are left out, because their directions are usually coordinate axes. On a floor
-    tilted by half a degree, lifting along an axis would slide the node by a hundredth of the lift.
+    Supports that hold a node fully are left out: usually, their directions are coordinate axes. If an axis replaced the
+    normal of a floor tilted by half a degree, a node that lifts off would also slide by a hundredth of its lift.
     """
     if not parts:
         return []

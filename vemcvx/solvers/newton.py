@@ -60,7 +60,7 @@ REGULARISATION = 1e-11
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
 """Errors of the law, relative to the largest force, at which we stop corrections, a step, and a step that stalls."""
 MAX_CORRECTIONS = 20
-"""Largest number of corrections on one factorisation: they take as long as factorising 2,000 unknowns."""
+"""Largest number of corrections on one factorisation. With 2,000 unknowns, they take as long as factorising again."""
 FIRST_SWEEPS = 100
 """Number of projected gradient steps in the first safeguard; it doubles each time, up to sixteenfold."""
 SWEEP_TOLERANCE = 1e-6
@@ -68,7 +68,7 @@ SWEEP_TOLERANCE = 1e-6
 SWEEPS_PER_WEIGHTS = 10
 """Number of projected gradient steps before weights are evaluated again."""
 MAX_SAFEGUARDS = 10
-"""Largest number of safeguards in a step."""
+"""Number of safeguards in a step beyond which the search ends."""
 SWEEPS_PER_MULTIPLIER = 20
 """Number of projected gradient steps between updates of the multipliers a of a kernel."""
 

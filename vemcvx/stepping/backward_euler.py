@@ -415,15 +415,15 @@ START_TOLERANCE = 1e-6
 """Jump of the first step, relative to the energy norm, above which a given initial state violates (2.1)."""
 
 WARNING_RATIO = 3.0
-"""Jump of P^h u_0, relative to its distance from the nodal values of u_0, above which a warning is issued."""
+"""Norm of the step from P^h u_0, relative to the distance of P^h u_0 from nodal values of u_0, above which we warn."""
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
     """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
-    If the jump is rounding compared with later loads, the run begins after the jump. With damping an unbalanced load
-    sets the body in motion, so that every given state is accepted. Under a law of slip rates the end of another run is
-    accepted, too: its friction depends on the rate of the last step of that run.
+    If a step at this instant moves a given state by rounding only, compared with later loads, the run begins after it.
+    With damping an unbalanced load sets the body in motion, so that every given state is accepted. Under a law of slip
+    rates the end of another run is accepted, too: its friction depends on the rate of the last step of that run.
     """
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)

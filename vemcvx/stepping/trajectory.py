@@ -105,7 +105,7 @@ class Trajectory(ArrayRecord):
     times : (N + 1,) array
         All instants.
     stored : (S,) array
-        Step numbers of the rows of `state`, `multipliers` and `sticking`.
+        Step numbers of the rows of all arrays (S, ...).
     state : (S, n) array
         y at the stored instants.
     multipliers : (S, m, block) array

@@ -267,7 +267,7 @@ def _units(vectors: Floats) -> bool:
 
 
 def refuses_an_unknown_name_and_lists_existing_ones(sample: EffectSample) -> None:
-    """Check the error for an unknown name: one sentence that begins with the class and lists existing names."""
+    """Check the error for an unknown name: it begins with the class, lists existing names, and says how to add one."""
     if isinstance(sample.effect, IN_CELLS):
         words = "on= selects the cells where a cell datum is nonzero; found 'wst', but this mesh has 'west', 'east'"
         there, wrong, way = "west", "wst", r"\. Add one with mesh\.with_cell_data\(name, values\)"

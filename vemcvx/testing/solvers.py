@@ -73,7 +73,7 @@ class Instance:
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return a function that makes the paper's block with these effects: clamped, or else under small loads."""
+    """Return a function that makes the paper's block with these effects: clamped if `held`, else under small loads."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -174,7 +174,7 @@ class Case:
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """The answers of the solver to both requests, each by a newly prepared solver; computed once for all tests."""
+        """The answers to the two recorded requests, each by a newly prepared solver; computed once for all tests."""
         return tuple(map(self.answer, record_requests(self.instance)))
 
 
@@ -264,7 +264,7 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check that making multipliers admissible changes their force, in the norm of K^{-1}, by at most the target."""
+    """Check that making multipliers admissible changes their force by some f with f'K^{-1}f / 2 at most the target."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)

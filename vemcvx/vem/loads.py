@@ -41,7 +41,7 @@ from vemcvx.vem.tensors import COMPONENTS
 # match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell contains
 # (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). In a triangle,
 # the ellipse touches the sides. If one of these points is not clearly inside a cell, the cell is cut into triangles
-# along diagonals. A triangle has three inner points.
+# along diagonals. On a triangle, the rule has three inner points.
 
 
 Rule = tuple[Floats, Floats, Ints]

@@ -93,7 +93,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Return the triangles (t, 3, 3) of faces (f,), their offsets (f + 1,), and a matrix (3 t, n_nodes).
+    """Return the offsets (f + 1,) of the triangles of faces (f,), the triangles (t, 3, 3), and a matrix (3 t, n_nodes).
 
     The matrix maps nodal values to values at the corners of the triangles.
     """

@@ -198,7 +198,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return the node opposite every vertex of sides, side by side: on the second body at an interface, else -1."""
+        """Return for the vertices of each side in turn the opposite node of the second body; -1 outside interfaces."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

@@ -188,7 +188,7 @@ def _write(path: Path, packed: ElementTree.Element, point_data: Arrays, cell_dat
 
 
 def _section(tag: str, arrays: Arrays) -> ElementTree.Element:
-    """Return an element with arrays, each compressed to one block after the header with sizes that VTK expects."""
+    """Return an element with arrays; each is one compressed block, after the header of block sizes that VTK expects."""
     section = ElementTree.Element(tag)
     for name, values in arrays.items():
         if values.ndim == 2 and values.shape[1] == 2:

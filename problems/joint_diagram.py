@@ -76,7 +76,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the joint at its largest pull, and the forces of bolt and sleeve over the pull."""
+    """Draw the joint before it opens, at t = 2, and the forces of bolt and sleeve over the pull."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -17,9 +17,10 @@ every c the work of friction, divided by the work of a force 1 at the end x = L 
 
 $$ F = \min_c \frac{\sum_i w_i \sqrt{(x_i - c)^2 + y_i^2}}{L / 2 - c} . $$
 
-This sum over nodes is the closed form of a mesh. On fine meshes it approaches the integral over the plate.
+With this sum over nodes, F is the closed form on a mesh. On fine meshes the sum approaches the integral over the plate,
+and F approaches the limit load of the plate.
 
-The run pushes the plate by .95 of the limit of the integral. At its end only the far end of the plate sticks.
+The run pushes the plate by .95 of this limit load. In the last step only the far end of the plate sticks.
 
     vemcvx run problems/limit_load.py --n 8 --steps 8 --plot
 """
@@ -30,11 +31,11 @@ import vemcvx as vx
 
 STEEL = vx.Elasticity(2e5, 0.3)
 WIDTH, WEIGHT, FRICTION = 2.0, 3.0, 0.4
-"""The width of the footing and of the block, their weight per length in space, and the coefficient of friction."""
+"""The width of the footing and of the block, their weight per unit of thickness, and the coefficient of friction."""
 SLOPE = 0.1
 """The tangent of the angle of the incline."""
 LENGTH, BREADTH, THICKNESS, BOUND = 4.0, 1.0, 0.5, 1.0
-"""The plate, and its friction bound."""
+"""The sides of the plate, and its friction bound."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 8, "steps": 8}
 
@@ -64,7 +65,7 @@ def turning(points, weights):
 
 
 def plate_limit(points=400):
-    """Return the limit of the plate and the centre c, by the midpoint rule with this number of points per length."""
+    """Return the limit of the plate and the centre c, by the midpoint rule with `points` points along each side."""
     x = (np.arange(points) + 0.5) / points - 0.5
     grid = np.stack(np.meshgrid(LENGTH * x, BREADTH * x), axis=-1).reshape(-1, 2)
     return turning(grid, np.full(len(grid), BOUND * LENGTH * BREADTH / len(grid)))
@@ -118,7 +119,7 @@ def find_plate_limit(mesh):
 
 
 def picture(history):
-    """Draw the plate from above: friction at its limit, and nodes that stick below it; and the limit of the footing."""
+    """Draw the plate: friction at the limit load, and nodes that stick at .95 of it; and the limit of the footing."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.6), layout="constrained")

@@ -1,8 +1,8 @@
 r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates.
 
-The lug is a ring a < r < b, clamped at its rim. The gap between pin and lug is delta a. One half of the thickness is
-computed. A shear stress q acts on the end of the pin. For t < 1 it rises along x_1; then its direction phi turns once
-about the axis, and the contact turns with the load. At each instant, to rounding,
+The lug is a ring a < r < b, clamped at its rim. The gap between pin and lug is delta times a. One half of the thickness
+is computed. A shear stress q acts on the end of the pin. For t < 1 it rises along x_1; then its direction phi turns
+once about the axis, and the contact turns with the load. At each instant, to rounding,
 
 $$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin \phi), $$
 

@@ -2,7 +2,7 @@
 
 On the unit square, with Lame's constants lambda and mu = 1, and with c = 1 / (1 + lambda), let
 
-$$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)), $$
+$$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)) . $$
 
 The divergence of u is about lambda times smaller than its gradient, so that stresses stay bounded as lambda grows. On
 y = 0 the normal displacement vanishes, and the whole contact slips to the right against friction at its bound

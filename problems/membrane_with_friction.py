@@ -174,7 +174,7 @@ def energy_error(posed, trajectory, at, points):
 
 
 def picture(path, mesh, posed, trajectory, at):
-    """Draw displacement and friction on the table at the turning points, beside the closed form."""
+    """Draw displacements on the table at the turning points, and friction after the reversal, beside closed forms."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import MARKERS, SERIES
 

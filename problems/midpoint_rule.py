@@ -35,14 +35,14 @@ The order of backward Euler is one where slips turn gradually. Slips of plane bo
 bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if no slip stops or
 reverses inside a step: then the slip of the whole step obeys the law of friction at the end of the step. The reversals
 of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation (`dissipated_second_order`) is then
-of second order in the step. Where slips turn gradually, it is of first order, too.
+of second order in the step. Where slips turn gradually, the dissipation is of first order, like the slips.
 
     python problems/midpoint_rule.py [--picture FILE]
 
 The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C
-the disc about zero whose radius is the unit of length. There are three experiments. In a straight pull
-there and back, and in a pull from rest that turns afterwards, slip begins inside a step. A slip that turns starts from
-the exact state.
+the disc about zero whose radius is the unit of length. There are three experiments. In the first, a straight pull there
+and back, and in the last, a pull from rest that turns afterwards, slip begins inside a step. The second experiment, a
+slip that turns, starts from the exact state.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def times(steps):
 
 
 def tilt(history):
-    """Return the computed rotation of the punch, (S,), from the motion of its upper corners."""
+    """Return the computed rotation of the punch, (S,), from the motion of its upper side."""
     top = np.unique(history.mesh.boundaries["punch.top"])
     x = history.mesh.points[top, 0]
     return np.polyfit(x, history.displacement[:, top, 1].T, 1)[0]

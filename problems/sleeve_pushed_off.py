@@ -22,9 +22,10 @@ p = p_0 - \kappa F, \qquad \kappa = \Big( \frac{\nu_1}{E_1 A_1} + \frac{\nu_2}{E
 p(z) = p_0 e^{-(L - z) / l}, \qquad F(0) = \frac{p_0}{\kappa} (1 - e^{-L / l}), \qquad l = \frac{1}{2 \pi b \mu \kappa}.
 $$
 
-F(0) is the force that pushes the sleeve off. If both Poisson's ratios were zero, it would be mu p_0 times the area of
-the joint; here it is 11 % smaller. The formulas assume that axial stresses are uniform over each section. With n = 4
-the mean computed pressure at t = 1 is within .2 % of p_0, and the computed push-out force within .1 % of F(0).
+F(0) is the force that pushes the sleeve off. If the pressure stayed p_0 (kappa = 0), this force would be mu p_0 times
+the area of the joint; here it is 11 % smaller. The formulas assume that axial stresses are uniform over each section.
+With n = 4 the mean computed pressure at t = 1 is within .2 % of p_0, and the computed push-out force within .1 % of
+F(0).
 
     vemcvx run problems/sleeve_pushed_off.py --n 4 --steps 13 --plot
 """

@@ -6,8 +6,8 @@ each point, from the peak g_p to the residual value g_r:
 
 $$ g(A) = \max(g_p - k A, g_r). $$
 
-Let a be the displacement of the bottom, and q = mu (U - a) / H the friction. The block sticks while |q| < g(A). When
-the top moves to U, with a and A from before, and the block slips, then |q| = g afterwards, and the slip is
+Let a be the displacement of the bottom, and q = mu (U - a) / H the friction. The block sticks while |q| < g(A). The
+top moves to U; let a and A be the values before this motion. If the block slips, |q| = g afterwards, and the slip is
 
 $$
 da = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k)

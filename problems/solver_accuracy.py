@@ -136,7 +136,7 @@ class Reference:
 
 
 def solvers():
-    """Return for each name a function that makes the solver of an accuracy: ours, and all others that cvxpy finds."""
+    """Return for each name a function that makes the solver for an accuracy: ours, and all others that cvxpy finds."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 

@@ -13,8 +13,8 @@ $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), 
 and nodes stick in r < c, where the second root is positive; elsewhere this root is 0 (Johnson, 7.2). The closed form
 neglects the small slip across the direction of Q; the computation includes it. The block extends 6 a to all sides.
 Unlike a half-space, it widens when it is pressed. Friction therefore acts only after pressing, from t = 1 on. One half
-of the block is computed. Cells grow outwards from a/n at the contact, and away from the contact in height. The top is
-pressed down and then dragged without rotation; P and Q are measured.
+of the block is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The
+top is pressed down and then dragged without rotation; P and Q are measured.
 
 With n = 8 the radius is 3 % below Hertz' and the peak 4 % above it. Both agree within 2 % if the cells near the contact
 are cubes (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, from

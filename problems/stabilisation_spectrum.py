@@ -7,8 +7,8 @@ values v_i at vertices. It replaces the exact energy a_mu + a_lam,
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 
 The chart shows the least and the greatest ratio S / a_mu over all v with Pi v = 0. Neither ratio depends on mu, on the
-size of the cell or on nu. If both ratios are bounded, a_K^h is equivalent to a form that is elastic in shear and
-contains the mean dilatation,
+size of the cell or on nu. If both ratios lie between positive constants, a_K^h is equivalent to a form that is elastic
+in shear and contains the mean dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 

@@ -4,7 +4,7 @@ The stabilisation S(v - Pi v, w - Pi w) is the energy of the part of v that the 
 class with one method defines S for each cell K. The scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``.
 The stiffness, the error budget and the nodal distance use the form a^h with this stabilisation.
 
-boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b of the mean length m: slopes
+boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b, and m the mean of |e|: slopes
             along edges, (d_s v, d_s w)_dK. S. Brenner and Sung, Virtual element methods on meshes with small edges or
             faces (2018); P. Wriggers and others, A virtual element method for contact (2016)
 D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i, with the shape functions phi_i. L. Beirao da Veiga,

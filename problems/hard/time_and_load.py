@@ -34,13 +34,13 @@ def tiny_steps(t):
 
 
 def increments_have_digits(setting, history):
-    """Return a fault unless the increments in sticking steps of 1e-10 of the load are proportional to each other."""
+    """Return a fault unless the increments in tiny steps, in which no further node begins to slip, are proportional."""
     if "Newton" not in history.solver:
         return ""
     steps = np.diff(history.displacement[1:], axis=0)
     linear = steps[0] / np.abs(steps[0]).max()
     worst = max(np.abs(step / np.abs(step).max() - linear).max() for step in steps)
-    # Displacements are stored to 16 digits, so that increments of 1e-10 times the displacement have six.
+    # Displacements are stored to 16 digits, so that increments of 3e-11 times the displacement have five.
     return "" if worst < 1e-4 else f"increments differ by {worst:.1e}"
 
 

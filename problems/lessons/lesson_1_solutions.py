@@ -71,7 +71,7 @@ assert ride(50) == w / K
 # **5.** Clipping two points to the same interval does not increase their distance. A second proof carries over to many
 # unknowns (lesson 4). Take $v = u_{prev,1} + u_2 - u_{prev,2}$ in the inequality of the first block: with this $v$ the
 # first block has the slip of the second. Exchange the roles, and add both inequalities. The terms in $w$ cancel, and
-# $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps add up at most; later steps
+# $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps at most add up; later steps
 # do not amplify them.
 
 # %%

@@ -186,8 +186,8 @@ def step_in_the_plane(pull, before):
 #
 # Where a block sticks, $\lambda_i$ may be anywhere in the disc.
 #
-# How exactly does the solver satisfy this? Complementarity holds up to the gap: $w|s| - \lambda \cdot s \le$ 1e-8. For
-# a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
+# How accurately does the solver satisfy this? Complementarity holds up to the gap: $w|s| - \lambda \cdot s \le$ 1e-8.
+# For a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
 # $w|s|(1 - \cos\theta) \approx w|s|\theta^2/2$. So $\theta$ is at most 2e-4 if $w = 0.5$ and $|s| = 1$.
 
 # %%

@@ -58,11 +58,11 @@ assert near(last_block(2.0 - 1e-6), 0.0)
 assert last_block(2.0 + 1e-6) > 1e-8
 
 # %% [markdown]
-# **4.** At 45 degrees each component of the pull is $1.2/\sqrt 2 = 0.85$. With the square, friction takes 0.5 of each
-# component. Together this is 0.707, which is $\sqrt 2$ times the force with the disc. So with the square, friction
-# depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each can be written with a
-# variable and two linear inequalities. A solver of quadratic programs such as OSQP accepts these. A disc has no corners
-# and needs a second-order cone.
+# **4.** At 45 degrees each component of the pull is $1.2/\sqrt 2 = 0.85$. With the square, the force of friction has
+# the components 0.5 and 0.5, and the length 0.707: $\sqrt 2$ times the force with the disc. So with the square,
+# friction depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each can be
+# written with a variable and two linear inequalities. A solver of quadratic programs such as OSQP accepts these. A disc
+# has no corners and needs a second-order cone.
 
 
 # %%

@@ -84,7 +84,7 @@ def walk(loads):
 
 
 def there_and_back(steps):
-    """Return the loads of `steps` steps from 0 to the peak, twice as many to its negative, and as many back."""
+    """Return the loads: `steps` steps from 0 to the peak, 2 * `steps` to minus the peak, 2 * `steps` back to it."""
     down = np.linspace(peak, -peak, 2 * steps + 1)
     return np.concatenate([np.linspace(0, peak, steps + 1), down[1:], -down[1:]])
 
@@ -257,7 +257,7 @@ body_picture(histories[40])
 #   \Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a . \end{gathered}$$
 #
 # The map of a step is *nonexpansive* in the energy norm; this is (2.38), the main point of Theorem 2.5. So the errors
-# of steps add up at most and are not amplified, and the certificates of steps may be added over time.
+# of steps at most add up and are not amplified, and the certificates of steps may be added over time.
 
 # %%
 later = np.linspace(1.0, 9.0, 161)

@@ -196,7 +196,7 @@ along = in_the_plane((3.0, 0.0), np.zeros((m, 2)), 20)[-1][0]
 iterates = in_the_plane((1.5, 2.5), along, 24)
 distances = [u - iterates[-1][0] for u, _ in iterates]
 errors = np.array([np.sqrt(np.sum(distance * (row @ distance))) for distance in distances])
-# The numbers are of size 10 and the condition number is below 200, so rounding errors are about 1e-13.
+# The numbers are of size 10 and the condition number is below 700, so rounding errors are below 1e-12.
 ends = errors[(errors < 0.5) & (errors > 1e-12)]
 factors = ends[1:] / ends[:-1]
 assert len(factors) >= 3

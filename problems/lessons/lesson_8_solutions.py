@@ -65,8 +65,8 @@ for _normal in (0.0, 100.0):
 
 # %% [markdown]
 # **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has an effect for
-# each of them. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$
-# and has no rate, so it is exact for every mesh and every step.
+# each of them. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in
+# $x$, and its equation contains no rate, so the answer is exact on every mesh and for every step.
 
 
 # %%

@@ -312,7 +312,7 @@ def sine(t):
 def measure_effectivities(scene, times, n, finer, parts):
     """Return the ratios of upper bounds to distances from a finer run, at up to four steps.
 
-    Each step of the run, and each interval between bends of the data, has `parts` steps in the finer run.
+    The finer run has `parts` steps between neighbours among the instants of the run and the bends of the data.
     """
     mesh, wanted = vx.meshes.squares(n), np.unique(np.linspace(1, len(times) - 1, 4).astype(int))
     fine_times = [np.linspace(a, b, parts + 1) for a, b in pairwise(vx.instants(scene, mesh, times))]

@@ -16,7 +16,7 @@ from vemcvx.scene import pose_scene
 
 TYPICAL, MOST = 1.6, 4.0
 QUICK = ("block 128x4", "sheared 4x64", "cantilever 10 4", "cantilever 100 4", "block voronoi 16h", "heavy hanging 16v")
-"""With |K|^{1/2} as length of a cell K, estimates of these were .49, .49, .94, .75, 1.26 and .91 of the true error."""
+"""Cases whose estimates, with |K|^{1/2} as length of a cell K, were .49, .49, .94, .75, 1.26 and .91 of the error."""
 
 
 def measure_effectivity(case):

@@ -124,7 +124,7 @@ def _choose_steps(history: History) -> list[int]:
 
 
 def with_errors(history: History) -> tuple[History, str]:
-    """Return the history with error estimates, and ""; without them, the same history and a line with the reason."""
+    """Return the history with error estimates, and ""; if they fail, the same history and a line with the reason."""
     if history.quantities is not None:
         return history, ""
     plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]

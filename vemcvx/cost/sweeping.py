@@ -1,8 +1,8 @@
 """A sweep over settings: many parallel runs, whose errors are measured against a reference.
 
-The reference u_ref has twice as many cells along every side as the finest mesh, and four times as many steps. For the
-solution u and a run u_h, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So the
-error |u_ref - u_h| is right to 3 % if it is four times the error of the reference; smaller errors are less certain.
+The reference u_ref has twice the cells of the finest mesh along every side, and four times the largest number of steps.
+For the solution u and a run u_h, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So
+the error |u_ref - u_h| is right to 3 % if it is four times the error of the reference; smaller errors are less certain.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Point:
 
 
 Recipe = Callable[[Point], Any]
-"""A function of a module that returns the arguments of a run, :class:`vemcvx.cli.problem_file.Posed`."""
+"""A module-level function that returns the arguments of a run, :class:`vemcvx.cli.problem_file.Posed`."""
 
 
 def common_instants(courses: Sequence[Floats]) -> Floats:

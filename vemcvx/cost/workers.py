@@ -34,7 +34,7 @@ class TookTooLong(Exception):
 
 
 def call_in_process(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
-    """Call a function of a module in a new process; arguments and result must be picklable.
+    """Call a module-level function in a new process; arguments and result must be picklable.
 
     `seconds` is the time limit of the process. Raise the VemcvxError of the function, Crashed, or TookTooLong.
     """

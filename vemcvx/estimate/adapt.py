@@ -252,7 +252,7 @@ def adapt(
     most_unknowns : int
         No pass begins that is expected to have more unknowns, even if the target is not met.
     theta : float
-        Fraction of the squared error whose cells are refined in a pass, in (0, 1).
+        Fraction of the squared error in the cells that a pass refines, in (0, 1).
     progress : callable, optional
         Called with each finished :class:`Pass`.
     estimate : {"residual", "bound"}

@@ -5,7 +5,7 @@ bisected through the midpoint of its own longest edge, until no edge has a node 
 Meth. Eng. 20 (1984), 745-756). The process ends: every cut halves the longest edge of a cell. Among equally long edges
 the numbers of the end nodes decide, so that neighbours choose the same edge; coinciding nodes at an interface count as
 one, so that both bodies are cut alike. By default every cell is bisected at least three times, once in every direction,
-so its parts have at most an eighth of its volume. `tetrahedra(n)` then has the nodes and shapes of `tetrahedra(2 n)`.
+so its parts have at most an eighth of its volume. `tetrahedra(n)` gets the nodes and shapes of `tetrahedra(2 n)`.
 
 *Other cells* are split into one part per vertex. The corners of the parts are vertices, midpoints of edges, centroids
 of faces and the centroid of the cell. Cubes become eight cubes; prisms become prisms. The new faces must be plane.

@@ -189,7 +189,7 @@ T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return the name of a part of the boundary, or of a `what`; raise MeshError if the name is not allowed."""
+    """Return the name of a `what`, by default a part of the boundary; raise MeshError if it is not allowed."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":

@@ -315,7 +315,7 @@ def l_shape(
     Parameters
     ----------
     n : int or (int, int)
-        As in `squares`, but numbers of cells are rounded to even, so that the re-entrant corner is a node. A pair
+        As in `squares`, but numbers of cells are made even, so that the re-entrant corner is a node. A pair
         (nx, ny) must be even.
     box : ((x0, x1), (y0, y1))
         The rectangle around the L; its upper right quarter is left out.

@@ -26,7 +26,7 @@ READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
 BODIES = {".msh": "physical group of cells", ".inp": "instance or part, or else of every element set"}
 BODIES |= dict.fromkeys((".bdf", ".nas", ".fem"), "property")
-"""What becomes a body under bodies='physical', by suffix; a VTU file contains the interfaces of its bodies."""
+"""What becomes a body under bodies='physical', by suffix; VTU files need no such rule, as they contain interfaces."""
 FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 

@@ -65,7 +65,7 @@ def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
 @mostly_long("far", [1.0, 1e2, 1e4, 1e8], 1, 3)
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_friction_drags_a_body_over_any_distance(far, solver):
-    """A carriage on a spring drags node 1 by friction 1; node 2, on a spring to node 1, rubs on the ground with 0.5."""
+    """A carriage on a spring drags node 1 by friction 1. A spring joins nodes 1 and 2; friction 0.5 holds node 2."""
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     body = Kernel(np.array([[1.0], [1.0], [0.0]]), ("the translation",))
     terms = vx.Norms(np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.array([1.0, 0.5]))
@@ -134,7 +134,7 @@ def make_floating_program(rows, limits, push, w):
 
 @mostly_long("block, modes", [(1, 3), (2, 6), (1, 6), (2, 3)], 0, 1)
 def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, modes):
-    """With G = `rows`, the strongest load along a motion c has friction w_i G_i c / |G_i c|; two limits stay closed."""
+    """With G = `rows`, w_i G_i c / |G_i c| is the friction under the strongest load along c; two limits stay closed."""
     rng = np.random.default_rng(block + 10 * modes)
     beyond = 1e-8 if block == 1 else 1e-7
     for _ in range(10):

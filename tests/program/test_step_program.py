@@ -47,7 +47,7 @@ def solve_with_newton(program):
 @separate
 @mostly_long("block", [1, 2, 3], 1)
 def test_the_gap_bounds_the_error(block, separate):
-    """1/2 |d - d*|_K^2 <= gap for every feasible d, with and without multipliers; the gap is primal minus dual."""
+    """1/2 |d - d*|_K^2 <= gap <= primal minus dual for every feasible d, with and without given multipliers."""
     rng = np.random.default_rng(5)
     for seed in range(3):
         program = draw_program(seed, block, separate)
@@ -93,7 +93,7 @@ def test_multipliers_are_computed_from_an_increment(seed, separate):
         lam, p = program.multipliers(answer.d, **given)
         assert np.abs(lam - answer.lam).max() < 1e3 * EPS * spread
         assert np.abs(p - answer.p).max() < 1e3 * EPS * spread
-        # The gap is of second order in the residual, and of first order in multipliers of slipping and open rows.
+        # The gap is quadratic in the residual, and linear in errors of the multipliers of slipping and open rows.
         assert program.certify(answer.d, **given).gap < 1e3 * EPS * spread
 
 

@@ -106,7 +106,7 @@ class Marched:
         return self.trajectory.state[n] - self.trajectory.state[n - 1]
 
     def blur_of_objective(self, n, *points):
-        """Return the rounding error of the objective of step n, summed over `points` d; a summand has n + 3 products.
+        """Return the rounding error of the objective of step n, summed over `points` d: n + 3 roundings per summand.
 
         The error of g = f - K y_{n-1} is at most (n + 2) eps (|f| + M|y_{n-1}|).
         """

@@ -38,7 +38,7 @@ def mark_at(history, place):
 
 @pytest.mark.long
 def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
-    """The pressure at the corner grows by 2^.29 from squares of 1/8 to squares of 1/16; .29 is Williams's exponent."""
+    """From squares of 1/8 to squares of 1/16, the corner pressure grows by the factor 2^.29 (Williams's exponent)."""
     found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
     told = marks(found[16])
     assert told["von_mises"] == told["largest_principal_stress"] == CLAMP
@@ -60,7 +60,7 @@ def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
     ],
 )
 def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, place, words):
-    """Corners of equal conditions are marked above 180 degrees; at 90 degrees, those of clamp and free side are."""
+    """Corners of equal conditions are marked above 180 degrees, corners of clamp and free side also at 90 degrees."""
     load = vx.Traction((0.0, -1.0), on="left")
     assert mark_at(run_settled(vx.meshes.l_shape(8), STEEL, held, load), place) == words
 

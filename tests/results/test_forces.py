@@ -78,7 +78,7 @@ def dragged():
 
 
 def test_the_dragged_side_bears_all_friction(dragged, tmp_path):
-    """Friction is .6 on a length of 1, including the friction of the corner node, which belongs to the side."""
+    """Friction is .6 on a length of 1, including the friction of the corner node of the dragged side."""
     read = vx.read_history(dragged.write(tmp_path / "run"))
     for history in (dragged, read):
         assert history.reaction("up.left")[-1] == pytest.approx([0.6, 0.0], abs=1e-12)

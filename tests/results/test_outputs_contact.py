@@ -32,7 +32,7 @@ def test_every_closed_node_sticks_or_slips():
     assert np.array_equal(contact.stick_count, contact.sticking.sum(axis=1))
     assert np.array_equal(contact.stick_count + contact.slip_count, np.full(len(history.stored), len(contact.nodes)))
     assert contact.slip_count.max() > 0 == contact.slip_count[0]
-    # Each node has one norm term, so the run counts the same numbers at all steps.
+    # Each node has one norm term: `stuck`, which the run counts at every step, is the number of sticking nodes.
     assert np.array_equal(history.trajectory.stuck[history.stored], contact.stick_count)
 
 

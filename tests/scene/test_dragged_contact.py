@@ -40,7 +40,7 @@ def ledger_rest(history):
 @pytest.mark.parametrize("direction", [None, "normal"])
 @pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
 def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, touch):
-    """While the block moves as a whole, its left side bears the friction g L of the floor, also of the corner node."""
+    """While the block moves as a whole, its left side bears the friction g of the floor, including the corner node."""
     g, mesh = 1.0, small(family, 4)
     press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
     scene = vx.Scene(

@@ -55,7 +55,7 @@ def test_a_corner_of_the_contact_boundary_is_held_in_both_normal_directions(degr
     assert np.array_equal(history.displacement[:, corner], np.zeros((len(TIMES), 2)))
     assert corner not in history.contact.nodes
     assert len(history.contact.nodes) == 8
-    # The ends of the contact boundary slide.
+    # All contact nodes slide, including the ends of the contact boundary.
     assert np.abs(history.contact.slip[-1]).max(axis=1).min() > 1e-6 * size
 
 

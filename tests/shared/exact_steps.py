@@ -309,7 +309,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _find_parallel_rows(self):
-        """Return (norm term, limit, ratio of their rows) for each pair whose rows have one and the same unknown."""
+        """Return (norm term, limit, ratio of their rows) for each pair whose rows have a single, common unknown."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)

@@ -25,7 +25,7 @@ def judge_all(seeds, most_refused):
     """Judge the scenes of all seeds, and report their faults together.
 
     The exact reference must solve 95 % of the steps. The scene with the most unsolved steps does not count: in scene
-    251, for example, friction is 1e-28 of the loads.
+    251, for example, the loads are about 1e-29.
     """
     faults, refused, steps, unknown = [], Counter(), 0, []
     for seed in seeds:

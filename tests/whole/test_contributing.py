@@ -28,7 +28,7 @@ FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVE
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
 ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
 """The page of a recipe shows a file, whose first line is its path, and then the line of code that adds it to the
-package. CONTRIBUTING.md shows the two entries in tables of tests that a new effect needs."""
+package. CONTRIBUTING.md shows the two entries that a new effect needs in tables of tests."""
 
 
 def test_contributing_lists_packages_in_order():

@@ -88,7 +88,7 @@ def load_uppermost(rng, soft, name, other, free):
 
 
 def join(rng, soft, joint, other, *, free, coulomb):
-    """Return one-sided contact and friction; the gap moves unless bodies are free."""
+    """Return one-sided contact and friction; the gap moves unless the uppermost body is free."""
     size, rate = (0.0 if free else rng.uniform(0, 0.01)), rng.uniform(3, 9)
 
     def gap(x, y, t):

@@ -301,8 +301,8 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     This is (2.11) and (3.26) of the paper. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
 
     If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). One step
-    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. If the norm of this step is more than
-    three times the projection error, a warning is issued: u_0 violates (2.1), or the mesh is too coarse.
+    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. A warning is issued if the norm of this
+    step exceeds three projection errors plus 5 % of the state's norm: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------

@@ -7,8 +7,8 @@ Integrals over a face are sums over triangles from its first vertex o (d_i = x_i
 
     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
 
-exact for plane faces, convex or not. Integrals over a cell are sums over pyramids with the faces f as bases, and the
-volumes V_f. Their apex is the mean p of the centroids c_f of the faces; a_f are the outward area vectors:
+exact for plane faces, convex or not. Integrals over a cell are sums over pyramids of volume V_f with the faces f as
+bases. Their apex is the mean p of the centroids c_f of the faces; a_f are the outward area vectors:
 
     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 

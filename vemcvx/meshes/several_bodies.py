@@ -44,7 +44,7 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
 NARROW_BETWEEN_BODIES = 1e-3
-"""Smallest width of a gap, relative to the smallest height of a cell; files may round coordinates to six digits."""
+"""Smallest width of a gap, relative to the smallest height of a cell; rounding in files makes narrower gaps."""
 FACING_COSINE = -0.5
 """Largest cosine between the outward normals of two faces that count as facing each other."""
 BODY = "body"

@@ -305,7 +305,7 @@ def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces per length at up to 26 contact nodes; return the largest visible force, and where arrows are cut.
+    """Draw forces per length at up to 26 nodes; return the largest visible force, and the force where arrows are cut.
 
     `scale` is the magnification and the size of the visible part. The scale of arrows is the same at all steps.
     """

@@ -254,8 +254,8 @@ def list_steps(history: Results, picture: str) -> Ints:
 def directions(history: Results, line: ContactLine) -> Floats:
     """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0.
 
-    Open contact without friction is NaN. The direction is opposite to friction, which is known without the step before.
-    If there is no friction, it is the direction of the slip since the last stored step.
+    Open contact without friction is NaN. The direction is opposite to friction, so the step before is not needed. If
+    there is no friction, it is the direction of the slip since the last stored step.
     """
     contact = history.contact
     against = line.along(contact.traction)

@@ -75,7 +75,7 @@ class Contact(ArrayRecord):
         Friction and pressure without the ripple of order h on interfaces of meshes that do not match: means over a
         cell and a half with the same resultants, exact for constants. Elsewhere they are `traction` and `pressure`.
         Quote and draw the recovered fields; but laws and bounds of friction hold for `traction` and `pressure` at every
-        node. The means smooth the ends of contact over a cell. See :mod:`vemcvx.results.contact_tiles`.
+        node. The means smooth the ends of contact over 1.5 cells. See :mod:`vemcvx.results.contact_tiles`.
     sticking : (S, m) bool
         True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)

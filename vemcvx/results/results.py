@@ -170,7 +170,7 @@ class Results:
 
     @property
     def safeguards(self) -> Ints:
-        """The calls (S,) of Newton's safeguard against cycling active sets: projected gradients, then Clarabel."""
+        """The calls (S,) of projected gradients, the safeguard of Newton's method against cycling active sets."""
         return self.trajectory.safeguards[self.stored]
 
     @property

@@ -111,7 +111,7 @@ class Supports:
         freedom = np.zeros((int(side.max(initial=-1)) + 1, dim, dim))
         np.add.at(freedom, side, own[place])
         values, vectors = np.linalg.eigh(freedom)
-        # A direction is held if the freedom of all corners in it adds up to less than 1e-9.
+        # A direction is held if the freedom of all corners in this direction adds up to less than 1e-9.
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
     def motion(self, t: float) -> Floats:

@@ -233,7 +233,7 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
     """Return the largest energy norm that moving ground can cause.
 
     A field v with B_i v = g_i has at least the norm |g_i| / f_i^{1/2}, with f_i the flexibility of term i. Friction
-    forces cause at most sum_i w_i f_i^{1/2}. The smaller of the two is returned.
+    forces cause at most sum_i w_i f_i^{1/2}. The smaller of the two norms is returned.
     """
     if ground is None:
         return 0.0
@@ -412,7 +412,7 @@ Beginning = ArrayLike | str | Balanced | Continued | None
 """None (zero), unknowns (n,), "equilibrium", "settled", a balance of forces, or the end of another run."""
 
 START_TOLERANCE = 1e-6
-"""Jump of the first step, relative to the energy norm, above which a given initial state violates (2.1)."""
+"""Jump of a step at times[0], relative to the energy norm, above which a given initial state violates (2.1)."""
 
 WARNING_RATIO = 3.0
 """Norm of the step from P^h u_0, relative to the distance of P^h u_0 from nodal values of u_0, above which we warn."""

@@ -185,7 +185,7 @@ def _outward(chords: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and last edge (m,) of each edge's whole side: the straight side that hanging nodes divide."""
+    """Return the first and last edge (m,) of each edge's whole side, the straight side without hanging nodes."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own

@@ -23,7 +23,7 @@ $$ \tau = \text{smallest eigenvalue of } C_k \text{ on the deviatoric plane} = \
 - \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2} \; \text{ of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}. $$
 
 In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
-C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock. A growing volumetric modulus
+C, does not depend on the axes, and is 2 mu for an isotropic material. Nothing locks. A growing volumetric modulus
 does not change C_k on deviatoric strains. Fibres with a growing modulus add a matrix of rank one, which leaves the
 smallest eigenvalue bounded. (The trace and the mean of the eigenvalues would grow. With E1 / G = 2e8 and 8 Voronoi
 cells per side, a sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)

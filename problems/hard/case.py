@@ -87,7 +87,7 @@ class Finding:
 
 
 def run(case: Case) -> list[Finding]:
-    """Return every solver's finding; a complaint about two answers that differ is added to the second answer."""
+    """Return every solver's finding; if two answers differ too much, the second finding has the complaint."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:

@@ -11,9 +11,10 @@ $$ F = \min(\mu N, \, N W / 2h) . $$
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) . $$
 
-*A plate* on a rough plane, with the friction bound g, is pushed across one of its ends. It turns about a point on its
-axis, at x = c. At node i the largest friction force is w_i, the integral of g times the basis function of the node. For
-every c the work of friction, divided by the work of a force 1 at the end x = L / 2, is an upper bound. F is the least:
+*A plate* on a rough plane, with the friction bound g, is pushed at one end, across its axis. It turns about a point on
+this axis, at x = c. At node i the largest friction force is w_i, the integral of g times the basis function of the
+node. For every c the work of friction, divided by the work of a force 1 at the end x = L / 2, is an upper bound. F is
+the least of these bounds:
 
 $$ F = \min_c \frac{\sum_i w_i \sqrt{(x_i - c)^2 + y_i^2}}{L / 2 - c} . $$
 
@@ -51,7 +52,7 @@ def incline_limit():
 
 
 def turning(points, weights):
-    """Return the limit of the plate and the centre c, for friction forces w_i at points (m, 2) from the middle."""
+    """Return the limit of the plate and the centre c, for friction forces w_i at points (m, 2) about the middle."""
     # Golden section: each of 70 rounds multiplies the interval by .618.
     low, high, golden = -0.5 * LENGTH, 0.0, 0.5 * (np.sqrt(5.0) - 1.0)
 

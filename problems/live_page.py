@@ -229,7 +229,7 @@ def numbers_of(history, step):
     return [
         ("sticking", f"{stuck.sum()} of {len(stuck)}", "contact nodes at this step"),
         ("dissipated", f"{lost:.3g}", f"so far, of the work {work:.3g}"),
-        ("duality gap", f"{run.gap[now]:.0e}", "bound on the energy of this step above its minimum"),
+        ("duality gap", f"{run.gap[now]:.0e}", "the energy of this step exceeds its minimum by at most this"),
         ("certified error", f"{worst:.0e}", f"relative, the largest of all steps; {kept}"),
     ]
 

@@ -50,7 +50,7 @@ def times(steps):
 
 
 def largest_distance(history, reference):
-    """Return the largest energy distance to a reference run over all instants, relative to its largest energy norm.
+    """Return the largest energy distance to a reference run, relative to the largest energy norm of this reference.
 
     The reference has the same mesh, and its instants include all instants of the history.
     """

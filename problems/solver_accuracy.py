@@ -18,7 +18,7 @@ All errors are relative to the largest |u_m*|_K up to the step. A row that viola
 the exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run: the
 median over the repetitions. In each repetition the solver first solves the step before, because OSQP and SCS start from
 their last solution. Set-up is factorisation and condensation, and the additional time of the first step (compilation by
-cvxpy). The accuracies of each solver increase until the solver misses one. A miss includes a second attempt.
+cvxpy). The requested accuracies get stricter until a solver misses one. The seconds of a miss include a second attempt.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
@@ -192,7 +192,7 @@ def energy_norm(K, u):
 
 
 def sweep(n, accuracies=ACCURACIES, repeats=5, names=None):
-    """Return all rows; the requested accuracy of each solver increases until the solver misses it."""
+    """Return all rows; the requested accuracy of each solver gets stricter until the solver misses it."""
     rows, made = [], solvers()
     for name in STEPS:
         for form in FORMS:

@@ -38,7 +38,7 @@ the inverse curve of first loading. So there are elements whose stress is F if t
 the chain (:func:`inverse`). Backward Euler makes no error here as long as the input is monotone between instants.
 
 Sums of plays have three properties. *Return-point memory* (wiping out): when the input returns to an earlier turning
-point without a larger excursion, the state returns, too. The loop between has no later effect. *Congruency*: closed
+point without a larger excursion, the state returns, too. The loop in between has no later effect. *Congruency*: closed
 loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop dissipates its area.
 For the loop of force and displacement of the chain, between forces that differ by dF, the loss is
 

@@ -23,8 +23,8 @@ energies are a few per cent too high.
 
 Results: over all families of meshes S / a_mu stays between .5 and 7. In a cell of size h, an edge of length e h lowers
 the least ratio by a logarithm only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls like the
-inverse of the aspect ratio, and the greatest grows in proportion to it. On stretched rectangles both ratios fall. The
-part of a_K^h that is exact on linear fields is not affected.
+inverse of the aspect ratio, and the greatest grows in proportion to it. On stretched rectangles both ratios fall.
+Stretching does not affect the part of a_K^h that is exact on linear fields.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """

@@ -84,7 +84,7 @@ def draw_cells(*rows):
 
 
 def trace_outline(follows):
-    """Return the outline of a cell; `follows` has the next node of each of its nodes."""
+    """Return the outline of a cell; `follows` maps each of its nodes to the next one."""
     start = node = next(iter(follows))
     outline = []
     while not outline or node != start:
@@ -94,7 +94,7 @@ def trace_outline(follows):
 
 
 def split_nodes(n, part):
-    """Return squares whose inner nodes are split into two, which differ by `part` of a side in both coordinates."""
+    """Return squares in which each inner node is split into two nodes, `part` of a side apart in both coordinates."""
     mesh = vx.meshes.squares(n)
     inside = np.flatnonzero((np.abs(mesh.points - 0.5) < 0.5 - 0.25 / n).all(axis=1))
     twin = np.full(mesh.n_nodes, -1)

@@ -55,7 +55,7 @@ def reference(friction):
     ids=["squares", "triangles", "squares-voronoi"],
 )
 def test_recovered_pressure_has_no_ripple(families, friction, bound):
-    """Errors are relative to the median pressure 1. The ripples of nodal forces are .6 to 3.7 %."""
+    """Errors are relative to the median pressure 1. The ripples of nodal forces are .5 to 3.7 % if n = 16."""
     x, p, q = reference(friction)
     errors = {"raw": [], "recovered": [], "friction": []}
     for n in (8, 16, 32):
@@ -77,7 +77,7 @@ def test_recovered_pressure_has_no_ripple(families, friction, bound):
 
 @pytest.mark.long
 def test_a_press_fit_has_the_pressure_of_lame():
-    """Cells along the joint have sizes 1 : .8. The largest ripples on three meshes are 2.3, 1.1 and .6 %."""
+    """Cells along the joint have sizes 1 : .8. The largest ripples on three meshes are 1, .5 and .2 %."""
     errors, means, spread = [], [], []
     for n in (8, 16, 32):
         mesh = press_fit.mesh(n, outer=5 * n // 4)

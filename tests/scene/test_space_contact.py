@@ -126,8 +126,8 @@ def test_wear_is_traction_times_displacement():
 
 # Edges of contact.
 
-FEW = 60
-"""Largest number of linear systems per step: 38 were measured; without handling of redundant rows, 200."""
+FEW = 20
+"""Largest number of linear systems per step; the measured number is 2."""
 
 
 def pressed_into_corner(on, friction, n=2):

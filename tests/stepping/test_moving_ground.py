@@ -13,7 +13,7 @@ HELD = vx.Clamp(on="right")
 TOUCHING = vx.BilateralContact(on="bottom")
 TIMES = np.linspace(0, 1, 9)
 ROUNDED = 1e-12
-"""Relative rounding error of a hundred unknowns with a condition number of 1e3."""
+"""Relative rounding error of ninety unknowns with a condition number of a hundred."""
 
 
 def run(t):

@@ -37,7 +37,7 @@ def test_the_patch_test():
 
 @pytest.mark.long
 def test_errors_are_of_first_order():
-    """Measured orders are .97 to 1.05 between h = 1/4 and 1/16; the default has 1.05."""
+    """Measured orders are .96 to 1.05 between h = 1/4 and 1/16; the default has .97 and 1.05."""
     for family in ("voronoi", "hexagons"):
         for stabilisation in OWN:
             slope = vx.measures.orders([1 / 4, 1 / 8, 1 / 16], own.errors(stabilisation, family)).slope
@@ -46,11 +46,11 @@ def test_errors_are_of_first_order():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, the D-recipe's error is a third larger than the default's; `deviatoric` makes them equal."""
+    """At nu = .49999, the D-recipe's error is 2.7 times the default's; `deviatoric` makes them equal."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
-    assert locked > 1.3 * default
+    assert locked > 2.5 * default
     assert free == pytest.approx(default, rel=0.02)
 
 

@@ -70,7 +70,7 @@ def test_overlapping_names_count_edges_once_in_any_order():
 
 
 def test_short_edges_on_an_inclined_side_make_no_corners():
-    """Rounding rotates an edge of length 1e-12 by about 1e-4; its nodes have only the normal of the long edges."""
+    """Rounding rotates an edge of length 1e-12 by up to 1e-4; its nodes have only the normal of the long edges."""
     direction = np.array([np.cos(0.3), np.sin(0.3)])
     on_side = [s * direction for s in (0.0, 0.5, 0.5 + 1e-12, 1.0)]
     space = make_polygon(*on_side, (0.0, 1.0))

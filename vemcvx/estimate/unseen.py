@@ -5,7 +5,7 @@ differences are tractions minus their assembled mean t_e, body forces minus the 
 g minus g_h, which is linear between nodes. g - g_h counts where friction is at its bound, or where a node has slipped;
 elsewhere only where g is less than the friction. The means of these differences act as forces on the whole body.
 
-In space, tractions and body forces are evaluated at quadrature points and at vertices, and stresses at zero strain at
+In space, tractions are evaluated at quadrature points. Body forces and stresses at zero strain are evaluated at
 vertices. The estimate ignores how friction laws and springs vary between nodes. In space, it also ignores how friction
 bounds, gaps and supports vary between nodes.
 """

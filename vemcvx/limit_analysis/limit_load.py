@@ -42,7 +42,7 @@ class LimitLoad(ArrayRecord):
     Attributes
     ----------
     factor, upper : float
-        The lower bound, from `friction` and `pressure`, which balance f_0 + factor f; the upper bound, from `motion`.
+        The lower bound, for which `friction` and `pressure` balance all loads, and the upper bound, from `motion`.
     friction, pressure : (n_nodes, dim) arrays
         Forces of friction and of one-sided contact on the nodes.
     motion : (n_nodes, dim) array
@@ -206,7 +206,7 @@ class Balance(NamedTuple):
 
         x: Any = cp.Variable(len(self.modes))
         conditions = admit(x, alpha)
-        # Other forces must balance the loads that are not multiplied.
+        # A second set of forces must balance the loads that are not multiplied.
         alone = admit(cp.Variable(len(self.modes)), 0.0) if self.dead.any() and self.push.any() else []
         problem = cp.Problem(cp.Maximize(alpha), conditions + alone)
         with warnings.catch_warnings(), suppress(cp.error.SolverError):

@@ -470,5 +470,5 @@ def test_true_errors_meet_targets_of_bounds(seed):
     assert bounded.met
     assert bounded.passes[-1].unknowns <= 1.05 * other.passes[-1].unknowns
     for time in (0.5, 1.0):
-        # The error of the finer run is nearly orthogonal to the difference of both runs.
+        # The error of the finer run is nearly orthogonal to the difference between `bounded` and the finer run.
         assert np.hypot(*measure_distance(bounded, time)) <= 0.08

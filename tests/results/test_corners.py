@@ -128,7 +128,7 @@ def test_marks_of_given_friction_and_of_a_read_history(tmp_path):
     assert marks(vx.read_history(tmp_path)) == told
 
 
-def test_growth_compares_the_two_finest_meshes():
+def test_growth_compares_the_finest_mesh_with_a_clearly_coarser_mesh():
     h = 0.5 ** np.arange(5)
     assert growth(h, h**-0.29) == "grew by a factor 1.22 from h = 0.125 to 0.0625"
     assert growth(h, -3.0 * h**-0.1) == "grew by a factor 1.07 from h = 0.125 to 0.0625"

@@ -40,7 +40,7 @@ def inside(fans, outline, body):
 
 
 def compute_nodal_values(circle, u, t):
-    """Yield the nodal values (c, n, 20) of the conforming displacement for each chunk of cells."""
+    """Yield the fans of each chunk of cells, and the nodal values (c, n, 20) of the conforming displacement."""
     body = circle.boundary.reader.body(t)[0]
     outline = circle.equilibrium.edges.outline(u)
     for one in circle.forms:
@@ -56,7 +56,7 @@ def energy_distance(circle, one, other):
 
 
 def compute_enriched_values(pair):
-    """Yield nodal values of v + w for each chunk of cells: w enriches the conforming displacement v inside cells."""
+    """Yield fans and nodal values of v + w for each chunk: w enriches the conforming displacement v inside cells."""
     for one in pair.circle.forms:
         yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
 
@@ -69,7 +69,7 @@ def strains_at_stations(fans, v):
 
 
 def evaluate_at_rule(values):
-    """Yield strains at the quadrature points (c, n, 21, 3), the points and their weights for each chunk of cells."""
+    """Yield fans, strains at the quadrature points (c, n, 21, 3), the points and their weights for each chunk."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
     for fans, v in values:
         c, n, _ = v.shape

@@ -83,7 +83,7 @@ def test_short_edges_on_an_inclined_side_make_no_corners():
 
 
 @pytest.mark.parametrize("degrees", [40.0, 42.4, 42.6, 45.0])
-def test_sides_at_angles_below_42_degrees_are_a_curve(degrees):
+def test_sides_at_angles_below_42_and_a_half_degrees_are_a_curve(degrees):
     end = 1 + np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     mesh = make_polygon((0, 0), (1, 0), end, (0, 3)).mesh
     part = Space(mesh.with_boundary("base", lambda x: (x[:, 0] > 0.1) & (x[:, 1] < 0.5))).part("base", "test")

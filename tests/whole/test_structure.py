@@ -233,8 +233,7 @@ def test_tests_of_internals_are_in_tests_unit():
 
 def test_names_of_functions_hide_no_modules():
     for name, path in modules().items():
-        # In `plots`, every file has one function with the name of the file.
-        if path.name == "__init__.py" and name != "vemcvx.plots":
+        if path.name == "__init__.py":
             package = __import__(name, fromlist=["_"])
             hidden = [
                 m for m in modules() if m.rpartition(".")[0] == name and callable(vars(package).get(m.split(".")[-1]))

@@ -213,7 +213,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """Return values (m, k) of rows at the two ends of edges, (b, 2, k); zero on edges without rows.
 
-    An end of an interface that supports hold has no row: there the value at the other end is used.
+    Where supports hold one end of an edge of an interface, this end has no row, and gets the value at the other end.
     """
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0

@@ -207,7 +207,7 @@ class Boundary:
         return springs.reshape(count, 4, 4)
 
     def _check_along_boundary(self, felt: Floats) -> None:
-        """Raise SceneError unless springs along edges give all stiffness in addition to the material's.
+        """Raise SceneError unless all stiffness in addition to the material's is due to springs along edges.
 
         `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations. Off-diagonal entries
         for springs to the ground are not negative, so diagonal entries are at most the forces under translations.

@@ -248,9 +248,9 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return the forces per area (b, dim) on sides, given the forces per area (m, dim) of rows.
+        """Return the forces (b, dim) on sides, given the forces per area (m, dim) of rows.
 
-        Nodes of an interface that supports hold have no row. There the values at the other nodes of the side are used.
+        Where supports hold a node of an interface, it has no row. There the values at other nodes of the side are used.
         """
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from same_mesh import assert_same
 from scenes import mostly_long, mostly_slow, moved, rotation, small
-from tubes import ring
 
 import vemcvx as vx
 from vemcvx.meshes import SPACE_FAMILIES, bodies, cubes
@@ -18,6 +17,12 @@ from vemcvx.meshes.interfaces import faces_of
 
 FAMILIES = list(SPACE_FAMILIES)
 NEXT_DOOR = ((1.0, 2.0), (0.0, 1.0), (0.0, 1.0))
+
+
+def ring(radii, sectors, levels, angle=0.0):
+    """Return a tube of hexahedra over the sectors of a ring."""
+    flat = vx.meshes.ring(radii, sectors, angles=(angle, angle + 2 * np.pi))
+    return flat.extruded(np.linspace(0, 1, levels + 1))
 
 
 def rotate(mesh, angle, about=(0.5, 0.5)):

@@ -11,7 +11,6 @@ import meshio
 import numpy as np
 import pytest
 from hostile import mutated, read_all
-from polydata import POLYHEDRA
 from scenes import small
 
 import vemcvx as vx
@@ -20,11 +19,11 @@ from vemcvx.meshes import read
 FILES = Path(__file__).parent / "files"
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 FLAT = "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
-DECK, TWICE, WITHIN, TWO, BULK, GMSH = (
+DECK, TWICE, WITHIN, TWO, BULK, GMSH, POLYHEDRA = (
     (FILES / name).read_text()
     for name in (
         *("many_spellings.inp", "one_part_twice.inp", "meshes_in_instances.inp", "two_blocks.inp"),
-        *("three_layouts.bdf", "groups_41.msh"),
+        *("three_layouts.bdf", "groups_41.msh", "polyhedra.vtu"),
     )
 )
 

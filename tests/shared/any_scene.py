@@ -6,13 +6,13 @@ on one, two or three sides, or on two parts of a side; it is bilateral, unilater
 Friction is Tresca's, Coulomb's (perhaps with a cap) or absent, on ground that stands still or moves. Loads of all kinds
 reverse, stay constant, vanish or hardly change; some scenes have dashpots. Runs are condensed or not, with all solvers
 and both linear solvers. They start from zero, from a settled state, in equilibrium or from a given state; some runs are
-interrupted and resumed.
+interrupted and resumed. ``draw_two_bodies(seed)`` puts a second body in place of the ground.
 """
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scenes import FAMILIES, SEEDED, drawn, moved, rotation
@@ -44,7 +44,7 @@ class Drawn:
 
     @property
     def words(self):
-        """A description of the scene, with the call that rebuilds it."""
+        """A description of the scene, with the seed that rebuilds it."""
         effects = "; ".join(effect.describe() for effect in self.effects)
         return (
             f"any_scene.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, {self.solver!r}, "
@@ -176,7 +176,7 @@ class _Draw:
             self.kinds.add("orthotropic")
             E2, E3 = E * self._ten(-1, 0), E * self._ten(-1, 0)
             G, angle = E * self._ten(-1.5, -0.3), self.rng.uniform(-2, 2)
-            return vx.Orthotropic((E, E2, E3), (0.2, 0.1, 0.1), G, angle, plane, on)
+            return vx.Orthotropic((E, E2, E3), (0.2, 0.1, 0.1), G, angle, plane, on=on)
         nu = self.one(0.3, 0.3, 0.3, 0.0, *self.rng.uniform(-0.9, 0.49, 6), 0.499, 0.499999, 0.5 - 1e-10)
         if triangles:
             nu = min(nu, 0.45)
@@ -395,6 +395,32 @@ def draw(seed):
             # Such bodies are refused from equilibrium or with an iterative solver: one in ten keeps these settings.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
+
+
+def draw_two_bodies(seed):
+    """Return the scene of a seed with a second body in place of the ground; None if the first is turned or thin.
+
+    The interface is named "bottom", so that the contact of the ground acts there. The second body stands on a clamp.
+    """
+    drawn = draw(seed)
+    if drawn.kinds & {"turned", "thin", "contrast"}:
+        return None
+    upper, n = drawn.mesh, 1 + seed % 4
+    (x0, y0), (x1, y1) = upper.points.min(axis=0), upper.points.max(axis=0)
+    sides = {side: upper.boundaries[side] for side in SIDES}
+    upper = vx.PolygonMesh(upper.points, list(upper.cells), boundaries=sides, cell_data=upper.cell_data)
+    lower = vx.meshes.squares((n, 1), box=((x0, x1), (2 * y0 - y1, y0)))
+    lower = lower.with_cell_data("hard", np.ones(n)).with_cell_data("soft", np.zeros(n))
+    mesh = vx.meshes.bodies({"lower": lower, "upper": upper}, interfaces={"bottom": ("lower", "upper")})
+    mesh = mesh.with_boundaries({side: mesh.boundaries[f"upper.{side}"] for side in SIDES if side != "bottom"})
+    effects = [vx.Clamp(on="lower.bottom")]
+    for effect in drawn.effects:
+        on = getattr(effect, "on", None)
+        if on in ("bottom", "west"):  # No traction and no moving ground act on an interface.
+            effect = replace(effect, on="top" if isinstance(effect, vx.Traction) else "bottom")
+            effect = replace(effect, ground=None) if getattr(effect, "ground", None) else effect
+        effects += [effect] if on != "east" else []
+    return replace(drawn, effects=effects, mesh=mesh)
 
 
 def _has_kernel(effects, mesh):

@@ -53,7 +53,7 @@ TOP = 1_827
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 21_793
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 32_288
+ALL_TESTS = 32_329
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

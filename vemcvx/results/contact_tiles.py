@@ -95,7 +95,7 @@ class ContactTiles:
     def _nearness(self, among: Bools) -> sp.csr_matrix:
         """Return the symmetric matrix k (m, m), with 1 on its diagonal.
 
-        The search goes from neighbour to neighbour, so it stays on one piece. (SciPy's KD-tree takes .08 s to load.)
+        The search goes from neighbour to neighbour, so it stays on one piece. (SciPy's KD-tree takes .3 s to load.)
         """
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         beside = sp.csr_matrix(chosen @ self.beside @ chosen)

@@ -152,7 +152,7 @@ def _sort_blocks(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints
     """Sort blocks by the rows and columns of the k entries to which they are added.
 
     Return the block numbers (pairs,), where the blocks of each entry begin (k + 1,), the columns (k,), and where the
-    entries of each row begin (n_nodes + 1,). The sorting arrays, .34 GB per million cubes, are freed on return.
+    entries of each row begin (n_nodes + 1,). The sorting arrays, up to 1.3 GB per million cubes, are freed on return.
     """
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])

@@ -38,7 +38,7 @@ def mark_at(history, place):
 
 @pytest.mark.long
 def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
-    """From squares of 1/8 to squares of 1/16, the corner pressure grows by the factor 2^.29 (Williams's exponent)."""
+    """From squares of 1/8 to 1/16, the corner pressure grows by about the factor 2^.29 (Williams's exponent)."""
     found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
     told = marks(found[16])
     assert told["von_mises"] == told["largest_principal_stress"] == CLAMP

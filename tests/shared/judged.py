@@ -18,7 +18,7 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""Inverse of the relative stiffness, 2^-8, that the package adds to rigid motions of bodies that only contact holds."""
+"""Assumed inverse of the least eigenvalue of K with unit diagonal and anchors, for bodies that only contact holds."""
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force: Newton's method stops there."""
 EXACT = 2.0**-160

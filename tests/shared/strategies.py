@@ -56,7 +56,7 @@ def materials(draw, mesh):
 
 def courses(steps):
     """Draw courses in time (steps + 1,) from 0: steadily growing, held, reversing or random."""
-    # Energies of 1e-125 and less are refused.
+    # Energy norms below 1e-125 are refused.
     free = st.lists(st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-60 else 0.0), min_size=steps, max_size=steps)
     few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)
     return st.one_of(st.just(list(np.linspace(0, 1, steps + 1)[1:])), few, free).map(lambda c: np.array([0.0, *c]))

@@ -23,9 +23,9 @@ of gaps. Features narrower than the distance of points may be missed.
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
 with the length l_e of an edge, the longest side d_K of a cell's box, and the depth z of :mod:`.surface`. The first two
-follow from Poincare inequalities of a cell and of an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to
-l_e / (2 mu)); half is enough for functions orthogonal to linear ones. A surface wave d with the wave number k stores
-the energy 2 mu k |d|^2 in a half space, at most the energy of motions. The last is exactly the squared dual norm.
+follow from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu))
+and on a cell; half is enough for functions orthogonal to linear ones. A surface wave d with the wave number kappa
+stores 2 mu kappa |d|^2 in a half space, at most the energy of motions. The last is exactly the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
 for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as

@@ -61,8 +61,8 @@ class SuperLUFactor(Factor):
         """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
 
         By Sylvester's law of inertia, the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
-        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. For K = A + E, k
-        kernel motions of A, and stiffness E on k unknowns, positive pivots prove A semidefinite (Haynsworth 1968).
+        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K = A + E, with
+        k kernel motions of A and stiffness E on k unknowns, positive pivots prove A semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]

@@ -220,7 +220,7 @@ def _panels(
         raise HistoryError(f"{picture}: {HIDDEN}.")
     if ax is not None and len(faces) > 1:
         names = ", ".join(map(repr, faces))
-        raise HistoryError(f"{picture}: given axes show one face of contact only; select one by on=, of {names}.")
+        raise HistoryError(f"{picture}: given axes show one face of contact only; select one of {names} by on=.")
     panels = [ax] if ax is not None else canvas.row_of_axes(len(faces), *size)
     for panel, (name, face) in zip(panels, faces.items(), strict=True):
         yield panel, f"{name}, " * (len(faces) > 1), face

@@ -4,7 +4,7 @@ A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with
 rows along tangents have a tangent in place of n. Every row has *ends*: the edges of its part that meet its node, each
 with half the edge length, which is int phi_i over the edge. If rows of several parts form one term, the term has the
 union of their ends, so a shared edge counts once. A force on a row of one table is distributed to the rows of another
-table: each of these gets the fraction (length of its common ends with the first row) / (length of the first row).
+table: each gets the fraction (length of its common ends with the loaded row) / (length of the loaded row).
 """
 
 from __future__ import annotations

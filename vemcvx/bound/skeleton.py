@@ -45,7 +45,7 @@ class Joints:
         return back
 
     def normal_forces(self, traction: Floats, weights: Floats, units: Floats) -> Floats:
-        """Return the normal forces (b, dim) of bilateral contact, given tractions (b, dim) of stresses on all edges."""
+        """Return the normal forces (b, dim) of bilateral contact, given forces (b, dim) of stresses on all edges."""
         one, other = self.first[self.bonded], self.second[self.bonded]
         n, w, v = units[one], weights[one], weights[other]
         size = np.einsum("kd,kd->k", (w[:, None] * traction[one] - v[:, None] * traction[other]), n) / (w + v)

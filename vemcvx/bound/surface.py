@@ -306,7 +306,7 @@ class Boundary:
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
     def _friction_bound(self, now: Instant, read: Reading) -> Floats:
-        """Return the friction bound g (b, 2) at the ends of edges; a law evaluates it at the computed pressure."""
+        """Return the friction bound g (b, 2) at the ends of edges; with a law of friction, at the computed pressure."""
         terms, g = self.posed.terms, read.friction
         if self.follows_pressure:
             g = self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0]

@@ -248,7 +248,7 @@ def test_cvxpy_gives_the_same_increments_and_multipliers(block, cones):
     assert posed.lam is None
     posed.problem.solve(**SHARP)
     assert posed.problem.value == pytest.approx(program.objective(exact.d), rel=1e-8)
-    # Interior points stop at gaps near 1e-10, so errors of d and of multipliers are near 1e-5.
+    # Interior points stop at gaps near 1e-10, so errors of d and of multipliers are below 1e-5.
     for found, wanted in ((posed.d.value, exact.d), (posed.lam, exact.lam), (posed.p, exact.p)):
         assert np.abs(found - wanted).max() < 1e-4 < np.abs(wanted).max()
     gap = program.certify(program.feasible(posed.d.value), posed.lam, posed.p).gap

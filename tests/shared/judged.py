@@ -22,7 +22,7 @@ ANCHORED = 256
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force: Newton's method stops there."""
 EXACT = 2.0**-160
-"""Relative error of exact distances: roots of energies, computed with 512 bits."""
+"""Relative error of exact distances, which are roots of energies computed with 512 bits."""
 UPPER = 1 + 1e-9
 """Factor for the rounding of bound and error in doubles."""
 
@@ -167,7 +167,7 @@ def _check_resumed(drawn, history, verdict):
     """Check that a resumed run equals the uninterrupted run up to the interruption."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
     whole, half = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options), (len(drawn.times) + 1) // 2
-    # Certificates are computed for several steps together, in which sums are rounded differently.
+    # Certificates are computed for several steps at once, and the number of steps changes the rounding of sums.
     results, certificates = (
         ("displacement", "forces", "energy", "work", "dissipated"),
         ("certificate", "certificate_floor"),

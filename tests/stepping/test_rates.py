@@ -72,7 +72,7 @@ KINDS = {  # law at a speed v, and its potential at the slip r in a step of leng
 
 
 def random_run(seed):
-    """Return a system with a random monotone law, dashpots and limits; its march; the potential; and its parameters."""
+    """Return a system (random monotone law, dashpots, limits), its march, and potential and parameters of the law."""
     rng = np.random.default_rng(seed)
     block, m, r = int(rng.integers(1, 3)), int(rng.integers(1, 6)), int(rng.integers(0, 3))
     n = m * block + int(rng.integers(0, 4))

@@ -445,13 +445,15 @@ def test_bounds_of_adapted_meshes_meet_the_target():
     assert np.isclose(found.bound.cells.sum(), found.bound.upper.max() ** 2)
 
 
-def measure_distance(found, time):
-    """Return the distance from a finer run (cells refined twice, steps halved), and the finer run's error bound."""
-    run = found.history
+def measure_distance(found, time, passes):
+    """Return the distance from a finer run (cells refined in `passes`, steps halved), and the finer run's bound."""
+    run, mesh = found.history, found.history.mesh
+    for _ in range(passes):
+        mesh = mesh.refine()
     times = run.trajectory.times
     finer = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     n = int(np.searchsorted(finer, time))
-    truth = vx.simulate(run.scene, run.mesh.refine().refine(), finer, store=[n - 1, n])
+    truth = vx.simulate(run.scene, mesh, finer, store=[n - 1, n])
     circle, beside = circle_of(run), circle_of(truth)
     now, before = (instant(truth, truth.row(k)) for k in (n, n - 1))
     u = run.displacement[run.row(int(np.searchsorted(times, time)))]
@@ -470,5 +472,6 @@ def test_true_errors_meet_targets_of_bounds(seed):
     assert bounded.met
     assert bounded.passes[-1].unknowns <= 1.05 * other.passes[-1].unknowns
     for time in (0.5, 1.0):
-        # The error of the finer run is nearly orthogonal to the difference between `bounded` and the finer run.
-        assert np.hypot(*measure_distance(bounded, time)) <= 0.08
+        # The error of the finer run is nearly orthogonal to the difference between `bounded` and the finer run. If its
+        # bound leaves the answer open, a third pass makes this bound smaller.
+        assert any(np.hypot(*measure_distance(bounded, time, passes)) <= 0.08 for passes in (2, 3))

@@ -101,7 +101,7 @@ def measure_error(run, truth):
 
 
 def match_error(study, beside, truth):
-    """Try `TRIES` targets; return the smallest adaptive run at least as accurate as the uniform run `beside`."""
+    """Try `TRIES` targets; return the smallest adaptive run as accurate as `beside`, and its result of `vx.adapt`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
@@ -129,7 +129,7 @@ def fit_slope(runs):
 
 
 def run_study(study):
-    """Return uniform runs, pairs of the two finest with adaptive runs, all adaptive runs, and the reference."""
+    """Return uniform runs, the two finest with what `match_error` returns, adaptive runs, and the reference."""
     equal = [run_uniform(study, n) for n in study.sizes]
     finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
     truth = reference(study, finest, study.sizes[-1])

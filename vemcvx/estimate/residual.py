@@ -23,11 +23,11 @@ on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 where the condition holds if the mesh is fine where the solution changes fast. In the estimate, d is replaced by d_e,
 the mean width of both cells along n_e. h_K is the longest side of the box with the second moments of the cell.
 
-Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is the same in both cells, but eps_ss(Pi
-u) is not. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
+Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is the same in both cells at the edge, but
+eps_ss(Pi u) is not. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
 stabilisation has too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then
-|K| / l_e is its cross-section. The sum over the parallel edges, two of a rectangle and four of a box, is the energy of
-a bar with the modulus E and a strain that is linear between these edges.
+|K| / l_e is the cross-section of the cell. The sum over the parallel edges, two of a rectangle and four of a box, is
+the energy of a bar with the modulus E and a strain that is linear between these edges.
 
 In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
 because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises

@@ -23,7 +23,7 @@ from vemcvx.meshes.polyhedra import list_faces
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 NEAR_FRACTION = 0.1
-"""Nodes move onto the line if their distance from it is below this fraction of their shortest edge."""
+"""Inner nodes move onto the line if their distance from it is at most this fraction of their shortest edge."""
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:

@@ -110,7 +110,7 @@ def test_every_scene_of_the_page_has_every_path_and_mesh(ran):
     [("Newton", 1e-8, "asked: 1e-08"), ("Clarabel", 1e-14, "asked for 1e-14, missed at")],
 )
 def test_the_page_shows_whether_the_accuracy_is_reached(ran, solver, accuracy, words, monkeypatch):
-    """Clarabel reaches gaps of 1e-12 at best."""
+    """Clarabel reaches energy errors of about 1e-8 at best."""
     app = ran[0]
     monkeypatch.setitem(app.SOLVERS, solver, lambda: getattr(vx, solver)(accuracy=accuracy))
     problem = read_problem("kelvin_voigt_creep")

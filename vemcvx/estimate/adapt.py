@@ -244,7 +244,7 @@ def adapt(
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
         largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. For the last three,
-        each pass needs two more runs, one with all cells refined; passes end if four do not lower the error.
+        each pass needs two more runs, one with all cells refined; passes end after four that do not lower the error.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)

@@ -18,9 +18,9 @@ from the Poincare inequality on a cell; c is CONSTANT or, in space, IN_SPACE.
 The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I. Let T be a triangle
 on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 
-    |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T,
+    |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
-where the condition holds if the mesh is fine where the solution changes fast. In the estimate, d is replaced by d_e,
+The condition holds if the mesh is fine where the solution changes fast. In the estimate, d is replaced by d_e,
 the mean width of both cells along n_e. h_K is the longest side of the box with the second moments of the cell.
 
 Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is the same in both cells at the edge, but

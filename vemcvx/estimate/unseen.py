@@ -34,7 +34,7 @@ class DataErrors:
 
     @cached_property
     def reader(self) -> Reader:
-        """The reader of the data at quadrature points."""
+        """The reader of the data at points of edges and cells."""
         return Reader(self.posed, self.edges, self.edges.mesh.centroids)
 
     def squares(self, now: Instant, strain: Floats) -> Floats:

@@ -34,21 +34,6 @@ def test_tables_have_a_column_for_each_axis(history):
     assert np.array_equal(table["slip_z"], history.contact.slip[:, :, 2].ravel())
 
 
-def test_friction_of_a_dragged_block_is_the_reaction_of_the_dragged_side(history):
-    """The dragged side and the bottom share nodes; all nodes slip, so the friction is the bound times the area."""
-    pulled = vx.Scene(
-        STEEL,
-        vx.PrescribedDisplacement(lambda x, t: t, on="left", direction=(1.0, 0.0, 0.0)),
-        vx.Symmetry(on="front"),
-        *FLOOR,
-    )
-    run = vx.simulate(pulled, history.mesh, [0.0, 1.0, 2.0])
-    assert not run.contact.sticking[-1].any()
-    friction = circles.BOUND * np.prod(circles.SIDES)
-    assert run.reaction("left")[-1, 0] == pytest.approx(friction, rel=1e-6)
-    assert run.force(vx.TrescaFriction)[-1, 0] == pytest.approx(-friction, rel=1e-6)
-
-
 @pytest.mark.long
 def test_an_archive_in_space_is_read_back_to_the_bit(history, tmp_path):
     scene = vx.Scene(STEEL, vx.Clamp(on="top"), *FLOOR, vx.ThermalStrain(1e-4, lambda x, t: t * x[:, 2]))

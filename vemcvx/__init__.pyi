@@ -68,6 +68,8 @@ from .history import joined as joined
 from .history import read_history as read_history
 from .limit_analysis.limit_load import LimitLoad as LimitLoad
 from .limit_analysis.limit_load import limit_load as limit_load
+from .limit_analysis.shakedown import Shakedown as Shakedown
+from .limit_analysis.shakedown import shakedown as shakedown
 from .linear import Iterative as Iterative
 from .linear import LinearSolver as LinearSolver
 from .linear import Pardiso as Pardiso

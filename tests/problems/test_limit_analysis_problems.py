@@ -1,4 +1,4 @@
-"""The problem of limit loads, against its closed forms and beside simulations."""
+"""The problems of limit loads and shakedown, against closed forms and beside simulations."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 
 import gallery
 import limit_load
+import shakedown
 import vemcvx as vx
 
 
@@ -50,3 +51,48 @@ def test_limits_of_meshes_approach_the_integral_over_the_plate():
     away = [limit_load.find_plate_limit(limit_load.mesh(n)).factor / exact - 1.0 for n in (2, 4, 8)]
     assert np.diff(np.abs(away)).max() < 0
     assert abs(away[-1]) < 0.004
+
+
+def test_melan_and_koiter_meet_at_the_closed_forms():
+    for scene, mesh, times, exact in (
+        (shakedown.scene(1.0), shakedown.mesh(3), shakedown.CYCLE, shakedown.shear_factor()),
+        (shakedown.free_scene(), shakedown.mesh(3, "hanging"), shakedown.CYCLE, shakedown.free_factor()),
+        (shakedown.circle_scene(), shakedown.space_mesh(2), np.arange(12) / 12, shakedown.circle_factor()),
+    ):
+        found = vx.shakedown(scene, mesh, times)
+        assert found.factor == pytest.approx(exact, rel=1e-8)
+        assert found.upper == pytest.approx(exact, rel=1e-8)
+
+
+def test_a_free_top_has_its_shakedown_factor_at_the_limit_load():
+    """The strong end of the floor can bear more than twice the weak bound; the mean bound is smaller."""
+    mesh, load = shakedown.mesh(3), vx.Traction((shakedown.SHEAR, 0.0), on="top")
+    limit = vx.limit_load(shakedown.free_scene(0.0).without(vx.Traction), mesh, load)
+    assert limit.factor == pytest.approx(shakedown.free_factor(), rel=1e-8)
+
+
+def test_in_100_cycles_slip_stops_below_the_factor_and_goes_on_above():
+    mesh, times, factor = shakedown.mesh(3), shakedown.times(200), shakedown.shear_factor()
+    below, above = (
+        shakedown.measure_friction_work(vx.simulate(shakedown.scene(part * factor), mesh, times, store="last"))
+        for part in (0.98, 1.02)
+    )
+    assert len(below) == 100
+    # Slips of the first cycle remain; afterwards there is only rounding.
+    assert below[0] > 1e-4
+    assert below[1:].max() < 1e-10 * below[0]
+    assert above[50:] == pytest.approx(above[-1], rel=1e-6)
+    assert above[-1] > 1e-4 * above[0]
+
+
+@pytest.mark.long
+def test_along_a_circle_slip_stops_below_the_factor_and_goes_on_above():
+    mesh, times = shakedown.space_mesh(2), np.arange(20 * 12 + 1) / 12
+    below, above = (
+        np.diff(run.trajectory.dissipated[::12])
+        for part in (0.98, 1.02)
+        for run in [vx.simulate(shakedown.circle_scene(part * shakedown.circle_factor()), mesh, times, store="last")]
+    )
+    assert below[2:].max() < 1e-10 * below[0]
+    assert above[-1] == pytest.approx(above[-2], rel=1e-6)
+    assert above[-1] > 0.1 * above[0]

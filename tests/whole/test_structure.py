@@ -45,15 +45,15 @@ HEAVY = {
 LINES = {"program": 2_244, "solvers": 1_471, "stepping": 1_830, "linear": 939, "scene": 2_054, "effects": 2_547}
 LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
 LINES |= {"bound": 3_275, "results": 2_859, "estimate": 2_288, "plots": 2_112}
-LINES |= {"limit_analysis": 249}
+LINES |= {"limit_analysis": 419}
 LINES |= {"cost": 682, "cli": 3_713}
 LINES |= {"meshes": 6_964, "meshes/io": 1_403, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
-TOP = 1_827
+TOP = 1_829
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 21_775
+TESTS = 21_946
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 32_311
+ALL_TESTS = 32_538
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -150,7 +150,17 @@ USES = {
     vx.programs: list,
     vx.programs_of_march: list,
 }
-OF_RUNS = vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity, vx.LimitLoad
+OF_RUNS = (
+    vx.History,
+    vx.Contact,
+    vx.Trajectory,
+    vx.Adapted,
+    vx.ErrorBound,
+    vx.ErrorBudget,
+    vx.Quantity,
+    vx.LimitLoad,
+    vx.Shakedown,
+)
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
 """Records that runs and solvers return, not tested here; `tests/whole/test_contributing.py` tests answers."""
 LEFT = {"progress", "stream", "folder", "effects"}

@@ -1,1 +1,1 @@
-"""Limit loads: cone programs for a whole load, without steps."""
+"""Limit loads and shakedown: cone programs for a whole load or a whole cycle, without steps."""

@@ -1,13 +1,11 @@
-r"""The limit load of bodies that friction and one-sided contact alone hold.
+r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
 The columns of N are the rigid motions that no support holds, f_0 the loads of the scene, f the load. The factor is the
 largest alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), |lam_i| <= w_i + (J p)_i and p >= 0. In Tresca's law J = 0; in
 Coulomb's law w = 0 and J = mu. A mechanism is a motion N c with D N c + J'|B N c| <= 0 and f'N c = 1. It gives the
-upper bound sum_i w_i |B_i N c| - f_0'N c, because admissible forces obey
+upper bound sum_i w_i |B_i N c| - f_0'N c.
 
-    alpha = c'N'(B'lam + D'p) - f_0'N c <= sum_i w_i |B_i N c| + p'(D N c + J'|B N c|) - f_0'N c.
-
-Solvers meet these conditions up to a tolerance only. We therefore reduce friction by the fraction MARGIN, which leaves
+Solvers meet such conditions up to a tolerance only. We therefore reduce friction by the fraction MARGIN, which leaves
 room to correct the forces, and project the mechanism onto the conditions that are equations at the limit.
 """
 
@@ -32,7 +30,9 @@ from vemcvx.scene import PosedScene, Scene, pose_scene, suppress_scene_warnings
 from vemcvx.simulation import check_kinds
 
 MARGIN = 1e-10
-"""Fraction by which friction is reduced; the forces of the solver are usually out of balance by 1e-13 or less."""
+"""Fraction by which friction is reduced."""
+TOLERANCE = 0.1 * MARGIN
+"""Tolerance of the corrected forces and motions, relative to the forces."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -123,11 +123,10 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
     B = B.reshape(len(w), posed.system.block, len(push))
     balance = Balance(B, D, w=w / unit, J=J, dead=dead / unit, push=push / per_load)
     alpha, lam, p, c, _ = balance.solve("limit_load")
-    # Pressures need a margin, too: a smaller load leaves room to correct them.
-    alpha -= MARGIN * abs(alpha)
+    alpha *= 1.0 - MARGIN  # This leaves room to correct pressures, too.
     lam, p, off = balance.correct_forces(alpha, lam, p)
     c, over = balance.correct_motion(c, lam, p)
-    if not max(off, over) < 0.1 * MARGIN:
+    if not max(off, over) < TOLERANCE:
         raise SolverFailed(f"limit_load: no verified bounds: conditions are off by {max(off, over):.1e} of the forces.")
     upper = float(balance.w @ lengths(balance.B @ c) - balance.dead @ c)
     return LimitLoad(
@@ -211,7 +210,7 @@ class Balance(NamedTuple):
         problem = cp.Problem(cp.Maximize(alpha), conditions + alone)
         with warnings.catch_warnings(), suppress(cp.error.SolverError):
             warnings.simplefilter("ignore")  # cvxpy warns of inaccurate answers, but the bounds are verified.
-            problem.solve(solver="CLARABEL", tol_gap_abs=1e-13, tol_gap_rel=1e-13, tol_feas=1e-13)
+            problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
         if "unbounded" in str(problem.status):
             raise SceneError(f"{subject}: friction and contact bear every multiple of the load, so it has no limit.")
         if "infeasible" in str(problem.status):

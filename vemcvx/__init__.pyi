@@ -90,6 +90,10 @@ from .program import System as System
 from .results.contact import Contact as Contact
 from .results.quoted import Quantity as Quantity
 from .scene import Scene as Scene
+from .sensitivity import Fit as Fit
+from .sensitivity import Sensitivities as Sensitivities
+from .sensitivity import fit as fit
+from .sensitivity import sensitivities as sensitivities
 from .simulation import instants as instants
 from .simulation import programs as programs
 from .simulation import projected as projected

@@ -91,5 +91,5 @@ def test_numbers_of_effects_families_lessons_and_commands_are_right():
     assert "ten lessons" in TEXT
     assert f"{len(problem_files())} problem files" in changes
     commands = re.findall(r"^\| `vemcvx ", page("howto/command_line"), re.MULTILINE)
-    assert len(commands) == 11
-    assert "eleven commands" in TEXT
+    assert len(commands) == 12
+    assert "twelve commands" in TEXT

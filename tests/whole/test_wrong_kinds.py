@@ -117,6 +117,8 @@ GIVEN = {
     "weights": lambda t, p, past, slip: np.zeros(2), "modes": np.ones((2, 1)), "names": ("all",), "solver": "CLARABEL",
     "displacement": lambda x, t: 0 * x, "values": [0.0, 1.0], "history": HISTORY, "histories": [HISTORY],
     "program": next(vx.programs(SCENE, MESH, TIMES)), "path": Path(tempfile.mkdtemp()) / "step.npz",
+    "scene_of": lambda theta: vx.Scene(vx.Elasticity(theta[0], 0.3), HELD, PUSH, *GRIPPED), "theta": [200.0],
+    "theta_0": [200.0], "of": ["energy"], "measured": {"energy": [0.0, 0.01]},
     "radii": [0.5, 1.0], "sectors": 4, "heights": TIMES,
     "points": MESH.points, "cells": MESH.cells, "name": "a", "h": [1.0, 0.5], "errors": [1.0, 0.5], "step": 1,
     "predicate": lambda x: x[:, 0] > 0.9, "start": (0, 0),
@@ -151,15 +153,8 @@ USES = {
     vx.programs_of_march: list,
 }
 OF_RUNS = (
-    vx.History,
-    vx.Contact,
-    vx.Trajectory,
-    vx.Adapted,
-    vx.ErrorBound,
-    vx.ErrorBudget,
-    vx.Quantity,
-    vx.LimitLoad,
-    vx.Shakedown,
+    *(vx.History, vx.Contact, vx.Trajectory, vx.Adapted, vx.ErrorBound, vx.ErrorBudget, vx.Quantity),
+    *(vx.LimitLoad, vx.Shakedown, vx.Sensitivities, vx.Fit),
 )
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
 """Records that runs and solvers return, not tested here; `tests/whole/test_contributing.py` tests answers."""

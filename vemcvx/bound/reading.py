@@ -61,7 +61,7 @@ without strain. With 1 / pi^2, the estimate for waves of body force on 8 x 8 squ
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class LocalFit:
     """A least-squares fit of values at points, separately on each part (an edge or a cell)."""
 
     owner: Ints
@@ -94,12 +94,12 @@ class Fit:
         return values
 
     @cached_property
-    def second(self) -> Fit:
+    def second(self) -> LocalFit:
         """A fit with triple weights on every other point: half-way between this fit and one to these points only."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property
-    def means(self) -> Fit:
+    def means(self) -> LocalFit:
         """The fit by constants."""
         return replace(self, basis=np.ones((len(self.owner), 1)))
 
@@ -251,28 +251,28 @@ class Reader:
         return in_cells(plane_mesh(self.posed.space.mesh, "error_bound"))
 
     @cached_property
-    def pieces(self) -> Fit:
+    def pieces(self) -> LocalFit:
         """The fit of means on pieces of boundary edges by linear functions."""
         owner, counts = self.fine.piece_owner, np.bincount(self.fine.piece_owner)
         place = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
         s = (place + 0.5) / counts[owner]
-        return Fit(owner, np.column_stack([1.0 - s, s]), (self.edges.lengths / counts)[owner], len(counts))
+        return LocalFit(owner, np.column_stack([1.0 - s, s]), (self.edges.lengths / counts)[owner], len(counts))
 
     @cached_property
-    def cells(self) -> Fit:
+    def cells(self) -> LocalFit:
         """The fit of values at points of cells by linear functions."""
         return self._about_centres(self.inside)
 
     @cached_property
-    def _coarse(self) -> tuple[SamplePoints, Fit]:
+    def _coarse(self) -> tuple[SamplePoints, LocalFit]:
         """The coarser sample points in cells, for a second reading, and their fit."""
         inside = in_cells(plane_mesh(self.posed.space.mesh, "error_bound"), 0.75 * SPACING)
         return inside, self._about_centres(inside)
 
-    def _about_centres(self, inside: SamplePoints) -> Fit:
+    def _about_centres(self, inside: SamplePoints) -> LocalFit:
         h = np.sqrt(self.edges.areas)
         about = (inside.x - self.centres[inside.owner]) / h[inside.owner, None]
-        return Fit(inside.owner, np.column_stack([np.ones(len(about)), about]), inside.weights, len(h))
+        return LocalFit(inside.owner, np.column_stack([np.ones(len(about)), about]), inside.weights, len(h))
 
     def on_pieces(self, t: float) -> Floats:
         """Return the mean tractions (k, 2) of loads on pieces."""
@@ -331,7 +331,7 @@ class Reader:
             at, bound, _ = fine.read(friction, (friction.weights(t) / friction.lengths)[:, None])
             g[at] += bound
         basis = np.column_stack([1.0 - fine.along, fine.along])
-        found, _, left = Fit(fine.owner, basis, fine.lengths, len(self.compliances)).read(g)
+        found, _, left = LocalFit(fine.owner, basis, fine.lengths, len(self.compliances)).read(g)
         return np.maximum(found[..., 0], 0.0), 0.5 * self.compliances * self.sums(slice(None), left[:, 0] ** 2)
 
     # Energies: on boundary edges (b,), in cells (n_cells,).

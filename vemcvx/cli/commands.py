@@ -30,6 +30,7 @@ KINDS = {
     "collection": ("collection", "Collection"),
     "benchmark": ("collection.benchmark", "Benchmark"),
     "cost": ("cost", "Cost"),
+    "fit": ("fitting", "Fitting"),
     "problems": ("commands", "Problems"),
     "lesson": ("commands", "Lesson"),
     "app": ("live_page", "App"),
@@ -75,7 +76,7 @@ class Problems:
     """The command `vemcvx problems`."""
 
     def __call__(self) -> None:
-        """List the problem files of the package; run, show, compare, cost and export take their names."""
+        """List the problem files of the package; run, show, compare, cost, fit and export take their names."""
         typer.echo(Table((), [(name, file.sentence) for name, file in problem_files().items()]).text())
         say(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vemcvx.base.arrays import Floats, brief
+from vemcvx.base.arrays import Floats, brief, is_real
 from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.cli.supplied import problem_files, problem_path
 from vemcvx.effects.effect import amount, where
@@ -150,10 +150,16 @@ class Problem:
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
         """Return the parameters of the scene with their values in words: settings "name=value", or defaults."""
-        given = self._parse_settings(settings)
-        own = self._signature()
-        known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
-        return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
+        values = self._values(settings).items()
+        return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in values]
+
+    def numbers(self, settings: Sequence[str] = ()) -> dict[str, float]:
+        """Return the parameters of the scene that are numbers: from settings "name=value", or defaults."""
+        return {name: float(value) for name, value in self._values(settings).items() if is_real(value)}
+
+    def _values(self, settings: Sequence[str]) -> dict[str, Any]:
+        own, given = self._signature(), self._parse_settings(settings)
+        return {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD} | given
 
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
         """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest.

@@ -197,6 +197,12 @@ def _distribute(
     posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
     """Spread forces (S, k, dim) on nodes over the sides of their effect, or over its sides normal to `directions`."""
+    row, names, share = _shares(posed, cause, nodes, directions)
+    return _Rows(_single_cause(cause, len(names)), names, held, force[:, row] * share[:, None])
+
+
+def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
+    """Return the sides over which an effect spreads forces on nodes (k,): node numbers, ends, and fractions."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -210,11 +216,27 @@ def _distribute(
     weight = np.where(np.bincount(row, weight, minlength=len(nodes))[row] > 0, weight, 1.0)
     share = weight / np.bincount(row, weight, minlength=len(nodes))[row]
     bare = np.flatnonzero(np.bincount(row, minlength=len(nodes)) == 0)
-    names = np.column_stack(
-        [np.append(nodes[row], nodes[bare]), np.append(ends.beyond[end], np.full(len(bare), NOWHERE))]
-    )
-    spread = np.concatenate([force[:, row] * share[:, None], force[:, bare]], axis=1)
-    return _Rows(_single_cause(cause, len(names)), names, held, spread)
+    row, beyond = np.append(row, bare), np.append(ends.beyond[end], np.full(len(bare), NOWHERE))
+    return row, np.column_stack([nodes[row], beyond]), np.append(share, np.ones(len(bare)))
+
+
+def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
+    """Return, for each row (s,) of the supports, its direction along an axis, times its share in a boundary's reaction.
+
+    Raise SceneError if no support acts on the boundary.
+    """
+    ends, found = posed.space.part(name, "reaction", contact=True).names, [np.zeros(0)]
+    for support, cause in zip(posed.supports.given, posed.causes["supports"].tolist(), strict=True):
+        own = np.zeros(len(support.nodes))
+        if cause >= 0 and not support.contact and not isinstance(posed.scene.canonical[cause], MaterialLaw):
+            row, names, share = _shares(posed, cause, support.nodes, support.directions)
+            through = np.isin(names @ [1, 1j], ends @ [1, 1j])
+            np.add.at(own, row[through], share[through])
+            own *= support.directions @ axis
+        found.append(own)
+    if not np.concatenate(found).any():
+        raise SceneError(f"reaction: no support holds {name!r} along this axis; name a boundary that a support holds.")
+    return np.concatenate(found)
 
 
 class Acting(Protocol):

@@ -168,7 +168,7 @@ class Terms(ContactRows):
             w=self.weights(0.0)[:m] if all(f.steady for f in self.frictions) else lambda t: self.weights(t)[:m],
             block=block,
             places=supports.places(self.nodes),
-            law=self._law(slice(0, m)),
+            law=self.law_of(slice(0, m)),
             ground=None if ground is None else lambda t: ground(t)[: m * block],
         )
 
@@ -177,7 +177,7 @@ class Terms(ContactRows):
         m, block, ground = self.acting, self.block, self.ground
         if m == len(self):
             return None
-        rows, law = self.rows[m * block :], self._law(slice(m, len(self)))
+        rows, law = self.rows[m * block :], self.law_of(slice(m, len(self)))
         weights: Callable[..., Any] = (lambda t, p, past, slip: self.weights(t)[m:]) if law is None else law.weights
         return DraggedTerms(
             position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
@@ -188,7 +188,7 @@ class Terms(ContactRows):
             rates=law is not None and law.rates,
         )
 
-    def _law(self, some: slice) -> Law | None:
+    def law_of(self, some: slice) -> Law | None:
         """Return the weights of `some` terms as a law of the forces p (r,) of all limits and the slip of these terms.
 
         Return None if no weight depends on the solution. A row's law uses the row's force and the slip of its term.

@@ -146,15 +146,10 @@ class ActiveSetSystem:
     @classmethod
     def assemble(cls, delassus: Delassus, sets: ActiveSets, point: Point, law: Weights) -> ActiveSetSystem:
         """Assemble and factorise the system, with the derivatives of the law at a point."""
-        J, slope = law.slopes(delassus.split(point.x)[1], sets.along)
-        P, compliance = _columns(sets, slope)
-        Qt = P if J is None else _with_pressure(P, sets, J)
+        P, Qt, compliance = build_columns(delassus, sets, delassus.split(point.x)[1], law)
         Q, R, W, count = Qt.T, delassus.R, delassus.W, P.shape[0]
         if isinstance(W, np.ndarray):
-            M = np.zeros((count + R.shape[1],) * 2, order="F")
-            M[:count, :count] = P @ (Qt @ W).T
-            M[:count, count:], M[count:, :count] = -(P @ R), (Qt @ R).T
-            M[range(count), range(count)] += REGULARISATION + compliance
+            M = build_matrix(W, R, P, Qt, compliance)
             lu = dgetrf(M, overwrite_a=True)[:2] if len(M) else None
             return cls(sets, P, Q, lambda b: b if lu is None else np.asarray(dgetrs(*lu, b)[0]))
 
@@ -164,6 +159,25 @@ class ActiveSetSystem:
 
         operator = LinearOperator((count + R.shape[1],) * 2, product, dtype=float)
         return cls(sets, P, Q, lambda b: gmres(operator, b, rtol=1e-6, restart=60, maxiter=5)[0] if len(b) else b)
+
+
+def build_columns(
+    delassus: Delassus, sets: ActiveSets, p: Floats, law: Weights
+) -> tuple[sp.csr_matrix, sp.csr_matrix, Floats]:
+    """Return P (k, N), Q' (k, N) and the compliances (k,) of some active sets under limit forces p (r,)."""
+    J, slope = law.slopes(p, sets.along)
+    P, compliance = _columns(sets, slope)
+    return P, P if J is None else _with_pressure(P, sets, J), compliance
+
+
+def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, compliance: Floats) -> Floats:
+    """Return the matrix of the system, bordered by R (N, j) if K has a kernel."""
+    count = P.shape[0]
+    M = np.zeros((count + R.shape[1],) * 2, order="F")
+    M[:count, :count] = P @ (Qt @ W).T
+    M[:count, count:], M[count:, :count] = -(P @ R), (Qt @ R).T
+    M[range(count), range(count)] += REGULARISATION + compliance
+    return M
 
 
 def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:

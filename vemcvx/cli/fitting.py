@@ -1,0 +1,75 @@
+"""`vemcvx fit`: parameters of a problem that explain a measured loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from vemcvx.base.arrays import Floats
+from vemcvx.base.errors import ProblemError
+from vemcvx.cli.options import NONE, File, Mesh, N, Settings
+from vemcvx.cli.problem_file import read_problem
+from vemcvx.cli.terminal import say
+from vemcvx.scene import Scene
+from vemcvx.sensitivity import fit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitting:
+    """The command `vemcvx fit`."""
+
+    file: File
+    measured: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE.csv",
+            help='Measured values: a column t with the instants of the run, and columns such as "reaction of top x", '
+            '"displacement at (1, 0.5) y", "slip at (0.5, 0) x" or "dissipated"; empty where nothing was measured.',
+        ),
+    ]
+    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters of the scene to fit; they keep their signs.")]
+    mesh: Mesh = None
+    n: N = None
+    settings: Settings = NONE
+
+    def __call__(self) -> None:
+        """Fit parameters of a problem to a measured loop, and print them with standard errors."""
+        problem, (times, measured) = read_problem(self.file), read_measured(self.measured)
+        names = tuple(name.strip() for name in self.by.split(","))
+        given = problem.numbers(self.settings)
+        for name in names:
+            if name not in given:
+                known = ", ".join(given) or "none"
+                raise ProblemError(f"--by: found {name!r}; parameters of the scene that are numbers: {known}.")
+        start = np.array([given[name] for name in names])
+        mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
+        others = [setting for setting in self.settings if setting.partition("=")[0] not in names]
+
+        def scene_of(theta: Floats) -> Scene:
+            return problem.scene([*others, *(f"{name}={x!r}" for name, x in zip(names, theta.tolist(), strict=True))])
+
+        signs = np.where(start < 0, -np.inf, 0.0), np.where(start < 0, 0.0, np.inf)
+        found = fit(scene_of, start, mesh, times, measured, bounds=signs, names=names, initial=problem.initial)
+        say(found.outline().text())
+
+
+def read_measured(path: Path) -> tuple[Floats, dict[str, Floats]]:
+    """Return the instants and the measured quantities of a CSV file; NaN in empty cells."""
+    import csv
+
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            head, *rows = [row for row in csv.reader(file) if row]
+        names = [name.strip() for name in head]
+        table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows])
+        columns = dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
+        return columns.pop("t"), columns
+    except (OSError, ValueError, KeyError) as error:
+        raise ProblemError(
+            f"--measured: {path} cannot be read: {error}. Wanted a table with commas. Its first line names a column t "
+            'and quantities such as "reaction of top x"; every other line has a number, or nothing, for each of them.'
+        ) from error

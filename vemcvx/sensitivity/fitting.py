@@ -1,0 +1,212 @@
+"""Parameters of a scene that explain measurements, by least squares with the derivatives of the run.
+
+With measurements m and values q(theta) of quantities, and standard deviations sigma of their noise, we minimise
+
+    |r|^2 + |L theta|^2,    r = (q - m) / sigma,
+
+by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). L is a regularisation for
+fields, stated by the caller; by default L = 0. With J = dr/dtheta and H = J'J + L'L, the covariance of the result is
+s^2 H^{-1}. If sigma is given, s = 1. If it is unknown, sigma is the largest measured value of each quantity, and the
+residuals estimate s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). The standard errors are those of one
+linearisation, for independent noise. With L > 0 they do not include the bias of the regularisation.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.base.arrays import Floats, as_real_array, as_shaped_array, brief
+from vemcvx.base.errors import SceneError
+from vemcvx.base.outline import Outline, Outlined
+from vemcvx.history import History
+from vemcvx.meshes import Mesh
+from vemcvx.scene import Scene
+from vemcvx.sensitivity.derivatives import Sensitivities, read_parameters, sensitivities
+from vemcvx.solvers import Solver
+from vemcvx.stepping import check_times
+
+log = logging.getLogger("vemcvx")
+TOLERANCE = 1e-10
+"""Relative change of the sum of squares, and of the parameters, at which a fit ends."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class Fit(Outlined):
+    """Fitted parameters with their standard errors.
+
+    Attributes
+    ----------
+    theta : (P,) array
+        The fitted parameters.
+    errors : (P,) array
+        Their standard errors, large if the measurements do not determine a parameter.
+    covariance : (P, P) array
+    noise : dict of str to float
+        The standard deviation of the noise of each quantity, given or estimated, in the unit of the quantity.
+    values, measured : dict of str to (N + 1,) array
+        The quantities of the fitted run, and the measurements.
+    names : tuple of str
+        The names of the parameters.
+    history : History
+        The fitted run.
+    runs : int
+        The number of simulated runs.
+    ending : str
+        Why the search ended, in SciPy's words.
+
+    Examples
+    --------
+    >>> def scene_of(theta):
+    ...     pull = vx.Traction((3.0, 0.0), on="right")
+    ...     return vx.Scene(vx.Elasticity(theta[0], 0.0), vx.Clamp(on="left"), pull)
+    >>> measured = {"displacement at (1, 0) x": [np.nan, 0.02]}
+    >>> found = vx.fit(scene_of, [100.0], vx.meshes.squares(2), [0.0, 1.0], measured, noise=1e-4, initial="settled")
+    >>> found.theta.round(6).tolist(), found.errors.round(6).tolist()  # E = F / u and E noise / u
+    ([150.0], [0.75])
+    """
+
+    theta: Floats
+    errors: Floats
+    covariance: Floats
+    noise: dict[str, float]
+    values: dict[str, Floats]
+    measured: dict[str, Floats]
+    names: tuple[str, ...]
+    history: History
+    runs: int
+    ending: str
+
+    def outline(self) -> Outline:
+        """Return the summary for prompts and notebooks: parameters with their errors, and the noise."""
+        count = sum(int(np.isfinite(row).sum()) for row in self.measured.values())
+        title = f"{len(self.theta)} parameters fitted to {count} values of {', '.join(self.measured)}: {self.runs} runs"
+        rows = zip(self.names, self.theta, self.errors, strict=True)
+        lines = [(name, f"{value:.6g} with standard error {error:.2g}") for name, value, error in rows]
+        noise = ", ".join(f"{size:.3g} in {name}" for name, size in self.noise.items())
+        return Outline(title, [*lines, ("noise", f"standard deviation {noise}"), ("ended", self.ending)])
+
+
+def fit(
+    scene_of: Callable[[Floats], Scene],
+    theta_0: ArrayLike,
+    mesh: Mesh,
+    times: ArrayLike,
+    measured: Mapping[str, ArrayLike],
+    *,
+    noise: float | Mapping[str, float] | None = None,
+    bounds: tuple[Any, Any] = (-np.inf, np.inf),
+    shapes: Callable[[Floats], ArrayLike] | None = None,
+    penalty: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    initial: ArrayLike | str | None = None,
+    solver: Solver | None = None,
+) -> Fit:
+    """Find the parameters of a scene that explain measurements best, with standard errors.
+
+    The logger "vemcvx" reports each run at level INFO.
+
+    Parameters
+    ----------
+    scene_of, mesh, times, shapes, initial, solver
+        As for :func:`vemcvx.sensitivities`.
+    theta_0 : (P,) array
+        The parameters with which the search begins.
+    measured : dict of str to (N + 1,) array
+        Measured values of quantities at all instants, by the names that :func:`vemcvx.sensitivities` takes; NaN where
+        nothing was measured.
+    noise : number, or dict of str to number, optional
+        The standard deviation of the noise, in the unit of the quantity. By default the residuals estimate it.
+    bounds : pair of numbers or (P,) arrays
+        The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
+    penalty : (k, P) array, optional
+        The regularisation L of a field: |L theta|^2 is added to the sum of squares of residuals divided by noise.
+    names : sequence of str, optional
+        Names of the parameters for the summary; by default theta[0], theta[1], ...
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    SceneError
+        As for :func:`vemcvx.sensitivities`; or measurements, noise or penalty do not fit, or are fewer than parameters.
+
+    Examples
+    --------
+    >>> def scene_of(theta):
+    ...     pull = vx.Traction((theta[0], 0.0), on="right")
+    ...     return vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), pull)
+    >>> measured = {"reaction of left x": [np.nan, -3.0]}
+    >>> vx.fit(scene_of, [1.0], vx.meshes.squares(2), [0.0, 1.0], measured, initial="settled").theta.round(9)
+    array([3.])
+    """
+    from scipy.optimize import least_squares
+
+    start = read_parameters(theta_0, "fit: theta_0")
+    if not isinstance(measured, Mapping) or not measured:
+        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
+    of, count, shape = tuple(measured), len(start), check_times(times).shape
+    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
+    names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
+    if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
+        raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
+    low, high = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, count))
+    if not ((low <= start) & (start <= high)).all():
+        raise SceneError(f"fit: theta_0 = {brief(start)} is not within bounds = {brief(bounds)}.")
+    known, L = np.isfinite(m), np.zeros((0, count))
+    if penalty is not None:
+        L = as_real_array(penalty, "fit: penalty", "an array (k, P)")
+        L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
+    if known.sum() + len(L) < count:
+        raise SceneError(f"fit: found {known.sum()} values for {count} parameters; give more, or a penalty.")
+    largest = np.abs(np.where(known, m, 0.0)).max(axis=1)
+    each: ArrayLike = np.where(largest > 0, largest, 1.0) if noise is None else noise  # type: ignore[assignment]
+    if isinstance(noise, Mapping):
+        each = [noise.get(name, np.nan) for name in of]
+    sigma = np.full(len(of), as_shaped_array(each, "fit: noise", "standard deviations", (), (len(of),)))
+    if not ((sigma > 0) & (sigma < np.inf)).all():
+        raise SceneError(f"fit: noise: found {brief(sigma)} for {', '.join(of)}; wanted a number > 0 for each.")
+
+    @lru_cache(maxsize=1)
+    def simulate_at(raw: bytes) -> Sensitivities:
+        theta = np.frombuffer(raw)
+        log.info("fit: theta = %s", brief(theta))
+        return sensitivities(scene_of, theta, mesh, times, of, shapes=shapes, initial=initial, solver=solver)
+
+    def run(theta: Floats) -> Sensitivities:
+        return simulate_at(theta.tobytes())
+
+    def residuals(theta: Floats) -> Floats:
+        return np.append(((run(theta).values - m) / sigma[:, None])[known], L @ theta)
+
+    def derivatives(theta: Floats) -> Floats:
+        return np.vstack([(run(theta).jacobian / sigma[:, None, None])[known], L])
+
+    scale = np.where(start != 0, np.abs(start), 1.0)
+    found = least_squares(
+        residuals, start, derivatives, bounds=(low, high), x_scale=scale, ftol=TOLERANCE, xtol=TOLERANCE, gtol=None
+    )
+    r, J, data = residuals(found.x), derivatives(found.x), int(known.sum())
+    inverse = np.asarray(np.linalg.pinv(J.T @ J, hermitian=True), dtype=float)
+    used = float(np.einsum("ip,pq,iq->", J[:data], inverse, J[:data]))
+    spread = 1.0 if noise is not None else float(np.sqrt(r[:data] @ r[:data] / max(data - used, 1.0)))
+    return Fit(
+        theta=found.x,
+        errors=spread * np.sqrt(np.diag(inverse)),
+        covariance=spread**2 * inverse,
+        noise=dict(zip(of, (spread * sigma).tolist(), strict=True)),
+        values=dict(zip(of, run(found.x).values, strict=True)),
+        measured=dict(zip(of, m, strict=True)),
+        names=tuple(names),
+        history=run(found.x).history,
+        runs=simulate_at.cache_info().misses,
+        ending=found.message,
+    )

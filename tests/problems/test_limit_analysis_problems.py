@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import bolted_joint
 import gallery
 import limit_load
 import shakedown
@@ -44,6 +45,15 @@ def test_the_mechanism_of_a_plate_is_a_turn_and_steps_find_equilibrium_only_belo
     assert found.motion[contact.nodes, 1] == pytest.approx(
         (contact.points[:, 0] - centre) / (limit_load.LENGTH / 2 - centre), abs=1e-4
     )
+
+
+def test_a_bolted_joint_bears_the_friction_of_its_bolt_unless_a_guide_wedges_it():
+    scene, mesh = bolted_joint.scene().without(vx.Traction), bolted_joint.mesh(2)
+    pull = vx.Traction((1.0 / bolted_joint.HEIGHT, 0.0), on="upper.right")
+    # The bolt presses with 60 MPa on 30 mm.
+    free = vx.limit_load(scene.without(vx.PrescribedDisplacement), mesh, pull)
+    assert free.factor == pytest.approx(bolted_joint.FRICTION * 60e6 * 0.03, rel=1e-8)
+    assert vx.limit_load(scene, mesh, pull).factor > 5 * free.factor
 
 
 def test_limits_of_meshes_approach_the_integral_over_the_plate():

@@ -74,7 +74,8 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
 
     Above the factor there is no equilibrium. With Tresca's law every step below the factor has an equilibrium. With
     Coulomb's law equilibrium may be lost below the factor, depending on the history: slip does not lift the body, so
-    friction is not associated (Drucker, J. Appl. Mech. 21, 1954). Stiffness, compliances and gaps do not matter.
+    friction is not associated (Drucker, J. Appl. Mech. 21, 1954). The factor may then be far above the load at which a
+    body slips, if supports can press it against its contact. Stiffness, compliances and gaps do not matter.
 
     Parameters
     ----------
@@ -212,7 +213,8 @@ class Balance(NamedTuple):
             warnings.simplefilter("ignore")  # cvxpy warns of inaccurate answers, but the bounds are verified.
             problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
         if "unbounded" in str(problem.status):
-            raise SceneError(f"{subject}: friction and contact bear every multiple of the load, so it has no limit.")
+            why = "statics does not limit pressures between a contact and a support, or between two contacts"
+            raise SceneError(f"{subject}: friction and contact can bear every multiple of the load: {why}.")
         if "infeasible" in str(problem.status):
             raise SceneError(f"{subject}: no forces of friction and contact balance the loads of the scene alone.")
         if alpha.value is None:

@@ -88,6 +88,11 @@ def test_the_suite_tests_every_exported_solver():
     assert {kind.__name__ for kind in exported} <= set(vx.__all__)
 
 
+def test_unknown_options_of_a_solver_are_refused_by_name():
+    with pytest.raises(vx.NotAccepted, match="^solver Clarabel: refused the options {'speed': 9}"):
+        vx.simulate(make_scene(), small("squares", 2), TIMES, solver=vx.Clarabel(options={"speed": 9}))
+
+
 class Spoilt:
     """A solver that returns `spoil(answer, program)` for Newton's answers."""
 

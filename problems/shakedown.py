@@ -4,8 +4,8 @@ A block (0, L) x (0, H) with the shear modulus G lies on a rough floor, from whi
 grows along the floor from g_0 to g_1. While the floor sticks, the block is sheared uniformly. Three cycles have closed
 forms of the factor that `vx.shakedown` computes without steps.
 
-*The top moves* between 0 and U. Friction per length then changes by G U / H. Constant friction forces of slip may be
-added, so that this range fits into the bounds -g_0 and g_0 of the weakest point: the factor is
+*The top moves* between 0 and U. Friction per length then changes by G U / H. Earlier slip may add constant friction
+forces, which shift this range. It must fit between -g_0 and g_0, the bounds of the weakest point, so the factor is
 
 $$ 2 g_0 H / (G U) . $$
 
@@ -55,7 +55,7 @@ def shear_factor():
 
 
 def circle_factor():
-    """Return the factor for the top that moves along a circle in space, over the bound g_0."""
+    """Return the factor for the top that moves along a circle in space, for the uniform bound g_0."""
     return WEAK * HEIGHT / (G * RADIUS)
 
 

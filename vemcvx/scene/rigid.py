@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the name of each piece's body from interfaces at its nodes; None if unclear. `node` i is in `piece` i."""
+    """Return the name of each piece's body from its interfaces; None if unclear. `node[i]` is in `piece[i]`."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -176,7 +176,7 @@ def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body with these supports, frictions and obstacles; none if a part joins it to the ground.
+    """Return the pins of a body with these supports, frictions and obstacles; none if one joins it to the ground.
 
     Pins are placed at nodes on which none of `parts` acts. `points` (n_nodes, dim) are the coordinates of all nodes.
     """
@@ -251,7 +251,7 @@ def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
 
 
 def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
-    """Return the number of connected parts, and the part of each piece; `node` i is in `piece` i.
+    """Return the number of connected parts, and the part of each piece; `node[i]` is in `piece[i]`.
 
     Pieces are connected at sites (n_nodes,) that they share, or that springs join.
     """
@@ -265,7 +265,7 @@ def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
-    """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node` i is in `piece` i.
+    """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node[i]` is in `piece[i]`.
 
     Motions are about a piece's centre, in units of its size: rotations then weigh like translations. Return also the
     matrices (pieces, k, k) that map their coefficients to translations along the axes and rotations about the axes.

@@ -10,8 +10,8 @@ $$
 
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
-Each of three systems (K, load, Norms) is the paper's Problem 2.1 with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|. Their
-solutions are such sums.
+Each of three systems (K, load, Norms) is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and
+j(v) = sum_i w_i |v_i|. The solutions of these systems are such sums.
 
 1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
    j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Block i slides on the floor with the friction bound

@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The largest bound by name: "step", "upper", "lower", "relative", "kind"; and its part "data" as "reading"."""
+        """The largest bound, with keys "step", "upper", "lower", "relative", "kind" and "reading" (its part "data")."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
@@ -160,7 +160,7 @@ def error_bound(
     Returns
     -------
     ErrorBound, or with `of` QuantityBound
-        See these classes for the displacement, the error, and the conditions under which an interval is a theorem.
+        The docstrings of these classes say which error is bounded, and when the bounds are a theorem.
 
     Raises
     ------

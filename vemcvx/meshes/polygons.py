@@ -207,7 +207,7 @@ class SharedEdges:
 
     @property
     def alone(self) -> Ints:
-        """Corners at which edges of a single cell start, in the order of the cells."""
+        """Corners at which a boundary edge (an edge of only one cell) starts, in the order of the cells."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
 

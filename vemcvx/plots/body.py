@@ -56,7 +56,7 @@ def deformed_mesh(
 ) -> Figure:
     """Draw the mesh deformed at a stored step.
 
-    Magnification, colours, arrows and the visible part of the plane are the same at all steps.
+    Magnification, scales of colours and arrows, and the visible part of the plane are the same at all steps.
 
     Parameters
     ----------
@@ -282,8 +282,8 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
     """Return outlines (k, 2) of the areas between the sides of closed contact, with the nodes at `places`.
 
-    Gaps and interferences are no part of the mesh, and bodies rotate and slip. Magnified displacements therefore draw
-    bodies in contact apart, or overlapping. Outlines are degenerate where the drawn bodies touch.
+    Gaps and interferences are no part of the mesh, and bodies rotate and slip. With magnified displacements,
+    bodies in contact are therefore drawn apart or overlapping. Outlines are degenerate where the drawn bodies touch.
     """
     contact = history.contact
     if not contact.closed[row].any():

@@ -22,9 +22,9 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of an accuracy or of a gap that we request where other errors are added. We use it when we solve a missed
-step again, for each program under a law, for interior unknowns of stored steps, and for Clarabel, which defines its gap
-differently."""
+"""Fraction of an accuracy or of a gap that we request where other errors are added. We use it when a step missed its
+accuracy and we solve it again, for each program while we iterate on the weights of a law, for interior unknowns of
+stored steps, and for Clarabel, which defines its gap differently."""
 TARGET_FRACTION = 0.01
 """Negligible fraction of the requested gap, for tolerances on residuals, which enter the gap by their squares, and for
 tolerances whose meaning differs between solvers."""
@@ -157,7 +157,7 @@ class ScaledFactor(Factor):
 
 
 class ScaledSolver:
-    """A prepared solver that receives scaled programs, because its tolerances have no units.
+    """A wrapper that scales programs for a prepared solver, because the tolerances of solvers have no units.
 
     The stiffness `kappa` of a run is the size of diag(K). The length alpha of a step is the size of its data in the
     energy norm, divided by the root of kappa. With d = alpha d^ the program divided by kappa alpha^2 has

@@ -87,7 +87,7 @@ def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh
 
 
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
-"""Corners of a cube in the order of `cube_grid`; seen from the fourth, the first three run counter-clockwise."""
+"""Rows: corners of a tetrahedron, numbered as in `cube_grid`; seen from the last, the others run counter-clockwise."""
 
 
 def tetrahedra(

@@ -82,7 +82,7 @@ def count_rows(rows: Sequence[Row]) -> str:
     asked = {name: sum(f.solver == name for f in findings) for name in able}
     wrong = sum(bool(f.complaint) for f in findings)
     words = ", ".join(f"{name} does {able[name]} of {asked[name]}" for name in able)
-    return f"{len(rows)} cases; {words}; solvers report the other cases; {wrong} findings are wrong"
+    return f"{len(rows)} cases; {words}; solvers report that they cannot do the other cases; {wrong} findings are wrong"
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:

@@ -62,11 +62,11 @@ def block_and_spring():
 block_and_spring()
 
 # %% [markdown]
-# The motion is slow: there is no inertia, and the forces balance at every instant. Where the block moves, friction
-# takes its full bound in the direction of the motion:
+# The motion is slow: there is no inertia, and the forces balance at every instant. While the block moves, the part of
+# the force that friction takes is as large as the bound, and has the sign of the velocity:
 #
 # $$K u(t) + \lambda(t) = f(t), \qquad |\lambda| \le w,
-#   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ wherever } \dot u \ne 0.$$
+#   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ while } \dot u \ne 0.$$
 #
 # At rest $\lambda$ can have any value between $-w$ and $w$, so it is not a function of $u$ or $\dot u$. But the two
 # conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function $j(v) = w|v|$.

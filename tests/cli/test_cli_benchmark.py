@@ -144,7 +144,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """Steps of sizes 1 and 2 have errors .03 and .02; the sequence has .03 / 2 = .015. The second step starts warm."""
+    """Absolute errors of .03 and .02, divided by the largest norm, 2, give .015. The second step starts warm."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 

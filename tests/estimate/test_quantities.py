@@ -141,7 +141,7 @@ def test_wear_on_a_compliant_floor_has_an_error_and_wear_on_a_rigid_floor_is_unb
 
 
 @pytest.mark.long
-def test_budgets_contain_quantities_and_histories_from_files_have_none(tmp_path):
+def test_budgets_contain_quantities_but_histories_from_files_have_none(tmp_path):
     history = pad(6, 3)
     budget = vx.error_budget(history)
     assert budget.quantities == vx.quantities(history)

@@ -58,7 +58,7 @@ KNOTS = np.linspace(0.0, 1.0, 9)
 
 
 def hats(x):
-    """Return the hat functions of the knots at points x (k, 2), (k, 9)."""
+    """Return the hat functions (k, 9) of the knots at points x (k, 2)."""
     return np.stack([np.interp(x[:, 0], KNOTS, one) for one in np.eye(len(KNOTS))], axis=1)
 
 

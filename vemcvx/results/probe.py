@@ -27,7 +27,7 @@ from vemcvx.vem import Space, solid_places
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The cells and weights of p points: point points[i] lies in the closed cell cells[i], i < k."""
+    """The cells and sides that contain p points: point number points[i] lies in the closed cell cells[i], i < k."""
 
     points: Ints  # (k,) sorted by point, then by cell
     cells: Ints

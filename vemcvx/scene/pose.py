@@ -328,6 +328,6 @@ def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
     if len(sites) < n:
         joined = sp.csr_matrix((np.ones(n, dtype=np.int8), (np.arange(n), supports.sites)))
         graph, points = sp.csr_matrix(joined.T @ graph @ joined), points[first]
-    rank = np.full(len(sites) + 1, len(sites))  # amplitudes, which join many sites, come last
+    rank = np.full(len(sites) + 1, len(sites))  # amplitudes of rigid parts, which join many sites, come last
     rank[order_by_nested_dissection(graph, points)] = np.arange(len(sites))
     return np.argsort(rank[supports.owner], kind="stable")

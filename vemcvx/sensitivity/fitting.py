@@ -137,7 +137,7 @@ def fit(
     Raises
     ------
     SceneError
-        As for :func:`vemcvx.sensitivities`; or measurements, noise or penalty do not fit, or are fewer than parameters.
+        As for :func:`vemcvx.sensitivities`; or an argument has a wrong value or shape, or measurements are too few.
 
     Examples
     --------

@@ -20,8 +20,8 @@ e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
-because xi eta is harmonic, and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, with the slope of
-the symmetric part of b grad(xi eta)'. On other cells, only Pi u is known.
+because xi eta is harmonic, and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, where slope is the
+gradient of the symmetric part of b grad(xi eta)'. On other cells, only Pi u is known.
 """
 
 from __future__ import annotations

@@ -166,24 +166,29 @@ class Sensitivities:
     history: History
     one_sided: Bools
     _steps: list[LinearStep | None] = field(repr=False)
-    _changes: list[Change] = field(repr=False)
-    _explicit: Floats = field(repr=False)  # (Q, N + 1, P) at fixed unknowns of the steps
+    _difference: Callable[[], tuple[list[Change], Floats]] = field(repr=False)
     _rows: tuple[list[Floats], list[Floats], list[Floats]] = field(repr=False)
     """The derivatives of each quantity (N + 1, .), by the unknowns of a step, by those one step before, and by x."""
 
     @cached_property
+    def _data(self) -> tuple[list[Change], Floats]:
+        """The differences of the data of each step, and of values (Q, N + 1, P) at fixed unknowns of the steps."""
+        return self._difference()
+
+    @cached_property
     def jacobian(self) -> Floats:
         """The derivatives (Q, N + 1, P), by one forward sweep for each parameter."""
-        found = np.zeros_like(self._explicit)
+        changes, explicit = self._data
+        found = np.zeros_like(explicit)
         dy = np.zeros((self._rows[0][0].shape[1], found.shape[2]))
         for n, step in enumerate(self._steps):
             if step is not None:
-                before, (dy, dx) = dy, step.forward(self._changes[n], dy)
+                before, (dy, dx) = dy, step.forward(changes[n], dy)
                 of_rows = zip(*self._rows, strict=True)
                 found[:, n] = [y[n] @ dy + past[n] @ before + x[n] @ dx for y, past, x in of_rows]
         losses = np.array([name == "dissipated" for name in self.of])
         found[losses] = np.cumsum(found[losses], axis=1)
-        return found + self._explicit
+        return found + explicit
 
     def gradient(self, weights: ArrayLike) -> Floats:
         """Return the derivatives (P,) of the sum of weights times values, by one adjoint sweep.
@@ -198,9 +203,9 @@ class Sensitivities:
         SceneError
             `weights` has another shape.
         """
-        shape = self.values.shape
+        shape, (changes, explicit) = self.values.shape, self._data
         given = as_shaped_array(weights, "gradient: weights", f"an array {shape}", shape)
-        found, by_y, each = np.einsum("qt,qtp->p", given, self._explicit), np.zeros((1, 1)), given.copy()
+        found, by_y, each = np.einsum("qt,qtp->p", given, explicit), np.zeros((1, 1)), given.copy()
         losses = np.array([name == "dissipated" for name in self.of])
         each[losses] = np.cumsum(given[losses, ::-1], axis=1)[:, ::-1]
         for n, step in reversed(list(enumerate(self._steps))):
@@ -208,7 +213,7 @@ class Sensitivities:
                 y, before, x = (sum(w * rows[n] for w, rows in zip(each[:, n], of, strict=True)) for of in self._rows)
                 *by_data, by_y = step.backward(by_y + y[:, None], x[:, None])
                 by_y = by_y + before[:, None]
-                found = found + sum((d.T @ by)[:, 0] for d, by in zip(self._changes[n], by_data, strict=True))
+                found = found + sum((d.T @ by)[:, 0] for d, by in zip(changes[n], by_data, strict=True))
         return found
 
 
@@ -296,13 +301,14 @@ def sensitivities(
     course = Course(times, found.state, found.multipliers, found.pressures, isinstance(initial, str))
     quantities, at = find_quantities(of, posed), Observed.evaluate(posed, course)
     gradients, E = quantities.gradients(posed, at, course), _unit_states(run)
-    if shapes is None:
-        changes, explicit = _differences(
-            pose, parameters, course=course, quantities=quantities, gradients=gradients, run=run, E=E
-        )
-    else:
-        changes = _field_changes(posed, course, shapes, len(parameters), E.shape[1])
-        explicit = np.zeros((len(quantities.names), len(times), len(parameters)))
+
+    of_field = None if shapes is None else _field_changes(posed, course, shapes, len(parameters), E.shape[1])
+
+    def difference() -> tuple[list[Change], Floats]:
+        if of_field is not None:
+            return of_field, np.zeros((len(of), len(times), len(parameters)))
+        return _differences(pose, parameters, run, E, course=course, quantities=quantities, gradients=gradients)
+
     steps, one_sided = _linearise(run, history, course, at)
     if one_sided.any():
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
@@ -314,8 +320,7 @@ def sensitivities(
         history=history,
         one_sided=one_sided,
         _steps=steps,
-        _changes=changes,
-        _explicit=explicit,
+        _difference=difference,
         _rows=rows,
     )
 
@@ -360,12 +365,12 @@ def _unit_states(run: PreparedRun) -> Any:
 def _differences(
     pose: Callable[[Floats], PosedScene],
     theta: Floats,
+    run: PreparedRun,
+    E: Any,
     *,
     course: Course,
     quantities: Quantities,
     gradients: Sequence[Gradient],
-    run: PreparedRun,
-    E: Any,
 ) -> tuple[list[Change], Floats]:
     """Return the differences of the data of each step, and those of values at fixed unknowns of the steps.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -194,6 +196,24 @@ def test_contact_without_friction_has_a_limit_load():
     )
     assert found.factor == pytest.approx(0.5, rel=1e-8)
     assert not found.friction.any()
+
+
+class Glue(vx.TrescaFriction):
+    """Friction that always sticks."""
+
+    def contribute(self, space):
+        parts = super().contribute(space)
+        (friction,) = parts.frictions
+        return replace(parts, frictions=(replace(friction, weights=lambda t: np.full(len(friction.nodes), np.inf)),))
+
+
+def test_friction_that_always_sticks_is_refused():
+    mesh, scene = vx.meshes.squares(2), vx.Scene(STEEL, vx.BilateralContact(on="bottom"), Glue(1.0, on="bottom"))
+    pull = vx.Traction(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="left")
+    with pytest.raises(vx.SceneError, match="found friction that always sticks"):
+        vx.limit_load(scene, mesh, pull)
+    with pytest.raises(vx.SceneError, match="found friction that always sticks"):
+        vx.shakedown(scene.with_(pull), mesh, [0.0, 1.0])
 
 
 def test_loads_are_summed_and_evaluated_at_the_instant():

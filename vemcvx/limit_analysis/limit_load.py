@@ -158,14 +158,16 @@ def _read_law(posed: PosedScene, t: float) -> tuple[Floats, sp.csr_matrix]:
     for friction, cause in zip(posed.terms.frictions, posed.causes["frictions"], strict=True):
         effect = posed.scene.canonical[cause]
         coulomb = isinstance(effect, CoulombFriction) and effect.cap is None
-        if friction.bond or (friction.law is not None and not coulomb):
+        if friction.law is not None and not coulomb:
             raise SceneError(f"{friction.subject}: limit_load takes Tresca's law, or Coulomb's law without cap.")
     if system.dashpots.any():
         raise SceneError("limit_load: found dashpots of VelocityContact, which bear no force at rest.")
     if system.norms is None:
         return np.zeros(0), sp.csr_matrix((0, r))
-    J = system.norms.slope_by_forces(t, np.zeros(r), np.zeros(m))
-    return system.norms.weights_under(t, np.zeros(r)), sp.csr_matrix((m, r)) if J is None else J
+    w, J = system.norms.weights_under(t, np.zeros(r)), system.norms.slope_by_forces(t, np.zeros(r), np.zeros(m))
+    if np.isinf(w).any():
+        raise SceneError("limit_load: found friction that always sticks; hold these nodes by supports instead.")
+    return w, sp.csr_matrix((m, r)) if J is None else J
 
 
 def sum_work(posed: PosedScene, N: Floats, force: Floats) -> Floats:

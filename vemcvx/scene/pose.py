@@ -35,7 +35,7 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 def build_load(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
 ) -> Callable[[float], Floats]:
-    """Return the load of a System, t -> (n,); loads on parts of the body are evaluated on unknowns of these parts."""
+    """Return the load of a System, t -> (n,); loads on parts of the body are evaluated only for unknowns there."""
     others = [load for load in loads if not isinstance(load, Load)]
     touched = [(load.values, *_nonzero_rows(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
     if not supports.still:
@@ -62,7 +62,7 @@ def build_load(
 
 
 def _force_by_rows(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """Return the moved nodal values, t -> (q,), and the nonzero rows of P'A on these values: row numbers and matrix."""
+    """Return nodal values that supports move, t -> (q,), and the nonzero rows of P'A for them: numbers and matrix."""
     moved = supports.moved
     return lambda t: supports.motion(t)[moved], *_nonzero_rows(supports.gather(A[:, moved]))
 
@@ -260,7 +260,7 @@ def _build_system(
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return the fields of PosedScene that number the effects of its supports, frictions, obstacles and loads."""
+    """Return the fields of PosedScene with the effect number of each support, friction, obstacle, load and spring."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])

@@ -1,10 +1,10 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
 A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
-rows along tangents have a tangent in place of n. Every row has *ends*: the edges of its part that meet its node, each
-with half the edge length, which is int phi_i over the edge. If rows of several parts form one term, the term has the
-union of their ends, so a shared edge counts once. A force on a row of one table is distributed to the rows of another
-table: each gets the fraction (length of its common ends with the loaded row) / (length of the loaded row).
+rows along tangents have a tangent in place of n. One effect acts on a *part* of the boundary. The *ends* of a row are
+the sides of its part at its node, each with int phi_i over the side (half the length of an edge). If rows of several
+parts form one term, the term has the union of their ends, so a shared side counts once. A force on a row of one table
+is spread over the rows of another table: each gets the fraction (length of common ends) / (length of the loaded row).
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class LinearStep:
     law: Weights
     p: Floats
     memory: Any  # C / k; 0 without dashpots
-    recalls: Floats  # (rows, 1) one for rows that move relative to their place one step before, else zero
+    recalls: Floats  # (rows, 1) one for rows of increments (friction, dashpots), else zero
 
     def factorise(self) -> tuple[sp.csr_matrix, sp.csr_matrix, Callable[..., Floats]]:
         """Return P, Q' and a function that solves with M, or with M' if trans=1."""
@@ -123,7 +123,7 @@ class LinearStep:
         return np.where(self.sets.stick[:, None], 0.0, self.sets.direction)
 
     def is_about_to_change(self, lam: Floats, gap: Floats, error: float) -> bool:
-        """Return True if a multiplier, or an open gap, is within its error of its bound.
+        """Return True if, within the error of the state, a multiplier may reach its bound or an open gap may close.
 
         In a state with this error in the energy norm, scaled forces have errors of at most `error` times the roots of
         the diagonal of W^{-1}, and scaled gaps of `error` times those of W.
@@ -147,8 +147,8 @@ class Sensitivities:
         The quantities at all instants.
     history : History
     one_sided : (N + 1,) array of bool
-        True for steps whose active sets are about to change, because a multiplier is within its certificate of its
-        bound: from there on, derivatives hold on one side only.
+        True for steps whose active sets are about to change: within the certificate, a multiplier may reach its bound
+        or an open gap may close. From there on, derivatives hold on one side only.
 
     Examples
     --------
@@ -372,9 +372,9 @@ def _differences(
     quantities: Quantities,
     gradients: Sequence[Gradient],
 ) -> tuple[list[Change], Floats]:
-    """Return the differences of the data of each step, and those of values at fixed unknowns of the steps.
+    """Return the differences of the data of each step, and of quantities at fixed unknowns of the steps.
 
-    With fixed unknowns of contact, forces also move the interior: `inner` are the derivatives of values by forces.
+    At fixed contact unknowns, forces still move the interior: `inner` are derivatives of quantities by these forces.
     """
     whole, solve = run.condensation.whole, run.condensation.solve_interior
     inner = [0.0 * one.y if whole else solve(np.ascontiguousarray(one.y.T)).T for one in gradients]
@@ -400,7 +400,7 @@ def _differences(
 def _field_changes(
     posed: PosedScene, course: Course, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
-    """Return the derivatives by coefficients of a field: w is a sum over rows of length times g, or force times mu."""
+    """Return the derivatives of data by coefficients of a field: w sums length times g over rows, or force times mu."""
     terms, points = posed.terms, posed.space.mesh.points
     for effect in (posed.scene.canonical[i] for i in posed.causes["frictions"]):
         given = isinstance(effect, TrescaFriction) and effect.quadrature == "nodes" and not effect.while_closed

@@ -145,7 +145,7 @@ class RunSolver:
 
     @classmethod
     def prepare(cls, solver: Solver, operators: Operators) -> RunSolver:
-        """Prepare a solver; raise NotAccepted if K has a kernel and the solver accepts none."""
+        """Prepare a solver; raise NotAccepted if K has a kernel and the solver needs a definite K."""
         if operators.kernel is not None and not solver.semidefinite:
             raise NotAccepted(
                 f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "

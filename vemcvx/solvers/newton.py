@@ -27,7 +27,7 @@ Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and C
 because the set is convex and W positive semidefinite. In space these gradients run after the first active sets; in the
 plane they run when sets recur. Then Newton's method continues. Under given weights the next safeguard resumes where the
 last one ended. A kernel enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is
-not proven: we then first try the point of least error on the segment to the last point.
+not proven: if sets recur, we first try four points between the last two, and take the one with the least error.
 
 If all this misses the accuracy of a run, Clarabel solves the step, and Newton's method starts from its active sets
 (:class:`vemcvx.solvers.default.RunSolver`).

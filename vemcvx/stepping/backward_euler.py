@@ -135,7 +135,7 @@ class PosedStep:
         return replace(best, iterations=state.iterations + other.iterations)
 
     def _certify(self, solve: Callable[..., Answer], gap: float) -> State:
-        """Return the certified state after the answer of `solve`, moved within the bounds."""
+        """Make the answer of `solve` admissible, and return the certified state after it."""
         program, law = self.program, self.law
         guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
@@ -232,8 +232,8 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
     """Return the largest energy norm that moving ground can cause.
 
-    A field v with B_i v = g_i has at least the norm |g_i| / f_i^{1/2}, with f_i the flexibility of term i. Friction
-    forces cause at most sum_i w_i f_i^{1/2}. The smaller of the two norms is returned.
+    The ground at term i moves by g_i, and the term has the flexibility f_i. A field v with B_i v = g_i has at least
+    the norm |g_i| / f_i^{1/2}. Friction forces cause at most sum_i w_i f_i^{1/2}. We return the smaller of both norms.
     """
     if ground is None:
         return 0.0
@@ -392,7 +392,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The initial state y: K y = `force` (n,), with the part of `near` (n,) in K's kernel; then a step if `settle`."""
+    """The state y with K y = `force` (n,), whose part in K's kernel `near` (n,) fixes; a step follows if `settle`."""
 
     force: Floats
     near: Floats
@@ -421,7 +421,7 @@ WARNING_RATIO = 3.0
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
     """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
-    If a step at this instant moves a given state by rounding only, compared with later loads, the run begins after it.
+    If a given state violates (2.1) only by rounding of the largest load, the run begins after a step at this instant.
     With damping an unbalanced load sets the body in motion, so that every given state is accepted. Under a law of slip
     rates the end of another run is accepted, too: its friction depends on the rate of the last step of that run.
     """

@@ -102,7 +102,7 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 def gives_the_schur_complement(linear: LinearSolver) -> None:
     """Check S = ((K^{-1})_cc)^{-1} and solves by the factor, for two elimination orders.
 
-    The set c has none, some or all unknowns. In the chain, 0, 1 or 10 uncoupled unknowns are eliminated.
+    The set c has none, some or all unknowns. In a chain of 20 unknowns, 0, 1 or 10 uncoupled ones are eliminated.
     """
     system, chain = _system("voronoi", 6), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)

@@ -145,7 +145,7 @@ def edge_part(
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
-    # The extent across the plane at the ends of each edge; linear between them. It is zero on the axis.
+    # The depth of the body at the two nodes of each edge; it is linear between them, and zero on the axis.
     r = points[edges, 0]
     depth = 2.0 * np.pi * r * (r > SAME * points[:, 0].max()) if axisymmetric else np.ones(edges.shape)
     node_lengths = 0.5 * lengths[:, None] * ((2.0 * depth + depth[:, ::-1]) / 3.0)
@@ -197,7 +197,7 @@ def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tupl
     first[after[hung]], last[hung] = hung, after[hung]
     for _ in range(len(edges).bit_length()):
         first, last = first[first], last[last]
-    # A closed chain around a body of one cell has no ends, and a chain that bends in total was not one straight side.
+    # Do not join edges that form a closed chain (around a body of one cell), or a chain that bends in total.
     ends = ~np.isin(first, after[hung])
     chord = np.where(ends[:, None], points[edges[last, 1]] - points[edges[first, 0]], 1.0)
     bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= DIRECTION_TOLERANCE
@@ -255,8 +255,8 @@ def _curvature(group: FaceGroup) -> Floats:
 #
 # At a corner (in space also at an edge), conditions along the normal hold for all sides that meet there. Each distinct
 # normal has the part of int phi_i ds over the sides with this normal. Sides that turn by less than 42.5 degrees form a
-# curve, or a straight side with rounded points; a node on it has one mean normal. With two normals, the node could not
-# slide, or would have to climb every corner, however fine the mesh is.
+# curve, or a straight side with rounded coordinates; a node on it has one mean normal. With two normals, the node
+# could not slide, or would have to climb every corner, however fine the mesh is.
 #
 # Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
 # edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
@@ -280,7 +280,7 @@ def _curvature(group: FaceGroup) -> Floats:
 CURVE_ANGLE = float(np.radians(42.5))  # Sides that turn by less form a curve.
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance of unit normals on one curve: octagons and chamfers have corners, a regular nonagon is round,
-even if the points are rounded."""
+even if coordinates are rounded."""
 DIRECTION_TOLERANCE = 1e-2
 """Directions and motions that differ by less count as equal: no mesh resolves corners of half a degree. Sides that turn
 by less at a node of a single cell are one straight side, for example if points have four digits."""
@@ -332,7 +332,7 @@ class MirrorPlanes:
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return the components (m, dim) of vectors normal to the planes that nodes share with their partners."""
+        """Return the components of vectors (m, dim) across the planes that nodes share with their partners."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))

@@ -110,7 +110,7 @@ class SumOverCells:
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return the positions of distinct rows of arrays (c, ...), and the number (c,) of the distinct row equal to each.
+    """Return the positions of distinct rows of arrays (c, ...), and (c,) the number of each row among these rows.
 
     If many rows are distinct, all rows count as distinct.
     """
@@ -118,7 +118,7 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
     if all((each == each[:1]).all() for each in arrays):
         return slice(1), np.zeros_like(every)
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    # The first 64 cells show whether many are translates; to find the translates costs a fifth of all local matrices.
+    # The first 64 cells show whether many are translates; to find them takes a fifth of the time of all local matrices.
     if len(np.unique(rows[:64], axis=0)) > 32:
         return slice(None), every
     # Hash the bits modulo 2^64: sums of floats may be equal although the rows differ by rounding.

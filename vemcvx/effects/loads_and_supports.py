@@ -19,7 +19,7 @@ from vemcvx.vem import EdgeEnds, Part, SideRule, Space, cell_load, edge_load, ri
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force f_2 per length (and unit thickness), in space per area: int f_2 . v ds, (3.4), exact if affine.
+    """Surface force f_2 per length (and unit thickness), in space per area: int f_2 . v ds (3.4), exact for affine f_2.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class PrescribedDisplacement(Effect):
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
-        """Return nodes, directions, and the cosines by which values are divided on curves."""
+        """Return nodes, directions, and divisors of values: 1 or, on curves, mean cosines to the side normals."""
         rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
         if self.direction is None:
             return *_all_components(part.nodes, dim), one

@@ -400,8 +400,8 @@ class Viscosity(Effect):
     The form b^h(u', v) is the form of elasticity with `shear` for mu, `volume` for lambda, and stabilisation "shear"
     (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6). Results
     then depend on step sizes. `history.energy` remains 1/2 a^h(u, u), and `history.dissipated` includes the viscous
-    loss. Forces include viscous forces at the rate of the last step; `stress` is the elastic part. The initial state
-    need not satisfy condition (2.1), because viscous forces restore balance.
+    loss. Forces after a step include viscous forces at the rate of this step; `stress` is the elastic part. The initial
+    state need not satisfy condition (2.1), because viscous forces restore balance.
 
     Parameters
     ----------

@@ -53,12 +53,12 @@ MARGIN = 0.9
 SOLVER_FRACTION = 0.01
 """Accuracy of the solver as a fraction of the target; mesh errors are far larger."""
 TIME_FRACTION = 0.3
-"""Fraction of the target for the error of time."""
+"""Allowed time error as a fraction of the target."""
 THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes in which the mesh error falls if the quantity has a limit; cells become 3 to 8 times as many."""
+"""Number of passes after which the mesh error must be less by a tenth; cells are then 3 to 8 times as many."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
@@ -69,7 +69,7 @@ QUANTITIES = {
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells with a part `theta` of `squares` (n_cells,), or fewer if this meets `goal`."""
+    """Return a mask of the fewest cells with a part `theta` of `squares` (n_cells,), or fewer if these meet `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -89,17 +89,17 @@ class StepLoss:
 
     @classmethod
     def from_energy(cls, finer: Finer, unit: float) -> StepLoss:
-        """Return the loss in the energy norm, relative to `unit`."""
+        """Return the time error in the energy norm, relative to `unit`."""
         return cls(float(finer.errors.max()) / (unit or 1.0), finer.added**2, finer.bends)
 
     @classmethod
     def from_quantity(cls, found: StepErrors, of: str, value: float) -> StepLoss:
-        """Return the loss of a quantity, relative to its value."""
+        """Return the time error of a quantity, relative to its value."""
         return cls(float(found.errors[of][-1]) / (abs(value) or 1.0), found.added[of], found.bends)
 
 
 def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
-    """Split the steps with the largest losses if the error exceeds `allowed`; return the new instants of the run.
+    """Split the steps that contribute most to the error if it exceeds `allowed`; return the new instants of the run.
 
     For smooth loads, the error is O(k^2) in the step k. So steps are cut into three if the error is more than four
     times the allowed error.
@@ -109,7 +109,7 @@ def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
         return times
     parts = 2 if lost.error <= 4.0 * allowed else 3
     new = [times]
-    # Split the fewest steps that contain .8 of the squared loss.
+    # Split the fewest steps that contribute .8 of the sum of `squares`.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = lost.bends[(lost.bends > a) & (lost.bends < b)]
@@ -143,7 +143,7 @@ class Pass:
 def has_stalled(passes: Sequence[Pass]) -> bool:
     """Return True if the mesh error no longer falls: the quantity has no limit, for example at a singular pressure.
 
-    If there is a limit, a pass that refines half of the squared error removes at least a fifth of the error.
+    If there is a limit, a pass that refines cells with half of the squared error removes at least a fifth of the error.
     """
     return len(passes) > STALL and passes[-1].space > 0.9 * min(one.space for one in passes[:-STALL])
 
@@ -244,7 +244,7 @@ def adapt(
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
         largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. For the last three,
-        each pass needs two more runs, one with all cells refined; passes end after four that do not lower the error.
+        each pass needs two more runs, one with all cells refined; the run ends if four passes hardly lower the error.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
@@ -393,7 +393,7 @@ def _simulate_pass(
 def _measure_pass(
     history: History, budget: ErrorBudget, finer: Finer, of: str
 ) -> tuple[History, StepLoss, dict[str, float], Floats]:
-    """Return the history with its target quantity, the loss of steps, the error by source, and squared indicators."""
+    """Return the history with its target quantity, the errors of steps, the error by source, and squared indicators."""
     parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
     indicators = budget.cells**2
     if of == "energy":

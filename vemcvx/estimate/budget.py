@@ -42,7 +42,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     material = posed.material
     parts = cell_energies(posed.space, material.moduli, material.choose_stabilisation(posed.space.dim), about)
     apart = abs(energy - float(parts.sum()))
-    # Rounding error of the energies of rotations, which are exactly zero.
+    # Rotations have no energy; this is the rounding error of the energies computed for them.
     rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))
     if apart > SAME * max(energy, float(parts.sum())) + rounding:
         raise SceneError(

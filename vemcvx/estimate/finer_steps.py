@@ -4,7 +4,7 @@ Steps of a condensed system are cheap. The run is repeated on the same mesh with
 data vary faster, and an instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). At the instants of the
 coarse run, both runs have the same data, so only their contact forces differ. For the run u and the finer run v,
 
-    |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n)     with S condensed to the unknowns y, z in friction and limits.
+    |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n)     with contact unknowns y of u, z of v, and condensed matrix S.
 
 If errors are of first order, the error of the finer run is 1/FINER of the error of the run, and
 

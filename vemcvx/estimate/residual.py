@@ -90,7 +90,7 @@ class MeshSides:
     joints: Joints
     """interfaces of two bodies"""
     numbers: Callable[[Ints], Ints]
-    """function from edges (k, 2), faces (k,), or `names` of contact rows (k, 2) to positions among outer sides"""
+    """function that finds edges (k, 2), faces (k,), or ends of contact rows (`names`, (k, 2)) among the outer sides"""
     corners: tuple[Ints, Floats]
     """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
     edges: tuple[Ints, Ints]
@@ -205,7 +205,7 @@ class Residuals:
 
     @cached_property
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """The least-squares problem for q: roots of weights (f + b,) of normal residuals, the matrix, and units of q.
+        """The problem for q: roots (f + b,) of the weights of normal residuals, the matrix, and a unit of q per cell.
 
         Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
         """

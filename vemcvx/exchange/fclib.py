@@ -13,7 +13,7 @@ h_T = B_i of the limit and the norm term of each contact, K d = g - B'lam - D'p 
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
 
 Matrices are stored by rows (nz = -2) and compressed by deflate, which HDF5 reads transparently. Each step of a run has
-its own file; the solution of a step is a guess for the next. The description in `info` states, as JSON, the certified
+its own file; its solution is a guess for the next step. The description in `info` states, as JSON, the certified
 error: |v - v*|_M <= energy_error for the convex program whose weights are mu r_N of the solution. FCLIB files cannot be
 read back, because they contain Coulomb's law instead of given weights. They need h5py (extra ``fclib``).
 """

@@ -32,7 +32,7 @@ from vemcvx.simulation import check_kinds
 MARGIN = 1e-10
 """Fraction by which friction is reduced."""
 TOLERANCE = 0.1 * MARGIN
-"""Tolerance of the corrected forces and motions, relative to the forces."""
+"""Allowed violation of conditions by the corrected forces and motions, in the units of :class:`Balance`."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -194,7 +194,7 @@ class Balance(NamedTuple):
     def solve(self, subject: str, elastic: Any = (0.0,)) -> tuple[float, Floats, Floats, Floats, Floats]:
         """Return the largest alpha with |lam + alpha E| <= w + J p for all E (m, block) of `elastic`.
 
-        Return also lam (m, block) and p (r,), and from the dual c (k,) and a slip (m, block) for each E.
+        Return also lam (m, block) and p (r,). The dual solution yields c (k,), and a slip (m, block) for each E.
         """
         import cvxpy as cp
 
@@ -228,7 +228,7 @@ class Balance(NamedTuple):
         return float(alpha.value), lam, p, conditions[0].dual_value, np.array(slips)
 
     def correct_forces(self, alpha: float, lam: Floats, p: Floats) -> tuple[Floats, Floats, float]:
-        """Return admissible forces that balance alpha, and the largest violation of a condition."""
+        """Return admissible forces that balance dead + alpha push, and the largest violation of a condition."""
         p = np.maximum(p, 0.0)
         bound = (1.0 - 0.5 * MARGIN) * (self.w + self.J @ p)
         near, load = (onto_discs(lam, bound), p), self.dead + alpha * self.push

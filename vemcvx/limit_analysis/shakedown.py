@@ -124,7 +124,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         raise SolverFailed(f"shakedown: no verified lower bound: conditions are off by {off:.1e} of the bounds.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
-    # Distribute the remainder over the instants, in proportion to the slips.
+    # From the slips of all instants, in proportion to their size, subtract the part of `net` that is no rigid motion.
     size = np.linalg.norm(v, axis=2, keepdims=True) + np.finfo(float).tiny
     v = v - (net - B @ c) * size / size.sum(axis=0)
     work = float((E * v).sum())

@@ -145,7 +145,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return, for each boundary face, the position of its parent in the old boundary; `listed` has it for all faces."""
+    """Return the positions in the old boundary of the parents of boundary faces; `listed` has those of all faces."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]

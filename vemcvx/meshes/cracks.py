@@ -95,7 +95,7 @@ def _with_nodes(mesh: AnyMesh, points: Floats, renumber: Callable[[Ints, Ints, I
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
     """Return the new node of each corner, and the old node of each new node; there are `count` old nodes.
 
-    `nodes` has the old node of each corner. `pairs` (k, 2) of corners at a node of a side are linked unless `opened`.
+    `nodes` are the old nodes of all corners. The two corners of a row of `pairs` (k, 2) are linked unless `opened`.
     """
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = np.unique(parted)  # each group is identified by its first corner

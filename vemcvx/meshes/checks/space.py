@@ -208,7 +208,7 @@ def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSh
 
 
 def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: float) -> None:
-    """Raise MeshError if two boundary faces lie on one another within a width."""
+    """Raise MeshError if two boundary faces at most `width` apart lie on one another."""
     outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
     rows = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
     upon = find_touching_faces(points, *rows, FaceShapes(*(values[outer] for values in shapes)), width)

@@ -27,7 +27,7 @@ TYPES = {
     r"(?:T[23]D|R2D)(\d)": {2: "line", 3: "line3"},
     r"B[23](\d)": {1: "line", 2: "line3"},
 }
-"""Patterns of element types (letters may follow) -> number in the type -> kind of cells."""
+"""Pattern of an element type (more letters may follow) -> the number in this type -> kind of cell."""
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),

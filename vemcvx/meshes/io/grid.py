@@ -234,7 +234,7 @@ def keep_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
-    """Return a grid for each body, with the lines, faces and sets of its nodes; `source` names bodies in an error."""
+    """Return a grid for each body, with its lines, faces and sets; `source` is text for an error: what makes a body."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]

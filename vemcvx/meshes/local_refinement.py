@@ -246,8 +246,8 @@ def _middles_of_quads(x: Floats) -> Floats:
     return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
 
 
-# The cells of a refined mesh are ranges of the outlines of the old cells, in which midpoints have been inserted. A part
-# of a cell has the outline from one midpoint to the next, the next midpoint, and the centre, if there is one.
+# Midpoints are inserted into the outlines of the old cells. A part of a split cell has the vertices of the outline from
+# one midpoint to the next, both included, and the centre if there is one. A cell that is not split keeps its outline.
 
 
 def _children(
@@ -255,8 +255,8 @@ def _children(
 ) -> tuple[Ints, Ints, Ints]:
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
-    The mask `begin` has the positions of the outlines where parts begin, also the first of each cell. Cells in `split`
-    have several parts; triangles in `medial` also have the part between their midpoints. `centre` is a node, or -1.
+    The mask `begin` marks the vertices at which parts begin, and the first vertex of each cell. The masks `split` and
+    `medial` mark cells with several parts, and triangles with a part between midpoints. `centre` are nodes, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)

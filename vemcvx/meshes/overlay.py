@@ -1,6 +1,6 @@
 """Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
 
-Nearby nodes of several bodies get one position, a *place*, and rows of nodes become rows of places. Boundary faces that
+Nearby nodes of several bodies get one position, a *place*, and each face becomes a row of places. Boundary faces that
 lie on one another are linked; linked faces form a *patch* in one plane. In each patch, GEOS unites the outlines of all
 faces and returns the polygons between the lines. Each face is replaced by the polygons inside it, as coplanar faces of
 its cell. Finally every place on an edge becomes a vertex of all faces with this edge. So touching bodies get the same
@@ -60,7 +60,7 @@ class JoinedBodies(NamedTuple, Generic[Kind]):
     place: Ints
     """Place of each node (n_nodes,): the first node in the same place."""
     origin: Ints
-    """Original edge or face (m,) of each piece of the boundary, numbered body after body."""
+    """Original edge or face (m,) of each boundary piece: its number in the boundaries of all bodies, listed in turn."""
 
 
 def overlay_tilings(apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float) -> JoinedBodies[PolyhedralMesh]:

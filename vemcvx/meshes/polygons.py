@@ -353,7 +353,7 @@ def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return the largest distance (n_cells,) between two vertices of each cell, listed in any order."""
+    """Return the largest distance (n_cells,) between two vertices of each cell; vertices may be in any order."""
     counts = np.diff(offsets)
     squared = np.zeros(len(counts))
     for count in np.unique(counts):

@@ -154,7 +154,7 @@ def angles_seen(arms: Floats) -> Floats:
 
     tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a),
 
-    where a letter is a position in the products . and x, else its length
+    where a letter is a position in the products . and x, and the length of this position elsewhere
     (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
     """
     a, b, c = (arms[..., k, :] for k in range(3))

@@ -216,7 +216,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
-    off = off[np.unique(node[off], return_index=True)[1]]  # the first of several earlier bodies
+    off = off[np.unique(node[off], return_index=True)[1]]  # one edge per node: of the first body
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
     moved = points.copy()
     moved[node[off]] = shapely.get_coordinates(meeting)[::2]

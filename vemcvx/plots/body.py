@@ -363,7 +363,7 @@ def deformed_body(
 ) -> Figure:
     """Draw a deformed body in space at a stored step, each face of its surface in the colour of the cell's stress.
 
-    Magnification, colours and the visible part are the same at all steps. No display is needed.
+    The magnification, the colour scale and the visible part are the same at all steps. No display is needed.
 
     Parameters
     ----------

@@ -404,8 +404,8 @@ def animate(
 ) -> Path:
     """Write a film of the deformed mesh through all stored steps.
 
-    Magnification, colours, arrows and view are those of `deformed_mesh` (in space, `deformed_body`), and the same in
-    all frames.
+    The magnification, the view, and the scales of colours and arrows are those of `deformed_mesh` (in space,
+    `deformed_body`), and the same in all frames.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ def in_units(product: str, units: Units | None) -> str:
 
 
 def label(words: str, quantity: str, units: Units | None) -> str:
-    """Return `words`, which may end a line, followed by the unit of the quantity in brackets."""
+    """Return `words`, which may end with a line break, followed by the unit of the quantity in brackets."""
     return f"{words}{'' if words.endswith(chr(10)) else ' '}({unit(units, quantity)})"
 
 

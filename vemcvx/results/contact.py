@@ -65,9 +65,9 @@ class Contact(ArrayRecord):
     traction : (S, m, dim)
         Friction force on the body of `nodes`, per length of the edges with friction: the negative multiplier.
     bound : (S, m)
-        Friction bound per length, w_i over int phi_i, or the mean bound where several frictions meet; 0 without
+        Friction bound per length, w_i / int phi_i, or the mean bound where several frictions meet; 0 without
         friction. A bound that depends on direction is given for the direction of the friction force, or along
-        `direction` if this force is zero.
+        the `direction` of the friction if this force is zero.
     pressure : (S, m)
         Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact. A
         support that moves a node along the contact normal is a moving obstacle: its force is pressure.
@@ -198,7 +198,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
     """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and normal forces (S, m).
 
-    The normal forces come from terms along given directions, and are not part of the multipliers.
+    The normal forces are the normal parts of terms with given directions; the multipliers do not contain them.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
@@ -240,7 +240,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # Forces along given directions are divided by other lengths.
+    # With given directions, tractions are divided by other lengths than the sums below, and are not recovered.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
@@ -262,7 +262,7 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     """Return the bounds of friction per length (S, m)."""
     terms, weights = posed.terms, trajectory.weights
-    # At nodes with friction, forces along given directions are no part of the friction bound.
+    # Where other friction acts at a node, terms with given directions are no part of the friction bound.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():

@@ -1,10 +1,10 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
-`Contact.pressure` is the nodal force R_i over |phi_i| = int phi_i, with phi_i the hat function of node i. On interfaces
-of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, so do large
-and small forces: sides bend at hanging nodes although cells have constant strain. Where two tilings are intersected,
-some nodes have a very small area but usual stiffness. Means over a few cells are better: R(v) = int p v for smooth v.
-On every interface on which a cell of either body has several sides, the recovered values are means over nearby nodes,
+`Contact.pressure` is R_i / |phi_i|, with R_i the force on node i and |phi_i| the integral of its hat function. On
+interfaces of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, so do
+large and small forces: sides bend at hanging nodes although cells have constant strain. Where tilings intersect, some
+nodes have small areas but usual stiffness. Means are better: sum R_i v(x_i) is near int p v for smooth v. On every
+interface on which a cell of either body has several sides, recovered values are means over nodes nearby,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
@@ -86,7 +86,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # A change of log d is half the last minus half a mean of last changes: the largest grows by rounding only.
+            # At a node, log d changes by half its last change minus half a mean: only rounding lets the largest grow.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break

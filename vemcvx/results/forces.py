@@ -202,7 +202,7 @@ def _distribute(
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
-    """Return the sides over which an effect spreads forces on nodes (k,): node numbers, ends, and fractions."""
+    """Return how an effect spreads forces on `nodes` (k,) over sides: positions in `nodes`, ends, and fractions."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -282,7 +282,7 @@ def force(history: Acting, of: Cause) -> Floats:
 
 
 def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
-    """Return the moment of an effect, or of all effects but loads on a boundary: see `History.moment`."""
+    """Return the moment of an effect; or, on a boundary, of all effects except loads: see `History.moment`."""
     history._space.refuse_revolution("moment")
     acting, points = history.acting, history._space.mesh.points
     centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")

@@ -224,7 +224,7 @@ class Results:
         return force(self, of)
 
     def moment(self, of: str | Effect | type[Effect], about: ArrayLike | None = None) -> Floats:
-        """Return the moment (S,), in space (S, 3), of an effect on the body, or of all effects but loads on a boundary.
+        """Return the moment (S,), in space (S, 3), of an effect; or, on a boundary, of all effects except loads.
 
         Parameters
         ----------

@@ -98,7 +98,7 @@ def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any
     """Return the arrays of records (or those in `names`), joined in time without the initial rows of later stages.
 
     Columns of effects are placed side by side, with zeros outside the stage of the effect. If a stage lacks an array,
-    its rows are zero. If its array has fewer columns (an array over unknowns), NaN or False fills the rows.
+    its rows are zero. If the array of a stage has fewer columns (unknowns), the missing columns are NaN or False.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

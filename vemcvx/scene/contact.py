@@ -116,9 +116,9 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
     count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
     held_by_contact = np.zeros(len(rows), dtype=bool)
-    # A corner node that contact alone holds fully is not a contact node.
     held_by_contact[row[contact[col]]] = True
     takes = contact[col] | (count[row] == 1)
+    # A corner node that contact alone holds fully is not a contact node.
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
@@ -136,7 +136,7 @@ class Terms(ContactRows):
     elliptic: Bools  # (m,) True if the bound depends on the direction of slip
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) sums the rows of all frictions, one after the other, to terms
-    acting: int = 0  # number of the terms, the first ones, that some free unknown moves
+    acting: int = 0  # number of terms that some free unknown moves; they come first
     dragged: Bools | None = None  # (m,) True if supports move the node along the boundary, in some direction at least
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion in `ground` as a vector

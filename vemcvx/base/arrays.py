@@ -58,7 +58,7 @@ def directions(x: Floats, size: Floats) -> Floats:
 
 
 def onto_discs(lam: Floats, w: Floats) -> Floats:
-    """Return the vectors (m, block) nearest to `lam` with |lam_i| <= w_i."""
+    """Return the vectors x_i of lengths <= w_i (m,) that are nearest to the rows of `lam` (m, block)."""
     if lam.shape[1] == 1:  # Clipping is exact; scaling would round.
         return np.minimum(np.maximum(lam, -w[:, None]), w[:, None])
     size = np.linalg.norm(lam, axis=1)
@@ -116,7 +116,7 @@ def scatter(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return `value`, except that arrays with all entries below 1e-60 of the largest entry at `times` become zero.
+    """Return the function `value`; arrays become zero if all entries are below 1e-60 min(1, largest entry at `times`).
 
     In the tails of a pulse exp(-x^2), for example, energies would underflow.
     """
@@ -128,7 +128,7 @@ def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Call
     def drop(t: float) -> Floats:
         found = value(t)
         size = float(np.abs(found).max(initial=0.0))
-        # Most arrays have an entry above 1e-60; for these, `value` is not evaluated at all times.
+        # Most arrays have an entry above 1e-60. Then `largest`, which evaluates `value` at all times, is not called.
         return np.zeros_like(found) if 0.0 < size < 1e-60 and size < 1e-60 * largest() else found
 
     return drop

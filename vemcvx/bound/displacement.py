@@ -8,7 +8,7 @@ lambda = 1e6 they gave the bound 22 for an error of .026.
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
 middles between corner k and the centroid. The last four nodes are inside, and are condensed. Next the hub of the cell,
 which is the centre of the fan and the middles of spokes, is condensed. The outline remains: the vertices, and the
-middles of the polygon's edges. Half of a cell's form is the minimum of its energy minus the work of its body force.
+middles of the polygon's edges. Half of a cell's form is the minimum of (its energy minus the work of its body force).
 """
 
 from __future__ import annotations

@@ -222,7 +222,7 @@ class Hypercircle:
         return work
 
     def _forces_of(self, defect: Defect, still: Floats) -> tuple[Floats, Floats]:
-        """Return the tractions (4 E,) on edges of the stress of L y, and the work of the stress of v on all outlines.
+        """Return forces (4 E,) on edges by the stress of L v, and (2 nodes + 2 E,) on outlines by the stress of v.
 
         Both contain body forces and the prestress `still` (n_cells, 3).
         """

@@ -2,12 +2,12 @@
 
 The effects of the scene contribute a second time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error
 bounds* use fits. Linear functions on every edge are fitted to mean tractions on pieces and to friction bounds at new
-nodes, linear functions in every cell to body forces. If these data are linear, and gaps and ground motions are linear
+nodes; in every cell, they are fitted to body forces. If these data are linear, and gaps and ground motions are linear
 between nodes, error bounds are theorems; else they are theorems for the fits, the data *as read*. The load minus its
 fit, the omitted load l_0(w), is a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
-    SAFETY times the energy norm of the body's response to the difference of the fits from fits to fewer points, plus
-    the root of the sum over cells of the energies (given below) of the remainders.
+    SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
+    plus the root of the sum over cells of the energies (given below) of the remainders.
 
 The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
 step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
@@ -22,10 +22,11 @@ of gaps. Features narrower than the distance of points may be missed.
     motions         u must move by d, but does not       2 mu |d|_e |d'|_e
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with the length l_e of an edge, the longest side d_K of a cell's box, and the depth z of :mod:`.surface`. The first two
-follow from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu))
-and on a cell; half is enough for functions orthogonal to linear ones. A surface wave d with the wave number kappa
-stores 2 mu kappa |d|^2 in a half space, at most the energy of motions. The last is exactly the squared dual norm.
+with the length l_e of an edge, the longest side d_K of a cell's box, the depth z of :mod:`.surface`, the pressure p_h
+interpolated between nodes, and the values C_K and sigma_0K of the assembly in the cell. The first two energies follow
+from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)) and on
+a cell; half of these energies is enough for functions orthogonal to linear ones. A surface wave d with the wave number
+kappa stores 2 mu kappa |d|^2 in a half space, at most the energy of motions. The last is exactly the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
 for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as
@@ -56,7 +57,7 @@ from vemcvx.vem import Space, elastic_matrix
 SAFETY = 2.0
 """Safety factor of the difference between two readings."""
 POINCARE = 1.0 / 9.0
-"""Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus a tenth for rotations
+"""Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus 10 % for rotations
 without strain. With 1 / pi^2, the estimate for waves of body force on 8 x 8 squares was .9964 of the error."""
 
 
@@ -175,7 +176,7 @@ class Reading:
     def misread(self, works: Sequence[Floats], bent: Floats) -> float:
         """Estimate |l_0(w)|, given the works on w of the differences between both readings.
 
-        `bent` (n_cells,) are the energies of w minus its linear part, on which remainders do no work.
+        `bent` (n_cells,) are the energies of w without its linear part. Remainders do no work on the linear part.
         """
         left = np.sum(np.sqrt(self.local * np.maximum(bent, 0.0)))
         return float(SAFETY * sum(np.abs(one).sum() for one in works) + left)
@@ -199,7 +200,7 @@ class Reader:
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """The contributions of all effects, including zero effects, to the fine mesh; materials use the old mesh."""
+        """Contributions of all effects, even if their data are zero, to the fine mesh; materials use the old mesh."""
         effects = self.posed.scene.canonical if self.effects is None else self.effects
         others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
         with suppress_scene_warnings():
@@ -208,22 +209,22 @@ class Reader:
 
     @property
     def frictions(self) -> list[Friction]:
-        """The frictions of all effects, including zero effects."""
+        """The frictions of all effects, even if their data are zero."""
         return [friction for part in self.parts for friction in part.frictions]
 
     @property
     def obstacles(self) -> list[Obstacle]:
-        """The obstacles of all effects, including zero effects."""
+        """The obstacles of all effects, even if their data are zero."""
         return [obstacle for part in self.parts for obstacle in part.obstacles]
 
     @property
     def supports(self) -> list[Support]:
-        """The supports of all effects, including zero effects."""
+        """The supports of all effects, even if their data are zero."""
         return [support for part in self.parts for support in part.supports]
 
     @cached_property
     def body_loads(self) -> list[Load]:
-        """The body forces of all effects, including zero effects."""
+        """The body forces of all effects, even if their data are zero."""
         loads = [load for part in self.parts for load in part.loads if load.cells is not None]
         for load in loads:
             if load.matrix.shape[1] == len(load.points):
@@ -369,7 +370,7 @@ class Reader:
         return squares + np.sum([self._obstacle_energies(one, now, compliant) for one in self.obstacles], axis=0)
 
     def _work_on_gaps(self, now: Instant) -> float:
-        """Return int p |gap - line|, the first-order change of the minimum of a step."""
+        """Return int p |gap - line|, the first-order change of the minimum of a step; `line` is linear on edges."""
         if not self.obstacles:
             return 0.0
         pressure, work = pressures_at_ends(self.posed, self.edges, now), 0.0
@@ -392,8 +393,7 @@ class Reader:
     def compliance_sums(self, values: Floats, unit: Floats) -> Floats:
         """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces, the sum of both bodies.
 
-        If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a: cos a for
-        the component of the force, and cos a for the component of the displacement.
+        If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a.
         """
         free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
         found, joints = np.where(free > ROUNDING, free * values, 0.0), self.edges.joints
@@ -416,7 +416,7 @@ class Reader:
             apart = k * np.maximum(outward - gap, 0.0) - self.fine.between(pressure, at)
             weight = self.compliance_sums(self.compliances, edges.units)[self.fine.owner[at]]
             return self.sums(at, apart**2 * weight / (1.0 + k * weight))
-        # The edge is beyond the obstacle, or both its ends hold it away from the obstacle.
+        # Either the edge penetrates the obstacle, or both its ends touch the obstacle and hold the edge away from it.
         held = np.all(pressure > 0, axis=1)[self.fine.owner[at]]
         apart = np.maximum(np.minimum(outward, nodal) - gap, np.where(held, gap - nodal, 0.0))
         highest = np.zeros(len(edges.outer))

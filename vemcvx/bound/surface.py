@@ -162,7 +162,7 @@ class Boundary:
 
     @cached_property
     def _effect_edges(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges with friction, and with obstacles, including zero effects."""
+        """The masks (b,) of edges with friction, and with obstacles, even if their data are zero."""
         found = np.zeros((2, len(self.edges.outer)), dtype=bool)
         rows: tuple[Friction | Obstacle, ...] = (*self.reader.frictions, *self.reader.obstacles)
         for one in rows:

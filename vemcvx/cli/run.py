@@ -232,7 +232,7 @@ class Run:
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
 
     def _march(self, posed: Posed, **how: Any) -> History:
-        """Return the history of a posed run; warn first if its steps miss turns of the data."""
+        """Return the history of a posed run; warn first if the data bend or jump inside its steps."""
         warn_of_turns(posed.scene, posed.mesh, posed.times)
         return posed.simulate(condense=self.condense, linear=make_linear_solver(self.linear), **how)
 

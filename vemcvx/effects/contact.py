@@ -209,7 +209,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # If a node moves outwards by z, its edges move by z cosine. Their force has the factor cosine at the node, too.
+        # If a node moves outwards by z, its edges move by z times `cosines`; their nodal force has this factor, too.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:

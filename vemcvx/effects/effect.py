@@ -419,7 +419,7 @@ class Material:
         Lame's lam (already reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row
         (:mod:`vemcvx.vem.tensors`). Force per area.
     thermal_stress_moduli : (n_cells, components) array
-        Minus the stress under a blocked unit strain in all directions of space.
+        Minus the stress under a blocked unit eigenstrain in all directions of space.
     plane : {"strain", "stress", "axisymmetric"}
         The same for all materials of a body; "strain" in space.
     cells : (n_cells,) array of bool, optional

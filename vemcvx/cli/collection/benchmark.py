@@ -292,7 +292,7 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    Each trial is sent with the largest number of seconds until the next trial arrives; None is no limit.
+    Each trial is sent with a time limit, in seconds, for the arrival of the next trial; None means no limit.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
     os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

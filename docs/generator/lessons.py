@@ -11,7 +11,7 @@ from vemcvx.cli.supplied import as_notebook, lessons
 
 INDEX = """# Learn
 
-There are ten lessons for students who know linear algebra and a little of finite elements. Each has formulas, code,
+There are eleven lessons for students who know linear algebra and a little of finite elements. Each has formulas, code,
 pictures, questions whose answers unfold, and exercises with solutions. `vemcvx lesson N` copies lesson N and its
 solutions into your folder. `--notebook` copies them as notebooks; `--no-solutions` leaves out the solutions.
 

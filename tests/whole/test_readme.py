@@ -87,8 +87,8 @@ def test_numbers_of_effects_families_lessons_and_commands_are_right():
     assert {*vx.meshes.FAMILIES, *vx.meshes.SPACE_FAMILIES} <= set(names)
     assert all("thirteen families" in text for text in (TEXT, changes))
     lessons = [path for path in (ROOT / "problems" / "lessons").glob("*.py") if "solutions" not in path.stem]
-    assert len(lessons) == 10
-    assert "ten lessons" in TEXT
+    assert len(lessons) == 11
+    assert "eleven lessons" in TEXT
     assert f"{len(problem_files())} problem files" in changes
     commands = re.findall(r"^\| `vemcvx ", page("howto/command_line"), re.MULTILINE)
     assert len(commands) == 12

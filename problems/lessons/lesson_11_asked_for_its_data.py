@@ -1,0 +1,427 @@
+# %% [markdown]
+"""# Lesson 11, the same program asked for its data: derivatives, fits, and the limit load"""
+
+# %% [markdown]
+# *You need:* active sets (lesson 5), the dual of a step (lesson 9), least squares. *You will see:* the derivative of an
+# answer by its data, forwards and backwards; a fit to a noisy loop; and the largest load, from a cone program.
+#
+# So far we knew the data, such as stiffness, loads and friction bounds, and computed the answer. Now we know the
+# answer, or a part of it, and look for the data: which friction explains a measured loop? How large may the load
+# become?
+
+# %%
+import cvxpy as cp
+import matplotlib.pyplot as plt
+import numpy as np
+
+import vemcvx as vx
+
+# %% [markdown]
+# ## 1. One slider: an answer with a kink
+#
+# The slider of lesson 1 rests at $u = 0$ and is pulled by $f > 0$. It stops at
+#
+# $$u(K, f, w) = \max\Bigl(0, \frac{f - w}{K}\Bigr) .$$
+#
+# The answer is a function of the data. While we know whether the slider sticks or slips, its derivative takes one line:
+#
+# $$\frac{\partial u}{\partial (K, f, w)} = \begin{cases} (0, 0, 0) & \text{sticks: } f < w, \\
+#   \bigl(-(f - w)/K^2,\; 1/K,\; -1/K\bigr) & \text{slips: } f > w. \end{cases}$$
+#
+# Below we compare this line with difference quotients, and with `vx.sensitivities`. The package needs a body: a unit
+# square of rubber without Poisson's effect, whose top moves by $f/K$. The square is the spring, and its floor is the
+# slider.
+
+
+# %%
+def answer(K, f, w):
+    return max(0.0, (f - w) / K)
+
+
+def derivative(K, f, w):
+    return np.array([-(f - w) / K**2, 1 / K, -1 / K]) if f > w else np.zeros(3)
+
+
+def quotient(data, steps):
+    """Return the difference quotients of the answer, for a step of each datum."""
+    moved = np.asarray(data) + np.diag(steps)
+    return np.array([(answer(*one) - answer(*data)) / step for one, step in zip(moved, steps, strict=True)])
+
+
+def shear_square(data):
+    """Return the scene of the square of rubber, whose floor moves like the slider."""
+    K, f, w = data
+    return vx.Scene(
+        vx.Elasticity(young=2 * K, poisson=0.0),
+        vx.PrescribedDisplacement(lambda x, t: [f / K * t, 0.0], on="top"),
+        vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0)),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(w, on="bottom"),
+    )
+
+
+def differentiate_slider(data):
+    return vx.sensitivities(shear_square, data, vx.meshes.squares(1), [0.0, 1.0], ["displacement at (0, 0) x"])
+
+
+slips, sticks = [2.0, 3.0, 1.0], [2.0, 0.5, 1.0]
+for _data in (slips, sticks):
+    _found = differentiate_slider(_data)
+    print(f"K, f, w = {_data}: derivatives {derivative(*_data)}")
+    assert abs(_found.values[0, -1] - answer(*_data)) <= 1e-9
+    assert np.abs(_found.jacobian[0, -1] - derivative(*_data)).max() <= 1e-9
+    assert np.abs(quotient(_data, [1e-6] * 3) - derivative(*_data)).max() <= 1e-5
+    assert not _found.one_sided.any()
+
+# %% [markdown]
+# **At the kink**, $f = w$, there is no derivative, but one on each side. A larger pull moves the slider, a smaller pull
+# does not. `one_sided` marks such a step: the force is within its certificate of the bound. The package then returns
+# the derivative of one of the two sides, and logs a warning.
+
+# %%
+kink = [2.0, 1.0, 1.0]
+more, less = quotient(kink, [1e-6] * 3), quotient(kink, [-1e-6] * 3)
+at_kink = differentiate_slider(kink)
+print(f"by f and w: to the right {more[1:].round(6)}, to the left {less[1:].round(6)}")
+assert np.abs(more - [0.0, 0.5, 0.0]).max() <= 1e-9
+assert np.abs(less - [0.0, 0.0, -0.5]).max() <= 1e-9
+assert at_kink.one_sided.tolist() == [False, True]
+_sides = [derivative(2.0, 1.0 + side, 1.0) for side in (-1e-9, 1e-9)]
+assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1e-8
+
+# %% [markdown]
+# **Question:** A program computes the derivative by $w$ with a *central* difference quotient, and its interval contains
+# the kink. Which values can the quotient have, and how would you notice the error?
+#
+# <details><summary>Answer</summary>
+#
+# Every value between the two derivatives, here between $-1/K$ and 0: the quotient is their mean, weighted by the parts
+# of the interval on both sides. Only the two ends are one-sided derivatives. Smaller intervals need not help: if the
+# kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves instead. Away
+# from a kink their difference vanishes with the interval; at the kink it remains $1/K$.
+#
+# </details>
+#
+# ## 2. Eight nodes: forward and adjoint
+#
+# We take the step of lesson 9 again, from rest, with eight contact nodes. On given active sets the answer
+# $y = (u, \lambda)$ obeys *linear* equations. The first row is the balance of forces; the second row holds node by
+# node, at nodes that stick and at nodes that slip:
+#
+# $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
+#
+# Parameters $\theta$ change the right-hand sides only: here the eight bounds $w_i$, and a factor of the load. So
+#
+# $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
+#
+# where "stick" and "slip" are diagonal matrices of zeros and ones. $M$ is the last matrix of Newton's method, which
+# found the sets. (A change $dK$ of the stiffness adds $-dK\,u$ to the right-hand side of the first row.)
+
+
+# %%
+def pull(x, t):
+    """Return the load of lesson 9 at the time t = 1, and its multiples by a sine at other times."""
+    return np.sin(np.pi * t / 2) * np.column_stack([8 * (1.25 - x[:, 1]), np.full(len(x), -0.01)])
+
+
+def block(young, bound):
+    return vx.Scene(
+        vx.Elasticity(young, poisson=0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(pull, on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom"),
+    )
+
+
+mesh = vx.meshes.squares(8)
+step = next(vx.programs(block(200.0, 4.0), mesh, [0.0, 1.0]))
+K, f, w, m = step.operators.K, step.g, step.w, len(step.g)
+
+
+def build_matrices(sign):
+    """Return M, and R for the bounds, where `sign` is the direction of slip; 0 at nodes that stick."""
+    stick, none = np.diag(1.0 * (sign == 0)), np.zeros((m, m))
+    return np.block([[K, np.eye(m)], [stick, np.eye(m) - stick]]), np.vstack([none, np.diag(sign)])
+
+
+M, by_bounds = build_matrices(np.sign(step.answer.d))
+R = np.column_stack([by_bounds, np.append(f, np.zeros(m))])
+print(f"{np.count_nonzero(step.answer.d)} of {m} nodes slip; {R.shape[1]} parameters")
+
+# %% [markdown]
+# We are interested in two quantities $Q = b^T y$: the displacement of the left end, and the sum of all friction forces.
+# The derivatives $b^T M^{-1} R$ can be computed in two orders:
+#
+# $$\text{forward: } b^T (M^{-1} R), \qquad \text{adjoint: } (M^{-T} b)^T R = z^T R, \quad M^T z = b .$$
+#
+# The forward order needs one solve for each *parameter*, the adjoint order one solve for each *quantity*. (Lesson 10
+# has met a $z$ of this kind: the state under the load $Q$.)
+
+# %%
+b = np.zeros((2 * m, 2))
+b[0, 0] = b[m:, 1] = 1.0
+forward = b.T @ np.linalg.solve(M, R)
+adjoint = np.linalg.solve(M.T, b).T @ R
+print(f"forward {R.shape[1]} solves, adjoint {b.shape[1]}; difference {np.abs(forward - adjoint).max():.0e}")
+assert np.abs(forward - adjoint).max() <= 1e-13 * np.abs(forward).max()
+
+
+def quantities(theta):
+    """Return both quantities for other bounds and another factor of the load, from a new solution of the step."""
+    system = vx.System(K, lambda t: t * theta[m] * f, vx.Norms(np.eye(m), theta[:m]))
+    run = vx.march(system, [0.0, 1.0], solver=vx.Newton(accuracy=1e-12))
+    return b.T @ np.append(run.state[-1], run.multipliers[-1])
+
+
+theta = np.append(w, 1.0)
+differences = [(quantities(theta + one) - quantities(theta - one)) / 2e-4 for one in 1e-4 * np.eye(m + 1)]
+# The answer is linear on its sets, so a difference quotient has no error but rounding.
+assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forward).max()
+
+# %% [markdown]
+# **Many steps.** Friction remembers: a node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So each
+# step hands derivatives on, and the adjoint runs backwards in time:
+#
+# $$M_n\, dy_n = R_n\, d\theta + T_n\, dy_{n-1}, \qquad M_n^T z_n = b_n + T_{n+1}^T z_{n+1}, \qquad
+#   \frac{dQ}{d\theta} = \sum_n R_n^T z_n ,$$
+#
+# where $T_n$ copies the displacements of sticking nodes. We load the block, unload it and load it backwards, in 32
+# steps. The quantity is the displacement of the left end after the last step; the parameters are the eight bounds.
+
+# %%
+times = np.linspace(0.0, 4.0, 33)
+wave = vx.System(K, lambda t: np.sin(np.pi * t / 2) * f, vx.Norms(np.eye(m), w))
+run = vx.march(wave, times, solver=vx.Newton(accuracy=1e-12))
+signs = np.sign(np.where(run.sticking, 0.0, np.diff(run.state, axis=0, prepend=0.0)))[1:]
+solved = {"forward": 0, "adjoint": 0}
+
+
+def recall(sign):
+    """Return T: row by row, sticking nodes keep the displacements of the step before."""
+    T = np.zeros((2 * m, 2 * m))
+    T[m:, :m] = np.diag(1.0 * (sign == 0))
+    return T
+
+
+dy = np.zeros((2 * m, m))
+for _sign in signs:
+    _M, _R = build_matrices(_sign)
+    dy = np.linalg.solve(_M, _R + recall(_sign) @ dy)
+    solved["forward"] += m
+gradient, carried = np.zeros(m), b[:, 0]
+for _sign in signs[::-1]:
+    _M, _R = build_matrices(_sign)
+    _z = np.linalg.solve(_M.T, carried)
+    gradient, carried = gradient + _R.T @ _z, recall(_sign).T @ _z
+    solved["adjoint"] += 1
+print(f"solves: {solved}; gradient {1e3 * gradient.round(6)} (1e-3)")
+assert solved == {"forward": 32 * m, "adjoint": 32}
+assert np.abs(gradient - dy[0]).max() <= 1e-13 * np.abs(gradient).max()
+
+# %% [markdown]
+# `vx.sensitivities` makes both sweeps for a scene: `jacobian` forward, `gradient` adjoint. Here the bound is a field
+# with a value at each node, which `shapes` describes; a nodal bound $w_i$ is this value times a length.
+
+
+# %%
+def shapes(x):
+    """Return the hat functions of the eight nodes at points x."""
+    return np.stack([np.interp(x[:, 0], np.linspace(0, 1, m + 1), hat) for hat in np.eye(m + 1)[:m]], axis=1)
+
+
+def varying(bounds):
+    return block(200.0, lambda x, t: shapes(x) @ bounds)
+
+
+left = "displacement at (0, 0) x"
+found = vx.sensitivities(varying, np.full(m, 4.0), mesh, times, [left], shapes=shapes)
+last = np.zeros(found.values.shape)
+last[0, -1] = 1.0
+length = found.history.contact.friction_lengths
+assert np.abs(found.gradient(last) - length * gradient).max() <= 1e-9 * np.abs(length * gradient).max()
+assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.abs(found.jacobian).max()
+
+# %% [markdown]
+# **Question:** You look for three parameters and have measured one force at 64 instants. A colleague wants a bound at
+# each of 1,000 contact nodes, and minimises one sum of squares. Who needs which sweep?
+#
+# <details><summary>Answer</summary>
+#
+# You need the forward sweep: three right-hand sides in each step yield the derivatives at all 64 instants, which
+# Gauss and Newton's method needs one by one. The adjoint would need 64 backward sweeps. Your colleague needs the
+# adjoint: the sum of squares is one quantity, so one backward sweep yields 1,000 derivatives, and the forward sweep
+# would carry 1,000 columns.
+#
+# </details>
+#
+# ## 3. A fit to a noisy loop
+#
+# We measure the displacement of the left end during the 32 steps, with noise of one per cent, and look for Young's
+# modulus and the friction bound. Least squares minimise the sum of squared residuals
+#
+# $$\sum_n r_n(\theta)^2, \qquad r_n = Q_n(\theta) - \text{measured}_n ,$$
+#
+# and the Jacobian $J = dr/d\theta$ also provides standard errors. If the noise has the standard deviation $\sigma$, the
+# covariance of the fitted parameters is, to first order,
+#
+# $$\sigma^2 (J^T J)^{-1} .$$
+
+# %%
+true, names = np.array([200.0, 4.0]), ("young", "bound")
+exact = vx.sensitivities(lambda theta: block(*theta), true, mesh, times, [left]).values[0]
+sigma = 0.01 * np.abs(exact).max()
+measured = exact + sigma * np.random.default_rng(11).standard_normal(len(times))
+
+
+def fit_from(start):
+    data, limits = {left: measured}, (0.0, np.inf)
+    return vx.fit(lambda theta: block(*theta), start, mesh, times, data, bounds=limits, names=names)
+
+
+fit = fit_from([150.0, 2.0])
+print(fit)
+assert (np.abs(fit.theta - true) <= 3 * fit.errors).all()
+_J = vx.sensitivities(lambda theta: block(*theta), fit.theta, mesh, times, [left]).jacobian[0]
+_noise = np.sqrt(np.sum((fit.values[left] - measured) ** 2) / (len(times) - 2))
+assert np.abs(fit.errors / (_noise * np.sqrt(np.diag(np.linalg.inv(_J.T @ _J)))) - 1).max() <= 1e-4
+
+# %% [markdown]
+# **A step is a convex program, but a fit is not.** If the search begins at the bound 8, it ends at another answer. This
+# answer has small standard errors, too: they describe the neighbourhood of an answer only. But its residuals are much
+# larger than the noise of the instrument. So begin at several parameters, and compare the residuals with the noise.
+
+# %%
+elsewhere = fit_from([150.0, 8.0])
+print(f"young and bound {elsewhere.theta.round(2)} with errors {elsewhere.errors.round(2)}")
+print(f"residuals over noise: {elsewhere.noise[left] / sigma:.1f} here, {fit.noise[left] / sigma:.1f} before")
+assert (np.abs(elsewhere.theta - true) > 3 * elsewhere.errors).all()
+assert 0.7 < fit.noise[left] / sigma < 1.3
+assert elsewhere.noise[left] > 3 * fit.noise[left]
+
+# %% jupyter={"source_hidden": true}
+# Picture: the measured loop of displacement over load, the fitted loop through its points, and a false fit beside them
+_figure, _axes = plt.subplots(figsize=(6.0, 3.8), layout="constrained")
+_load = np.sin(np.pi * times / 2)
+_axes.plot(_load, elsewhere.values[left], "--", color="0.5", label="search from the bound 8")
+_axes.plot(_load, fit.values[left], "-", color="tab:orange", label="search from the bound 2")
+_axes.plot(_load, measured, "o", color="tab:blue", markersize=4, label="measured")
+_axes.set(xlabel="factor of the load", ylabel="displacement of the left end", title="a loop and two fits")
+_axes.grid(color="0.9")
+_axes.legend(frameon=False)
+plt.close(_figure)
+_figure
+
+# %% [markdown]
+# **What a measurement does not determine.** Now let the bound of each node be a parameter. A node that never slips has
+# $|\lambda_i| < w_i$ in all steps, so its column of $J$ is zero, wherever we measure. $J^T J$ is singular, and least
+# squares alone cannot determine this bound. We must state what we assume, for example that each bound is known up to
+# $\pm 2$ beforehand. The covariance is then
+#
+# $$\Bigl(\frac{J^T J}{\sigma^2} + \frac{I}{2^2}\Bigr)^{-1} .$$
+
+# %%
+surface = [f"displacement at ({x}, 0) x" for x in np.arange(m) / m]
+by_nodes = vx.sensitivities(varying, np.full(m, 4.0), mesh, times, surface, shapes=shapes)
+never = by_nodes.history.contact.sticking.all(axis=0)
+noise, assumed = 0.01 * np.abs(by_nodes.values).max(), 2.0
+J = by_nodes.jacobian.reshape(-1, m)
+after = np.sqrt(np.diag(np.linalg.inv(J.T @ J / noise**2 + np.eye(m) / assumed**2)))
+print("standard errors of the bounds", after.round(2))
+assert 0 < np.count_nonzero(never) < m
+assert not J[:, never].any()
+assert np.abs(after[never] - assumed).max() <= 1e-12
+assert (after[~never] < 0.5 * assumed).all()
+
+# %% [markdown]
+# Still the measurements say something about a node that never slips: its bound is at least the largest force that the
+# node has borne. Above this force all values explain the measurements equally well; below it the answer changes. A
+# standard error cannot express an inequality. (`friction_along_a_joint.py` draws the errors of such a field.)
+
+# %%
+borne = np.abs(by_nodes.history.contact.traction[:, :, 0]).max(axis=0)
+print(f"largest friction where the contact never slips {borne[never].round(2)}; the bound is 4")
+assert (borne[never] < 4.0).all()
+for _factor, _same in ((0.99, False), (1.01, True), (10.0, True)):
+    _other = vx.simulate(varying(np.where(never, _factor * borne, 4.0)), mesh, times).displacement
+    _away = np.abs(_other - by_nodes.history.displacement).max() / np.abs(_other).max()
+    assert (_away <= 1e-7) == _same
+
+# %% [markdown]
+# ## 4. The limit load: a program without stiffness
+#
+# A plate lies on a rough plane, and friction alone holds it. It is pushed across its axis at one end, with the force
+# $\alpha$. How large may $\alpha$ become? Friction forces $\lambda_i$ in the plane must balance the push in the three
+# rigid motions, two translations and a rotation. The columns of $N_i$ are the motions of node $i$, and $f$ contains the
+# work of a unit push in the three motions. The bound $w_i$ is one per area, times the area of the node:
+#
+# $$\max \alpha \quad \text{subject to} \quad \sum_i N_i^T \lambda_i = \alpha f, \qquad |\lambda_i| \le w_i .$$
+#
+# This is the dual of lesson 9 for a body with $K = 0$ on rigid motions. Stiffness plays no role.
+
+# %%
+grid = np.stack(np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-0.5, 0.5, 5), indexing="ij"), axis=-1).reshape(-1, 2)
+area = 0.5 * 0.25 * np.where(np.abs(grid[:, 0]) == 2, 0.5, 1.0) * np.where(np.abs(grid[:, 1]) == 0.5, 0.5, 1.0)
+N = np.array([[[1.0, 0.0, -y], [0.0, 1.0, x]] for x, y in grid])
+push = np.array([0.0, 1.0, 2.0])  # a unit force along y at x = 2: no work along x, 1 along y, 2 in the rotation
+
+lam, alpha = cp.Variable(grid.shape), cp.Variable()
+balance = N.reshape(-1, 3).T @ cp.vec(lam, order="C") == alpha * push
+cp.Problem(cp.Maximize(alpha), [balance, cp.norm(lam, axis=1) <= area]).solve(solver="CLARABEL")
+motion = balance.dual_value
+print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
+
+# %% [markdown]
+# The multipliers of the balance are a rigid motion $\xi$: the plate fails by turning about a point of its axis. Indeed,
+# exchange maximum and minimum as in lesson 9, and the dual program minimises the work of friction among the motions on
+# which the push does the work 1:
+#
+# $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$
+#
+# So every admissible $\lambda$ gives a lower bound, and every motion an upper bound. `vx.limit_load` returns both, for
+# the elastic plate in space.
+
+# %%
+xi = motion / (push @ motion)
+centre = -xi[1] / xi[2]
+upper = area @ np.linalg.norm(N @ xi, axis=1)
+assert abs(upper - alpha.value) <= 1e-6 * upper
+assert abs(xi[0]) <= 1e-6
+for _other in np.random.default_rng(4).normal(size=(20, 3)):
+    assert area @ np.linalg.norm(N @ _other, axis=1) >= (1 - 1e-6) * alpha.value * abs(push @ _other)
+
+scene = vx.Scene(vx.Elasticity(2e5, 0.3), vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom"))
+load = vx.Traction(lambda x, t: np.tile([0.0, 2.0, 0.0], (len(x), 1)), on="right")  # a unit force on 1 x 0.5
+limit = vx.limit_load(scene, vx.meshes.cubes((8, 4, 1), box=((-2, 2), (-0.5, 0.5), (0, 0.5))), load)
+print(f"vx.limit_load: {limit.factor:.8f} to {limit.upper:.8f}; {limit.mechanism}")
+assert limit.factor - 1e-6 <= alpha.value <= limit.upper + 1e-6
+assert upper < area.sum()  # less than a push through the middle, which moves the plate without rotation
+
+# %% jupyter={"source_hidden": true}
+# Picture: the plate from above; friction forces at the limit run around the centre of rotation on the axis of the plate
+_figure, _axes = plt.subplots(figsize=(7.4, 3.2), layout="constrained")
+_axes.fill([-2, 2, 2, -2], [-0.5, -0.5, 0.5, 0.5], facecolor="0.94", edgecolor="0.4")
+_axes.quiver(*grid.T, *-lam.value.T, color="tab:orange", width=0.004, label="friction on the plate")
+_axes.plot(centre, 0.0, "o", color="black", label="centre of rotation")
+_axes.annotate("", (2.15, 0.5), (2.15, -0.5), arrowprops={"arrowstyle": "-|>", "color": "tab:blue", "linewidth": 2})
+_axes.text(2.25, 0.0, "push", va="center")
+_axes.set(aspect="equal", xlabel="$x$", ylabel="$y$", xlim=(-2.3, 2.8), ylim=(-0.8, 0.8), title="limit load")
+_figure.legend(frameon=False, loc="outside lower center", ncols=2)
+plt.close(_figure)
+_figure
+
+# %% [markdown]
+# ## Exercises
+#
+# 1. The friction work $\sum_n w^T |u_n - u_{n-1}|$ contains the bounds explicitly. Extend the adjoint sweep of
+#    section 2 to this quantity, and check the gradient by difference quotients.
+# 2. A footing of the width $W$ bears the weight $G$ on its two edges, and a horizontal force at the height $h$. Contact
+#    is one-sided with Coulomb's law, $|\lambda_i| \le \mu p_i$. Write the limit load as a linear program, and compare
+#    it with $\min(\mu G,\, GW/2h)$. What is the motion in both cases?
+# 3. *Shakedown.* Two sliders in the plane, coupled by springs, undergo a cycle of loads $\alpha f(t)$ again and again.
+#    By Melan's theorem slip stops if constant forces $\bar\lambda_i$ exist with
+#    $|\bar\lambda_i + \alpha \lambda^e_i(t)| < w_i$, where $\lambda^e_i$ are the friction forces of a cycle without
+#    slip, for $\alpha = 1$. Show that the largest $\alpha$ is the smallest quotient of $w_i$ and the radius of the
+#    smallest disc that contains the points $\lambda^e_i(t)$. Run 100 cycles with .98 and 1.02 of it.
+#
+# Solutions: `lesson_11_solutions.py`.

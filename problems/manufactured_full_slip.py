@@ -54,7 +54,7 @@ def body_force(x, y, t, lam):
 def traction_on_top(x, y, t, lam):
     """Return sigma(u) (0, 1), (..., 2)."""
     _, yy, xy = np.moveaxis(strain(x, y, t, lam), -1, 0)
-    # We use lambda div u = lambda c (1 + xy) e^{xy} / 3, because e_xx + e_yy would cancel.
+    # We use lambda div u = lambda c t (1 + xy) e^{xy} / 3, because e_xx + e_yy would cancel.
     pressure = lam / (1.0 + lam) * (1 + x * y) * np.exp(x * y) * t / 3
     return np.stack([MU * xy, 2 * MU * yy + pressure], axis=-1)
 

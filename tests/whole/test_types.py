@@ -18,7 +18,7 @@ SCRIPT = Path(typed_script.__file__).read_text()
 WRONG = (
     "vx.System(np.eye(2), 3.0)",
     "vx.Norms(np.eye(2), 0.5, block='2')",
-    "vx.Limits({}, 0.0)",
+    "vx.Limits(np.eye(2), {})",
     "vx.Scene(vx.Traction(lambda x: x, on='left'))",
     "vx.simulate(scene(), mesh(4), times)",
     "abstract().state + 'words' * mesh(4).n_cells",

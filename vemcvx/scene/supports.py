@@ -100,7 +100,7 @@ class Supports:
         return B
 
     def free_directions(self, corners: Ints, side: Ints) -> Floats:
-        """Return projectors (b, dim, dim) onto the free directions of b sides; corner i is a node of `side[i]`."""
+        """Return projectors (b, dim, dim) onto the free directions of sides; node `corners[i]` is on side `side[i]`."""
         dim = self.points.shape[1]
         nodes, place = np.unique(corners, return_inverse=True)
         rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel(), : self.P.shape[1] - self.amplitudes]

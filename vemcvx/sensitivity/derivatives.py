@@ -104,7 +104,7 @@ class LinearStep:
         return solve(push - A.T @ x) + delassus.N @ z[P.shape[0] :], x
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the derivatives of a sum of quantities by push, off, w and y before, from those by y and x."""
+        """Return the derivatives of a sum of quantities by push, off, w and the previous y, from those by y and x."""
         delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
         P, Qt, system = self.factorise()
         u, by_push = delassus.u[:, None], solve(by_y)

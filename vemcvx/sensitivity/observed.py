@@ -1,9 +1,9 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
-The forces of supports on the nodal values are R = A u + A_1 u' - f + B^'lam + D^'p, with u = P y + u_D(t); they vanish
-on free unknowns, P'R = 0. A reaction is h'R with h = H d, where d has, for each row of the supports, its direction
-along an axis times its share in the boundary (:mod:`vemcvx.results.forces`). Displacements and slips are a'u. So their
-derivatives with respect to y are P'A h and P'a; with respect to lam and p, those of a reaction are B^h and D^h.
+With u = P y + u_D(t), the viscosity A_1, and rows B^ and D^ on nodal values, supports exert the forces
+R = A u + A_1 u' - f + B^'lam + D^'p; on free unknowns P'R = 0. A reaction is h'R with h = H d, where d has, for each
+row of the supports, its direction along an axis times its share in the boundary (:mod:`vemcvx.results.forces`).
+Displacements and slips are a'u. The derivatives of h'R by y (if A_1 = 0), lam and p are P'A h, B^h, D^h; of a'u, P'a.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ def block(
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
-    """Return a function that makes a clamped cube with these effects; a load presses on its top, and rotates."""
+    """Return a function that makes a clamped cube with these effects; the load on its top turns about the z axis."""
 
     def pull(x: Floats, t: float) -> Floats:
         size = min(1.0, 4 * t)

@@ -185,7 +185,7 @@ def _outward(chords: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and last edge (m,) of each edge's whole side, the straight side without hanging nodes."""
+    """Return the first and last edge (m,) of each edge's whole side, which continues straight across hanging nodes."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
@@ -402,7 +402,7 @@ class SideEnds:
     normals: Floats  # (e, dim) normals of the sides
     curvature: Floats  # (e,) weights of normals in the mean over a curve: see above
     noise: Floats  # (e,) angle by which rounding may have turned the side
-    sizes: Floats  # (e,) length (in space: area) of the whole side, which hanging nodes do not divide
+    sizes: Floats  # (e,) length (in space: area) of the whole side, which continues across hanging nodes
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) nodes of other bodies at the same places, or -1

@@ -68,7 +68,7 @@ class SumOverCells:
     local : callable
         Returns the local matrices (c, n, n, dim, dim) of c cells with n vertices, given the cells and their moduli.
     filled : (n_cells,) bool array
-        Cells with a material. Other cells have no local matrix, unless no cell is filled.
+        Cells with a material: only these have local matrices. If no cell is filled, all cells have local matrices.
     moduli : sequence of arrays (n_cells, ...)
 
     Examples
@@ -151,8 +151,8 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
 def _sort_blocks(nodes: Sequence[Ints], which: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints, Ints]:
     """Sort blocks by the rows and columns of the k entries to which they are added.
 
-    Return the block numbers (pairs,), where the blocks of each entry begin (k + 1,), the columns (k,), and where the
-    entries of each row begin (n_nodes + 1,). The sorting arrays, up to 1.3 GB per million cubes, are freed on return.
+    Return the block numbers (pairs,), the offsets (k + 1,) of each entry's blocks, the columns (k,), and the offsets
+    (n_nodes + 1,) of each row's entries. The sorting arrays, up to 1.3 GB per million cubes, are freed on return.
     """
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])

@@ -236,7 +236,7 @@ class Mesh(ABC):
         return named
 
     def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Return named parts in the order of the boundary, or raise MeshError; `node_map` maps given nodes to new."""
+        """Return named parts in the order of the boundary, or raise MeshError; `node_map` maps given to new nodes."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -269,7 +269,7 @@ class Mesh(ABC):
         return self._find_parts(offsets, vertices, number), called
 
     def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return the positions of edges or faces in the boundary (-1 if absent); `number` maps given nodes to new."""
+        """Return the positions of edges or faces in the boundary (-1 if absent); `number` maps given to new nodes."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)

@@ -176,8 +176,8 @@ def positive(raw: object, found: str, wanted: str) -> float:
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
     """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None.
 
-    The round number moves `nodes` by at most about 0.15 of the `size` of the picture. It changes the distance of the
-    ends of 99 of 100 edges by at most half the length of the edge; beyond that cells turn inside out.
+    The round number moves `nodes` by at most about 0.15 of the `size` of the picture. In 99 of 100 edges, it moves the
+    ends relative to each other by at most half the length of the edge; beyond that cells turn inside out.
     """
     if magnify is not None:
         return positive(magnify, "magnify: found", "a positive number, or None for an automatic one")

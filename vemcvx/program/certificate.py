@@ -76,7 +76,7 @@ class Certificate(ArrayRecord):
     limits : (r,) array
         The part of each limit in the gap.
     moved : float
-        2 |v|_K of the move v of theorem 2; the other parts are evaluated after the move.
+        2 |v|_K of the move v of theorem 2; `friction` and `limits` are evaluated after the move.
     given_friction : bool
         True if weights depend on pressures or may fall with slip: the bound then holds for the weights at this answer.
 

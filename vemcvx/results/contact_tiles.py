@@ -71,7 +71,7 @@ class ContactTiles:
     def average(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
         """Return recovered forces per length from nodal forces (k, m), with int phi_i as `lengths` (m,).
 
-        The means in each row are over its `closed` (k, m) nodes.
+        Means are taken over the `closed` (k, m) nodes of each row; other nodes keep their values.
         """
         found, rows_of = forces / lengths, dict[bytes, list[int]]()
         for row, pattern in enumerate(closed):

@@ -221,9 +221,9 @@ def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | Non
 
 
 def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
-    """Return, for each row (s,) of the supports, its direction along an axis, times its share in a boundary's reaction.
+    """Return, for each row (s,) of the supports, its component along an axis times its share in a boundary's reaction.
 
-    Raise SceneError if no support acts on the boundary.
+    Raise SceneError if no support acts on the boundary along this axis.
     """
     ends, found = posed.space.part(name, "reaction", contact=True).names, [np.zeros(0)]
     for support, cause in zip(posed.supports.given, posed.causes["supports"].tolist(), strict=True):

@@ -73,7 +73,7 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Of second order in the steps; of first order if slip changes direction in space, or with dashpots.
+        Accurate to second order in the steps; to first order if slip changes direction in space, or with dashpots.
     steps, mesh : float
         The estimated errors of the value due to time steps and mesh. `mesh` is NaN if a cell in space is not
         star-shaped about its centroid, because such a mesh cannot be refined.

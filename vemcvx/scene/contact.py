@@ -44,7 +44,7 @@ def _freedom(
     """Return the freedom of rows along `tangents` (k, dim - 1, dim), over a moving `ground` if there is one."""
     reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
     B = supports.on_free(reads)
-    # Eigenvalues (k, dim - 1), ascending, of the freedom of each row along its tangents; zero if a tangent is held.
+    # Eigenvalues (k, dim - 1), ascending, of B_i B_i' for each row i; the first is zero if a tangent is held.
     parts = [B[axis::per] for axis in range(per)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
@@ -135,7 +135,7 @@ class Terms(ContactRows):
     directed: Bools  # (m,) True if the friction has given `directions`
     elliptic: Bools  # (m,) True if the bound depends on the direction of slip
     frictions: Sequence[Friction]
-    gather: sp.csr_matrix  # (m, rows) sums the rows of all frictions, one after the other, to terms
+    gather: sp.csr_matrix  # (m, rows) sums rows to terms; rows are listed friction by friction
     acting: int = 0  # number of terms that some free unknown moves; they come first
     dragged: Bools | None = None  # (m,) True if supports move the node along the boundary, in some direction at least
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
@@ -337,9 +337,9 @@ def warn_of_free_normals(
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The contact nodes that supports do not hold, ascending; at a corner, one row stands for both sides.
+    """The contact nodes (the four cases above), ascending; at a corner, one row stands for both sides.
 
-    Its normal is the mean weighted by length, and its length the sum. The opposite pressure acts on partners.
+    The normal of this row is the mean weighted by length, and its length the sum. Partners have the opposite pressure.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact

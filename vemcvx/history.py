@@ -66,8 +66,8 @@ class History(Results, Outlined):
     out_of_plane_prestress : (S, n_cells) or None
         The part of zz that eigenstrains cause; None if the scene has no eigenstrains.
     inactive : tuple of str
-        A sentence for each effect of the scene without influence on this run, because it was dropped or never active;
-        and one on the mean motion if nothing holds the body.
+        A sentence for each effect of the scene that has no influence on this run, because it was dropped or never
+        active; and one on the mean motion if nothing holds the body.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None

@@ -145,7 +145,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     HistoryError
         The history was read from files, which do not contain its scene.
     SceneError
-        A step was not stored, or the scene has Viscosity or a PointLoad, for which there is no estimate.
+        A step was not stored, or there is no estimate for the scene, for example due to Viscosity or a PointLoad.
 
     Examples
     --------

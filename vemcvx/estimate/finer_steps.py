@@ -10,7 +10,7 @@ If errors are of first order, the error of the finer run is 1/FINER of the error
 
     |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER).
 
-Without friction, nothing depends on the path, and steps make no error.
+Without friction, viscosity and VelocityContact, nothing depends on the path, and steps make no error.
 """
 
 from __future__ import annotations

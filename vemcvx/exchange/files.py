@@ -79,7 +79,7 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return the contents of the files of a format and of the JSON file, by the ends of their names after NAME."""
+    """Return the contents of the files of the format `name` and of the JSON file, by the ends of the files' names."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:

@@ -2,7 +2,7 @@ r"""Shakedown: the largest factor of a cycle for which slip stops (docs/theory/l
 
 E(t) are the changes of friction forces since the first instant while all contact sticks, g the friction bounds, and f_0
 the loads at the first instant. By Melan's theorem slip stops for alpha if some constant forces s obey N'B's = N'f_0 and
-|s_i + alpha E_i(t)| <= g_i for all i and t. By Koiter's theorem alpha is at most
+|s_i + alpha E_i(t)| <= g_i for all i and t (N and B are as in :mod:`.limit_load`). By Koiter's theorem alpha is at most
 
     (sum_it g_i |v_i(t)| - f_0'N c) / sum_it E_i(t) . v_i(t)
 

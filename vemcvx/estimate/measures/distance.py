@@ -6,8 +6,8 @@ r"""The distance of two displacement fields in the energy norm, on the same or o
 
 The first two are integrated exactly on the overlaps of cells, where strains are linear or constant. They are norms of
 differences in one space of strains. So they are symmetric if the moduli are the same, and obey the triangle inequality.
-The nodal distance ignores v between the coarse nodes, and is the smallest of the three. It is a sum over cells with the
-moduli and the stabilisation of `run`,
+The nodal distance ignores v between the coarse nodes. If v is on a finer mesh, it is usually the smallest of the three.
+It is a sum over cells with the moduli and the stabilisation of `run`,
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 

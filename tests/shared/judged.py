@@ -86,7 +86,7 @@ def judge(drawn, history):
     _check_numbers(history, verdict)
     _check_steps(drawn, posed.system, history.trajectory, verdict)
     errors = _solve_error(drawn, posed.system), _iterative_error(drawn, posed.system)
-    _check_ledger(posed, history.trajectory, *errors, verdict)
+    _check_ledger(drawn, posed, history.trajectory, *errors, verdict)
     _check_balance(posed, history, verdict)
     _check_total(drawn, posed.system, history.trajectory, verdict)
     return verdict
@@ -226,19 +226,22 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
     return step.distance(exact.scaled(before, t.state[n], step.unit))
 
 
-def _check_ledger(posed, t, inexact, unsolved, verdict):
+def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
     E is the stored energy, p the contact pressure, z the normal displacement minus the gap, c the compliance, and d
     marks increments. A residual r and a duality gap change the balance by r . du + gap, with |r . du| <= error |du|_K.
+    With dashpots, a given state has zero pressures, but E counts the pressure z / c of soft contact.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
     u = [displacement(posed, y, float(s)) for y, s in zip(t.state, t.times, strict=True)]
     z = [_compute_excess(posed, v, float(s)) for v, s in zip(u, t.times, strict=True)]
-    totals = np.abs(t.work) + np.abs(t.energy) + t.dissipated
+    p, totals = t.pressures.copy(), np.abs(t.work) + np.abs(t.energy) + t.dissipated
+    if system.damping is not None and drawn.start in ("given", "equilibrium"):
+        p[0] = np.divide(np.maximum(z[0], 0.0), soft, out=p[0], where=soft > 0)
     for n in range(1, len(u)):
-        du, d, p = u[n] - u[n - 1], t.state[n] - t.state[n - 1], t.pressures
+        du, d = u[n] - u[n - 1], t.state[n] - t.state[n - 1]
         half = 0.5 * float(du @ (A @ du))
         press = float(p[n] @ (z[n] - z[n - 1])) - 0.5 * float(soft @ (p[n] ** 2 - p[n - 1] ** 2))
         done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])

@@ -53,8 +53,8 @@ estimate, which its `kind` names (:mod:`.reading`).
 
 **No node is certain to stick or to slip.** The first inequality of theorem 1 gives h(u) - inf h <= A^2 / 4 + b. For
 friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, with the slip s of u. Where |q| <= g - delta, the
-integral of |s| is at most (A^2 / 4 + b) / delta. This bounds the amount of slip, but not its place: errors in energy
-bound tractions only in the dual norm H^{-1/2}, which admits any value at a point.
+integral of |s| is at most (A^2 / 4 + b) / delta. This bounds the amount of slip, but not its place: an error in energy
+limits tractions only in the dual norm H^{-1/2}, which admits any value at a point.
 
 **In space** there is no bound yet. The theorems hold in any dimension; the construction of their fields does not. On a
 tetrahedron split at its centroid, symmetric stresses that are linear on the four parts have 42 dimensions (M. Krizek,

@@ -9,8 +9,8 @@ with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the g
 obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. Springs to the ground (stiffness k) contribute, too: if tau
 has the tractions -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the spring energy.
 
-**The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions, x
-the edge motions of tau minus L y, and f the coefficients of the body force. With the forms G of stresses
+**The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions,
+x = m - L v with the edge motions m of tau, and f the coefficients of the body force. With the forms G of stresses
 (:mod:`.stress`) and S of displacements (:mod:`.displacement`), and L extended by the identity for f,
 
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f).

@@ -24,13 +24,13 @@ Posteriori Error Estimation* (2000), chapter 8). Springs to the ground contribut
 The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) contains the
 work on z_h of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are
 met if z_h vanishes on contact, and tau_z has no traction there, except normal ones where contact cannot open. Then the
-interval is a theorem for any stick, slip and opening; but r_z does not decrease with the mesh size, and the width
+interval contains q(u) for any stick, slip and opening; but r_z does not decrease with the mesh size, and the width
 decreases like A. Where z_D moves an end of an edge with friction, friction work there is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
 The load minus its linear fit, l_0 with the norm eta (:mod:`.reading`), changes q(u) by l_0(z_h), and by A_z eta through
-friction and contact. The nonlinear part q_0 of the quantity adds q_0(u). The interval contains estimates of both.
+friction and contact. The quantity minus its linear fit, q_0, adds q_0(u). The interval contains estimates of both.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class QuantityBound(Outlined):
 
     @property
     def guaranteed(self) -> bool:
-        """True if the interval is a theorem: at all examined points, load and quantity equal their linear fits."""
+        """True if `reading` is zero: at all examined points, load and quantity equal their linear fits."""
         return self.reading == 0.0
 
     @property

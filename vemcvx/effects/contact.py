@@ -302,9 +302,9 @@ class TrescaFriction(Effect):
         Friction acts against the slip of the body relative to the obstacle. Only the motion of the obstacle
         along the boundary counts. For an obstacle that moves along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` limits friction along this vector, `across` friction perpendicular to
-        it. Only the part of the vector along the surface counts. Friction lies in the ellipse with these two semi-axes,
-        and slip is normal to the ellipse (:mod:`vemcvx.effects.effect`).
+        Friction by direction, in space: `bound` limits friction along this vector, and `across` limits friction
+        perpendicular to it. Only the part of the vector along the surface counts. Friction lies in the ellipse with
+        these two semi-axes, and slip is normal to the ellipse (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 

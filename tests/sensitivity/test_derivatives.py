@@ -122,3 +122,46 @@ def test_derivatives_are_those_of_central_differences_and_the_adjoint_gives_the_
 def test_derivatives_of_two_hundred_scenes(kind):
     steps = [compare(seed, kind) for seed in range(1, 24)]
     assert sum(steps) > 4 * len(steps)
+
+
+def test_a_settled_half_model_slips_in_its_first_step_like_the_whole_body():
+    def scene_of(theta, *more):
+        rough = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(theta[1], on="bottom")
+        press = vx.PrescribedDisplacement([0.0, -0.02], on="top")
+        return vx.Scene(vx.Elasticity(theta[0], 0.3), press, *rough, *more)
+
+    half, whole, arguments = vx.meshes.squares(2), vx.meshes.squares((4, 2), box=((-1, 1), (0, 1))), ([0.0], ["energy"])
+    rollers, theta, first = vx.Symmetry(on="left"), np.array([100.0, 0.1]), {"initial": "settled", "solver": ACCURATE}
+    found = vx.sensitivities(lambda theta: scene_of(theta, rollers), theta, half, *arguments, **first)
+    both = vx.sensitivities(scene_of, theta, whole, *arguments, **first)
+    runs = (vx.simulate(scene_of([100.0, mu], rollers), half, [0.0], **first) for mu in (0.1001, 0.0999))
+    more, less = (run.energy[0] for run in runs)
+    assert np.isclose(found.jacobian[0, 0, 0], found.values[0, 0] / 100.0)
+    assert np.isclose(found.jacobian[0, 0, 1], (more - less) / 2e-4, rtol=1e-6)
+    assert np.allclose(2.0 * found.jacobian, both.jacobian)
+    assert not found.one_sided.any()
+
+
+def test_friction_on_dragged_nodes_turns_with_the_motion_of_their_support():
+    def scene_of(theta):
+        way = 0.01 * np.array([np.cos(theta[0]), np.sin(theta[0]), 0.0])
+        held = vx.PrescribedDisplacement(lambda x, t: t * way, on="left")
+        tresca = vx.TrescaFriction(0.5, on="bottom")
+        return vx.Scene(vx.Elasticity(100.0, 0.3), held, vx.BilateralContact(on="bottom"), tresca)
+
+    mesh, times, of = vx.meshes.cubes(1), [0.0, 1.0], ["reaction of left y"]
+    more, less = (
+        vx.simulate(scene_of([x]), mesh, times, solver=ACCURATE).reaction("left")[1, 1] for x in (0.6001, 0.5999)
+    )
+    found = vx.sensitivities(scene_of, [0.6], mesh, times, of, solver=ACCURATE)
+    assert np.isclose(found.jacobian[0, 1, 0], (more - less) / 2e-4, rtol=1e-6)
+
+
+def test_the_adjoint_sweep_takes_contact_without_friction():
+    def scene_of(theta):
+        held = vx.PrescribedDisplacement([0.0, -theta[0]], on="top")
+        return vx.Scene(vx.Elasticity(100.0, 0.3), held, vx.UnilateralContact(on="bottom"))
+
+    mesh, first = vx.meshes.squares(2), {"initial": "settled"}
+    found = vx.sensitivities(scene_of, [0.01], mesh, [0.0], ["energy"], **first)
+    assert np.isclose(found.gradient([[1.0]])[0], 2.0 * found.values[0, 0] / 0.01)

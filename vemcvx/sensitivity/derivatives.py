@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import lu_factor, lu_solve
 
 from vemcvx.base.arrays import (
+    SAME,
     Bools,
     Floats,
     as_real_array,
@@ -114,7 +115,7 @@ class LinearStep:
         by_h, by_off = (by_x - delassus.W @ held - delassus.R @ rest) / u, u * held
         by_push = by_push + solve(A.T @ by_off) + delassus.N @ rest
         m, block = self._slipping.shape
-        by_w = np.einsum("mb,mbr->mr", self._slipping, by_h[: m * block].reshape(m, block, -1))
+        by_w = np.einsum("mb,mbr->mr", self._slipping, by_h[: m * block].reshape(m, block, by_h.shape[1]))
         return by_push, by_off, by_w, self.memory @ by_push - A.T @ (self.recalls * by_off)
 
     @property
@@ -342,13 +343,14 @@ def _call_scene(scene_of: Callable[[Floats], Scene], theta: Floats, mesh: Mesh) 
 
 def _refuse(posed: PosedScene) -> None:
     """Raise SceneError for scenes whose steps are not differentiated."""
-    norms, dragged = posed.system.norms, posed.system.dragged
+    norms, terms = posed.system.norms, posed.terms
+    drags = terms.dragged is not None and bool(terms.dragged[terms.acting :].any())
     law = None if norms is None else norms.law
     reasons = {
         "nothing holds the body": bool(posed.pins),
         "its friction depends on slips, or its law has no slope": law is not None and (law.slips or law.slope is None),
-        "its friction depends on the direction of slip": bool(posed.terms.elliptic.any()),
-        "its friction depends on pressure at nodes that supports drag": law is not None and dragged is not None,
+        "its friction depends on the direction of slip": bool(terms.elliptic.any()),
+        "its friction depends on pressure at nodes that supports drag": law is not None and drags,
     }
     for words in (words for words, found in reasons.items() if found):
         raise SceneError(f"sensitivities: found a scene without derivatives: {words}.")
@@ -433,9 +435,10 @@ def _linearise(
         u, rows = known[key].u, system.B.shape[0]
         if not isinstance(known[key].W, np.ndarray):
             raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
-        steps.append(
-            step := _linear_step(system, known[key], course, at, found.sticking[n, : run.operators.count], n=n)
-        )
+        slip = lengths(run.operators.blocks(at.slips[n, :rows]))
+        # Histories begin without slips, also after a step from zero.
+        sticks = found.sticking[n, : len(slip)] if n > 0 else slip <= SAME * np.abs(at.u[n]).max()
+        steps.append(step := _linear_step(system, known[key], course, at, sticks, n=n))
         one_sided[n] = step.is_about_to_change(at.lam[n, :rows] / u[:rows], -u[rows:] * at.excess[n], errors[n])
     return steps, one_sided
 

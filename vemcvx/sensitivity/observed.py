@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, Floats, directions, lengths
+from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results.forces import support_shares
@@ -22,6 +22,7 @@ from vemcvx.results.probe import places
 from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import jump_rows
+from vemcvx.stepping.state import evaluate_dragged
 
 FORM = re.compile(r"(reaction of|displacement at|slip at) (.+) ([xyz])")
 FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x", "energy" and "dissipated"'
@@ -66,9 +67,9 @@ class Observed:
         w = [np.zeros(0) if norms is None else norms.weights_under(t, force) for t, force in under]
         lam = course.lam.copy()
         if (dragged := posed.system.dragged) is not None:
-            none = np.zeros(dragged.count)
-            for row, t, force in zip(lam[:, terms.acting :], times, p, strict=True):
-                row[:] = dragged.weights(t, force, none, none)[:, None] * directions(row, lengths(row))
+            spans, none = zip([times[0], *times[:-1]], times, strict=True), np.zeros(dragged.count)
+            for row, span, force in zip(lam[:, terms.acting :], spans, p, strict=True):
+                row[:] = evaluate_dragged(posed.system, span, force, none)[0]
         flat = lam.reshape(len(times), -1)
         forces = u @ posed.A + flat @ terms.rows + p @ obstacles.rows - np.array([posed.force(t) for t in times])
         if posed.viscosity is not None:

@@ -190,7 +190,7 @@ def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Flo
     moves = ~sets.stick & (sets.w > 0)
     picked, compliance = np.tile(sets.stick[:, None], block), np.zeros((m, block))
     picked[moves, 1:] = True
-    compliance[moves, 1:] = ((sets.size - sets.w)[moves] / (SHIFT * sets.w[moves]))[:, None]
+    compliance[moves, 1:] = ((sets.size[moves] - sets.w[moves]) / (SHIFT * sets.w[moves]))[:, None]
     if slope is not None:
         sloped = moves & (np.abs(slope) > 1e-12)
         picked[sloped, 0], compliance[sloped, 0] = True, 1.0 / slope[sloped]

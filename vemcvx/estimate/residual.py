@@ -37,8 +37,8 @@ makes the estimate sharper: there pressure does almost no work on displacements 
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
-Integrals over cells are |K| / 3 times the mean over the vertices. This is exact for squares of linear functions with
-mean zero in a box, and too large in a tetrahedron.
+Squares are integrated over cells as |K| / 3 times their mean over the vertices. For linear functions with mean zero,
+this is exact in a box, and too large in a tetrahedron.
 """
 
 from __future__ import annotations
@@ -288,7 +288,7 @@ class Residuals:
         if self.posed.space.in_plane:
             return self._unseen.squares(now, strain)
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
-        # Integrals over cells are |K| / 3 times the mean over vertices.
+        # Integrals over cells are approximated by |K| / 3 times the mean over vertices.
         owner, weights = (
             cell_of_corner(offsets),
             np.repeat(self.mesh.measures / 3.0 / np.diff(offsets), np.diff(offsets)),

@@ -8,8 +8,8 @@ CBF, the Conic Benchmark Format (version 1), holds every program: one cone per n
                 e - D d + c p          in L+        p is the force of a soft limit
 
 F is a root of K. If the program has the roots of the cell matrices (SolvedProgram.energy_rows), F stacks these roots;
-otherwise, F is the Cholesky factor. (A sparse Cholesky factor has fill-in: for 26,040 unknowns in space, its
-text would be 15 times as long.) For a dense K with a kernel of k motions, F has n - k rows. Reading gives K = F'F,
+otherwise, F is the Cholesky factor. (A sparse Cholesky factor has fill-in: for 26,040 unknowns in space, its text would
+be 15 times as long as the roots.) For a dense K with a kernel of k motions, F has n - k rows. Reading gives K = F'F,
 with the rounding of this product. At a solution, the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::

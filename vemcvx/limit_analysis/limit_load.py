@@ -194,7 +194,7 @@ class Balance(NamedTuple):
     def solve(self, subject: str, elastic: Any = (0.0,)) -> tuple[float, Floats, Floats, Floats, Floats]:
         """Return the largest alpha with |lam + alpha E| <= w + J p for all E (m, block) of `elastic`.
 
-        Return also lam (m, block) and p (r,). The dual solution yields c (k,), and a slip (m, block) for each E.
+        Return also lam (m, block), p (r,) and, from the dual solution, c (k,) and the slip (m, block) for each E.
         """
         import cvxpy as cp
 

@@ -61,7 +61,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | None = None) -> tuple[Floats, Ints]:
-    """Return nodes, layer by layer, and corners (n_cells, 8): of each cell around the bottom, then around the top."""
+    """Return nodes, layer by layer, and the corners (n_cells, 8) of cells, around the bottom, then around the top."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts, grades=grades)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")

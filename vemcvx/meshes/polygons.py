@@ -253,7 +253,7 @@ def rounding(*points: Floats) -> Floats:
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
     """Return pairs (i, j), sorted by i, of boxes (m, d) that meet: [low_i, high_i] and [tree_low_j, tree_high_j].
 
-    A search tree finds the pairs that meet in the two coordinates in which all boxes together extend farthest.
+    A search tree finds the pairs that meet in the two coordinates in which its boxes together extend farthest.
     """
     import shapely
 

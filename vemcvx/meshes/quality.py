@@ -143,7 +143,7 @@ def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Return centres (c, dim) relative to centroids and radii rho_K (c,), divided by h_K, from the walls of c cells."""
+    """Return centres (c, dim) relative to centroids, and radii rho_K (c,), both divided by h_K, from walls of cells."""
     from scipy.optimize import linprog
 
     size, cells = normals.shape[1] + 1, len(offsets) - 1

@@ -64,7 +64,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were reversed; unused nodes, nodes of higher-order cells that are not corners, or named lines or faces
+        Cells were reversed; unused nodes, nodes other than corners of higher-order cells, or named lines or faces
         inside the mesh were dropped; sides were named; parts of the file were not read; or a body touches no other.
 
     Examples

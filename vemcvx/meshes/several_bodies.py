@@ -200,7 +200,7 @@ def _match_in_plane(apart: PolygonMesh, body: Ints, place: Ints, tolerance: floa
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, the nodes (q,) to insert, and their boundary edges (q,), in order along each edge."""
+    """Return the moved points, the nodes (q,) to insert, and the boundary edges (q,) that get them, in order."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1

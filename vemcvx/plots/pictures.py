@@ -2,7 +2,7 @@
 
 Backward Euler loses more energy than friction dissipates. The excess vanishes with the step; for increments du it is
 
-    work - change of stored - dissipated = sum over steps of (1/2 a(du, du) + final pressures . initial gaps) >= 0.
+    work - change of energy - dissipated = sum over steps of (1/2 a(du, du) + final pressures . initial gaps) >= 0.
 """
 
 from __future__ import annotations

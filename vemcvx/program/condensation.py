@@ -17,7 +17,7 @@ so that no energies are subtracted from each other.
 If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, with E the
 diagonal matrix of the anchors' stiffness, and its Schur complement is S + E. K_ii, K_ci, xi and tau do not depend on E.
 
-The loads of a run are combinations of few shapes. Each shape costs one solve; the energy of a combination is a sum over
+The loads of a run combine few forces, called shapes. Each costs one solve; the energy of a combination is a sum over
 pairs of shapes. So a step works with one number per shape, and vectors of all unknowns are computed on demand.
 """
 

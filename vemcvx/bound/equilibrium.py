@@ -9,8 +9,8 @@ is determined by edge motions m, linear on every edge and free to jump at vertic
 on each edge cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
 matrix, positive definite up to rigid motions. (B. Fraeijs de Veubeke introduced equilibrium elements in 1965; on the
 split triangle they have no spurious motions.) The prestress sigma_0 acts as forces on edges: tau - sigma_0 is due to m.
-The unknown is x = m - v, with the displacement v of the run. x is as small as the equilibrium residual of v, so x has
-small rounding errors. One solve per step suffices unless a body floats.
+The unknown is x = m - L v, with the edge motions L v of the displacement v of the run. x is as small as the equilibrium
+residual of v, so x has small rounding errors. One solve per step suffices unless a body floats.
 
 No local problem needs compatible data. Of all admissible stresses on these fans, tau is nearest to the exact stress.
 (Tractions constructed vertex by vertex gave bounds up to a fifth larger.)

@@ -1,7 +1,7 @@
 """The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
 Forces on the surface are loads, friction, pressure of contact and springs. Contact exerts opposite forces on the edges
-of the two bodies at an interface. Where the normal jump is prescribed, it has no multiplier. We use the normal force T
+of the two bodies at an interface. Where the normal jump is prescribed, it has no multiplier; we use the normal force T
 that fits the normal stresses s_1 and s_2 of both sides best, with the weights w = d_e / (2 mu) of the residuals:
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.

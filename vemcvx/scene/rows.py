@@ -143,7 +143,7 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows with equal pair, kind and normal (up to sign) into terms; return first rows, and the term per row."""
+    """Merge rows of equal pair, kind and normal (up to sign); return each term's first row, and each row's term."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:

@@ -392,7 +392,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The state y with K y = `force` (n,), whose part in K's kernel `near` (n,) fixes; a step follows if `settle`."""
+    """The state y with K y = `force` (n,); `near` (n,) fixes its part in K's kernel. If `settle`, a step follows."""
 
     force: Floats
     near: Floats

@@ -399,7 +399,7 @@ class SideEnds:
     """The ends (e,) of all sides of a part: each node of each side, with the data of this side."""
 
     nodes: Ints
-    normals: Floats  # (e, dim) normals of the sides
+    normals: Floats  # (e, dim) normals of the whole sides
     curvature: Floats  # (e,) weights of normals in the mean over a curve: see above
     noise: Floats  # (e,) angle by which rounding may have turned the side
     sizes: Floats  # (e,) length (in space: area) of the whole side, which continues across hanging nodes
@@ -407,7 +407,7 @@ class SideEnds:
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) nodes of other bodies at the same places, or -1
     whole_sides: Ints | None = None  # (e, 2) positions in this table of the two ends of the whole side
-    position: Floats | None = None  # (e,) position of the node on this side, from 0 to 1
+    position: Floats | None = None  # (e,) position of the node on the whole side, from 0 to 1
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:

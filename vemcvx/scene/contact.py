@@ -23,9 +23,9 @@ from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
 # A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
-# a half model, where a support holds the tangent); contact holds the normal and a support the tangent; or supports drag
-# the node against friction. At a held node, the component of H'R along the contact normal is a contact force. So is the
-# force of a single support that moves a node along this normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
+# a half model, where a support holds the tangent); contact holds the normal and a support the tangent; or it is dragged
+# against friction (`Freedom`). At a held node, the component of H'R along the contact normal is a contact force. So is
+# the force of a single support that moves a node along this normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
 
@@ -124,8 +124,8 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 
 # Friction rows with the same node, normal and kind (`_kinds`) form one term. The weight of a term is the sum of the
 # weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u (orthonormal tangents),
-# and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is kept if supports drag
-# its node along the boundary (this dissipates), or if it has a pressure (this is reported).
+# and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is kept if supports or the
+# ground make its node slip (this dissipates), or if it has a pressure (this is reported).
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
@@ -137,7 +137,7 @@ class Terms(ContactRows):
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) sums rows to terms; rows are listed friction by friction
     acting: int = 0  # number of terms that some free unknown moves; they come first
-    dragged: Bools | None = None  # (m,) True if supports move the node along the boundary, in some direction at least
+    dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion in `ground` as a vector
     press: sp.csr_matrix | None = None  # (rows, r) shares of the limits' forces that laws depend on; None without laws
@@ -497,7 +497,7 @@ def pose_contact(
 ) -> tuple[Terms, Obstacles, Surface]:
     """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows.
 
-    Terms are dragged if supports move them during `times`; `known` are the instants at which ellipses are evaluated.
+    Terms are dragged if supports or the ground move during `times`; ellipses are evaluated at the instants `known`.
     """
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)

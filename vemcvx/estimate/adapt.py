@@ -377,7 +377,7 @@ def _check_instants(times: ArrayLike) -> Floats:
 def _simulate_pass(
     scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start: float
 ) -> tuple[PosedScene, History, ErrorBound | None]:
-    """Simulate a pass that began at `start`, and bound the error of the examined steps if requested."""
+    """Simulate a pass that began at the clock time `start`, and bound the error of the examined steps if requested."""
     posed = pose_scene(scene, mesh, instants.tolist())
     circle, steps = hypercircle(posed) if aim.bounded else None, aim.steps(instants)
     kept = np.union1d(np.searchsorted(instants, aim.stored), steps - 1 if aim.bounded else steps).tolist()

@@ -168,14 +168,14 @@ class Ranks:
         self._objects = [ksp, near, x, b, scatter, whole, A]
 
     def solve(self, tolerance: float, iterations: int, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return an approximation of K^{-1} b on rank 0, and 0 if its residual meets the tolerance."""
+        """Return an approximation of K^{-1} b on rank 0, and the status: 0 if its residual meets the tolerance."""
         ksp = self._objects[0]
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=iterations)
         x = self._exchange(ksp.solve, b)
         return x, 0 if ksp.getConvergedReason() > 0 else 1
 
     def cycle(self, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return M b on rank 0, and 0."""
+        """Return M b on rank 0, and the status, always 0."""
         return self._exchange(self._objects[0].getPC().apply, b), 0
 
     def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:

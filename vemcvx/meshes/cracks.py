@@ -82,7 +82,7 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
 
 
 def _with_nodes(mesh: AnyMesh, points: Floats, renumber: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
-    """Return the mesh of the same cells with new nodes: `renumber` takes cells, row offsets and old nodes."""
+    """Return a mesh of the same cells with new nodes: `renumber` maps rows of old nodes, one per cell, to new ones."""
     kind, cells = type(mesh), np.arange(mesh.n_cells)
     if isinstance(mesh, PolyhedralMesh):
         listed = list_faces(mesh.faces)

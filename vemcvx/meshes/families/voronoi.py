@@ -270,7 +270,7 @@ def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Return the circumcentres of triangles (m, 3, 2) with sides b, c from corner a, where J (x, y) = (y, -x).
+    """Return the circumcentres of triangles (m, 3, 2). Let b, c be the sides from corner a, and J (x, y) = (y, -x).
 
     a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
     """

@@ -24,7 +24,7 @@ log = logging.getLogger("vemcvx")
 def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
     """Return `given` unless it is None. Otherwise return a direct solver if its factors fit in memory, else Iterative.
 
-    Bodies in space, with six rigid `modes`, have much fuller factors than bodies in the plane.
+    Without PyAMG, the solver is direct. Bodies in space (six rigid `modes`) have much fuller factors than plane bodies.
     """
     if given is not None:
         return given

@@ -54,6 +54,20 @@ def test_without_noise_a_fit_ends_at_the_parameters_of_the_loop():
     assert found.runs < 20
 
 
+def test_a_parameter_without_influence_has_an_infinite_error():
+    """The friction bound of a block that sticks does not change the displacement of its top."""
+
+    def scene_of(theta):
+        pull = vx.Traction(lambda x, t: [theta[0] * t, 0.0], on="right")
+        rough = vx.BilateralContact(on="bottom"), vx.TrescaFriction(theta[1], on="bottom")
+        return vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), pull, *rough)
+
+    measured = {"displacement at (1, 1) x": [0.0, 0.005]}
+    found = vx.fit(scene_of, [1.0, 100.0], vx.meshes.squares(2), [0.0, 1.0], measured, noise=1e-4)
+    assert np.isinf(found.errors[1])
+    assert found.errors[0] == pytest.approx(found.theta[0] * 1e-4 / 0.005, rel=1e-6)
+
+
 KNOTS = np.linspace(0.0, 1.0, 9)
 
 

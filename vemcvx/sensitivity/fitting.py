@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Floats, as_real_array, as_shaped_array, brief
+from vemcvx.base.arrays import SAME, Bools, Floats, as_real_array, as_shaped_array, brief
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.history import History
@@ -35,6 +35,8 @@ from vemcvx.stepping import check_times
 log = logging.getLogger("vemcvx")
 TOLERANCE = 1e-10
 """Relative change of the sum of squares, and of the parameters, at which a fit ends."""
+UNDETERMINED = 1e-8
+"""Effect on the residuals, relative to that of other combinations, below which a combination is undetermined."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -46,7 +48,7 @@ class Fit(Outlined):
     theta : (P,) array
         The fitted parameters.
     errors : (P,) array
-        Their standard errors, large if the measurements do not determine a parameter.
+        Their standard errors, infinite if the measurements do not determine a parameter.
     covariance : (P, P) array
     noise : dict of str to float
         The standard deviation of the noise of each quantity, given or estimated, in the unit of the quantity.
@@ -54,6 +56,9 @@ class Fit(Outlined):
         The quantities of the fitted run, and the measurements.
     names : tuple of str
         The names of the parameters.
+    misfit : float
+        The root mean square of the residuals relative to the given noise; 1 if the noise is estimated. If it is much
+        larger than 1, the model is wrong, or the search ended in a local minimum: begin with other parameters.
     history : History
         The fitted run.
     runs : int
@@ -79,6 +84,7 @@ class Fit(Outlined):
     values: dict[str, Floats]
     measured: dict[str, Floats]
     names: tuple[str, ...]
+    misfit: float
     history: History
     runs: int
     ending: str
@@ -90,7 +96,9 @@ class Fit(Outlined):
         rows = zip(self.names, self.theta, self.errors, strict=True)
         lines = [(name, f"{value:.6g} with standard error {error:.2g}") for name, value, error in rows]
         noise = ", ".join(f"{size:.3g} in {name}" for name, size in self.noise.items())
-        return Outline(title, [*lines, ("noise", f"standard deviation {noise}"), ("ended", self.ending)])
+        lines += [("misfit", f"residuals are {self.misfit:.3g} times the noise")]
+        lines += [("noise", f"standard deviation {noise}"), ("ended", self.ending)]
+        return Outline(title, lines)
 
 
 def fit(
@@ -195,9 +203,11 @@ def fit(
         residuals, start, derivatives, bounds=(low, high), x_scale=scale, ftol=TOLERANCE, xtol=TOLERANCE, gtol=None
     )
     r, J, data = residuals(found.x), derivatives(found.x), int(known.sum())
-    inverse = np.asarray(np.linalg.pinv(J.T @ J, hermitian=True), dtype=float)
+    inverse, free = _invert(J, scale)
     used = float(np.einsum("ip,pq,iq->", J[:data], inverse, J[:data]))
-    spread = 1.0 if noise is not None else float(np.sqrt(r[:data] @ r[:data] / max(data - used, 1.0)))
+    misfit = float(np.sqrt(r[:data] @ r[:data] / max(data - used, 1.0)))
+    spread = 1.0 if noise is not None else misfit
+    inverse[free, free] = np.inf
     return Fit(
         theta=found.x,
         errors=spread * np.sqrt(np.diag(inverse)),
@@ -207,6 +217,15 @@ def fit(
         measured=dict(zip(of, m, strict=True)),
         names=tuple(names),
         history=run(found.x).history,
+        misfit=misfit / spread if spread > 0 else 1.0,
         runs=simulate_at.cache_info().misses,
         ending=found.message,
     )
+
+
+def _invert(J: Floats, scale: Floats) -> tuple[Floats, Bools]:
+    """Return (J'J)^{-1} on the directions that J determines, and a mask of the parameters that it does not."""
+    size, V = np.linalg.svd(np.vstack([J * scale, np.diag(0.0 * scale)]))[1:]
+    known = size > UNDETERMINED * size.max()
+    each = scale * V[known] / size[known, None]
+    return each.T @ each, (np.abs(V[~known]) > SAME).any(axis=0)

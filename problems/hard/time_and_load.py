@@ -45,7 +45,7 @@ def increments_have_digits(setting, history):
 
 
 def reverses(setting, history):
-    """Return a fault unless the end moves like the end of the rod, with a relative error up to H / (slip length)."""
+    """Return a fault unless the end moves as in the rod model of shear_lag, with errors up to H / (slip length)."""
     end = history.mesh.points[:, 0] == 0
     found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
     expected = np.array(shear_lag.end_displacement())

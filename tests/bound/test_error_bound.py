@@ -312,7 +312,7 @@ def sine(t):
 def measure_effectivities(scene, times, n, finer, parts):
     """Return the ratios of upper bounds to distances from a finer run, at up to four steps.
 
-    The finer run has `parts` steps between neighbours among the instants of the run and the bends of the data.
+    Instants of the run and bends of the data divide time into intervals; the finer run has `parts` steps in each.
     """
     mesh, wanted = vx.meshes.squares(n), np.unique(np.linspace(1, len(times) - 1, 4).astype(int))
     fine_times = [np.linspace(a, b, parts + 1) for a, b in pairwise(vx.instants(scene, mesh, times))]
@@ -464,7 +464,7 @@ def measure_distance(found, time, passes):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_true_errors_meet_targets_of_bounds(seed):
-    """For one target, bounds need at most 1.05 times the unknowns of residual estimates, and a third in the median."""
+    """For the same target, bounds need at most 1.05 times the unknowns of residual estimates; the median is 1/3."""
     scene, _ = random_scene(seed)
     bounded, other = (
         vx.adapt(scene, coarse_mesh(seed, 4), [0.0, 0.5, 1.0], 0.08, estimate=one) for one in ("bound", "residual")

@@ -56,7 +56,7 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
     history = lower_block(depth, gap, stiffness, solver=solver)
     give = 0.0 if stiffness is None else OEDOMETER / stiffness / HEIGHT
     strain = np.maximum(depth(TIMES) - gap, 0.0) / HEIGHT / (1 + give)
-    # The certificate bounds the energy error; the stiffness of an edge then bounds errors of pressures and motions.
+    # The certificate bounds the energy error, and with it errors of pressures and displacements, which may be larger.
     tolerance = 1e-9 if solver.name == "Newton" else 1e-4
     pressure = OEDOMETER * strain
     assert np.abs(history.contact.pressure - pressure[:, None]).max() < tolerance * pressure.max()
@@ -82,7 +82,7 @@ def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
     stored = pressure**2 / OEDOMETER * HEIGHT * (1 + give)
     assert history.energy == pytest.approx(stored, rel=1e-11)
     if start is None:
-        # The numerical loss, 1/2 a(du, du) + p . dz in each of 12 steps, sums to a twelfth of the energy.
+        # The numerical loss of a step is the energy of its increment: 12 equal steps lose a twelfth of the energy.
         assert history.work[-1] - history.energy[-1] == pytest.approx(stored[-1] / (len(TIMES) - 1), rel=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""Reactions, forces and moments of sides, sections, and means: each force is due to an effect, and forces balance."""
+"""Forces and moments of sides and of sections, and mean values. Each force is due to an effect, and forces balance."""
 
 import json
 

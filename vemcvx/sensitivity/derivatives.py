@@ -91,7 +91,7 @@ class LinearStep:
         return P, Qt, lambda b, trans=0: b if lu is None else lu_solve(lu, b, trans=trans, check_finite=False)
 
     def forward(self, change: Change, before: Floats) -> tuple[Floats, Floats]:
-        """Return dy (unknowns, P) and dx (rows, P), after dy of the step `before`."""
+        """Return dy (unknowns, P) and dx (rows, P) of this step; `before` is dy of the previous step."""
         delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
         push, off, w = (x if isinstance(x, np.ndarray) else x.toarray() for x in change)
         P, Qt, system = self.factorise()
@@ -402,7 +402,7 @@ def _differences(
 def _field_changes(
     posed: PosedScene, course: Course, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
-    """Return the derivatives of data by coefficients of a field: w sums length times g over rows, or force times mu."""
+    """Return the derivatives of data by field coefficients: w sums field times length, or field times normal force."""
     terms, points = posed.terms, posed.space.mesh.points
     for effect in (posed.scene.canonical[i] for i in posed.causes["frictions"]):
         given = isinstance(effect, TrescaFriction) and effect.quadrature == "nodes" and not effect.while_closed
@@ -436,7 +436,7 @@ def _linearise(
         if not isinstance(known[key].W, np.ndarray):
             raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
         slip = lengths(run.operators.blocks(at.slips[n, :rows]))
-        # Histories begin without slips, also after a step from zero.
+        # A history stores no slips of the step from zero to a settled state: find its sticking terms from `at.slips`.
         sticks = found.sticking[n, : len(slip)] if n > 0 else slip <= SAME * np.abs(at.u[n]).max()
         steps.append(step := _linear_step(system, known[key], course, at, sticks, n=n))
         one_sided[n] = step.is_about_to_change(at.lam[n, :rows] / u[:rows], -u[rows:] * at.excess[n], errors[n])

@@ -134,7 +134,7 @@ def block(distance):
 @pytest.mark.long
 @pytest.mark.parametrize("rise", [10.0, 100.0, 1e5])
 def test_friction_may_rise_steeply_with_slip(rise):
-    """For the bound g_0 + h A at the slip A, A = (mu U / H - g_0) / (mu / H + h). Fixed points need h < mu / H = 20."""
+    """At slip A the bound is g_0 + h A: A = (mu U / H - g_0) / (mu / H + h). Fixed-point iterations need h < mu / H."""
     hard = Law(lambda t, pressure, before, slip: 0.2 + rise * (before + slip), softening=0.0)
     scene = block(0.1).without(SlipWeakening).with_(hard)
     history = vx.simulate(scene, vx.meshes.squares(3, box=((0, 1), (0, 0.5))), [0.0, 0.4, 1.0], solver=vx.Newton(1e-9))
@@ -269,7 +269,7 @@ def march_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by errors of certificates and iterations, which later steps multiply by a factor below 20."""
+    """States differ by certified errors and errors of the iterations; later steps multiply both by less than 20."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)

@@ -9,9 +9,9 @@ fit, the omitted load l_0(w), is a linear functional of displacements w. Its nor
     SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
     plus the root of the sum over cells of the energies (given below) of the remainders.
 
-The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
-step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
-of gaps. Features narrower than the distance of points may be missed.
+The solutions for the data and for their fits differ by at most eta, also with friction and contact. With the exact u
+and the computed v, the minima of a step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the
+work of the pressure on the remainders of gaps. Features narrower than the distance of points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
 
@@ -25,8 +25,8 @@ of gaps. Features narrower than the distance of points may be missed.
 with the length l_e of an edge, the longest side d_K of a cell's box, the depth z of :mod:`.surface`, the pressure p_h
 interpolated between nodes, and the values C_K and sigma_0K of the assembly in the cell. The first two energies follow
 from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)) and on
-a cell; half of these energies is enough for functions orthogonal to linear ones. A surface wave d with the wave number
-kappa stores 2 mu kappa |d|^2 in a half space, at most the energy of motions. The last is exactly the squared dual norm.
+a cell; half of these energies is enough for functions orthogonal to linear ones. In a half space, a surface wave d of
+wave number kappa stores 2 mu kappa |d|^2, at most the energy in row "motions". The last equals the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
 for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as

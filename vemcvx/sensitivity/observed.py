@@ -2,8 +2,8 @@
 
 With u = P y + u_D(t), the viscosity A_1, and rows B^ and D^ on nodal values, supports exert the forces
 R = A u + A_1 u' - f + B^'lam + D^'p; on free unknowns P'R = 0. A reaction is h'R with h = H d, where d has, for each
-row of the supports, its direction along an axis times its share in the boundary (:mod:`vemcvx.results.forces`).
-Displacements and slips are a'u. The derivatives of h'R by y (if A_1 = 0), lam and p are P'A h, B^h, D^h; of a'u, P'a.
+row of the supports, its component along an axis times its share in the boundary (:mod:`vemcvx.results.forces`).
+Displacements and slips are a'u. Derivatives of h'R by y (if A_1 = 0), lam and p are P'A h, B^ h, D^ h; of a'u, P'a.
 """
 
 from __future__ import annotations

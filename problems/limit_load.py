@@ -52,7 +52,7 @@ def incline_limit():
 
 
 def turning(points, weights):
-    """Return the limit of the plate and the centre c, for friction forces w_i at points (m, 2) about the middle."""
+    """Return the limit F and the centre c, for friction forces w_i at points (m, 2) relative to the plate's middle."""
     # Golden section: each of 70 rounds multiplies the interval by .618.
     low, high, golden = -0.5 * LENGTH, 0.0, 0.5 * (np.sqrt(5.0) - 1.0)
 

@@ -177,7 +177,7 @@ class Hasty:
         self.iterations = iterations
 
     def solve(self, program, target, lam):
-        K, B = program.operators.K, program.operators.B.toarray()  # the package scales B, here the identity
+        K, B = program.operators.K, program.operators.B.toarray()  # B, the rows of the norm terms, is the identity here
         rho = 1 / np.linalg.eigvalsh(B @ np.linalg.solve(K, B.T))[-1]
         for _ in range(self.iterations):
             d = np.linalg.solve(K, program.g - B.T @ lam[:, 0])

@@ -147,7 +147,7 @@ def test_the_script_refuses_a_false_proof(tmp_path, status):
 
 
 @pytest.mark.long
-def test_the_script_does_not_confirm_gaps_that_are_too_small(tmp_path, monkeypatch):
+def test_the_script_does_not_confirm_answers_with_understated_gaps(tmp_path, monkeypatch):
     write_collection(tmp_path, instances=[choose_small()[0]])
     right = confirm.Program.certify
     monkeypatch.setattr(confirm.Program, "certify", lambda *given: (right(*given)[0], 0.0, 0.0))

@@ -64,7 +64,7 @@ def test_show_describes_every_stage(pad):
     assert "Traction" in second
 
 
-def test_commands_and_files_that_stages_do_not_fit_are_refused(pad):
+def test_commands_that_take_no_stages_and_files_with_invalid_stages_are_refused(pad):
     for command in (["compare"], ["export", "--steps", "1"], ["app"]):
         assert "it has stages and no scene(**parameters); only `vemcvx run`" in call(*command, "pad.py")[1], command
     (pad / "odd.py").write_text(FILE.replace("return [first, (", "return [first, 3, ("))

@@ -140,7 +140,7 @@ def _courses(history: History) -> dict[str, Floats]:
 
 
 def _extrapolate_errors(history: History, finer: History) -> dict[str, Floats]:
-    """Return twice the differences of a run and a finer run; for wear, the largest at a node of both."""
+    """Return twice the differences of a run and a finer run; for wear, the largest over their common nodes."""
     at, other = np.searchsorted(finer.trajectory.times, history.trajectory.times), _courses(finer)
     apart = {name: 2.0 * (own - other[name][at]) for name, own in _courses(history).items() if name != "wear"}
     coarse, fine = history.contact, finer.contact

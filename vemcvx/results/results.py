@@ -116,7 +116,7 @@ class Results:
 
     @property
     def dissipated_second_order(self) -> Floats:
-        """The energy (S,) lost since the initial instant, of second order, from friction bounds at both ends of steps.
+        """The energy (S,) lost since the initial instant, of second order: with friction bounds at both ends of steps.
 
         Quote `dissipated_second_order` and `work_second_order`. `dissipated` and `work` form the energy balance of
         backward Euler, and are of first order in the step even if the states at the instants are exact. With dashpots,

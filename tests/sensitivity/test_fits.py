@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli.commands import app
+from vemcvx.cli.fitting import read_measured
 
 TRUTH = np.array([200.0, 0.3, 0.4])
 OF = "reaction of top x", "reaction of top y"
@@ -143,3 +144,15 @@ def test_the_command_fits_parameters_of_a_problem_to_a_table(tmp_path):
     wrong = CliRunner().invoke(app, [*call[:5], "youg", *call[6:]])
     assert wrong.exit_code == 2
     assert "young, friction" in wrong.output
+
+
+@pytest.mark.parametrize("text", ["", "t,f,f\n0,1,2", "s,f\n0,1", "t,f\n0,1,2", "t;f\n0;1", "t,f\n0," + "1" * 200_000])
+def test_a_table_that_cannot_be_read_is_refused_in_words(tmp_path, text):
+    (tmp_path / "loop.csv").write_text(text)
+    with pytest.raises(vx.ProblemError, match="Wanted a table with commas"):
+        read_measured(tmp_path / "loop.csv")
+
+
+def test_infinite_measurements_are_refused():
+    with pytest.raises(vx.SceneError, match="an infinite value"):
+        vx.fit(loop, [150.0, 0.25, 0.5], MESH, [0.0, 1.0], {OF[0]: [0.0, np.inf]})

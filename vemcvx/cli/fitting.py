@@ -63,12 +63,15 @@ def read_measured(path: Path) -> tuple[Floats, dict[str, Floats]]:
 
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            head, *rows = [row for row in csv.reader(file) if row]
+            head, *rows = [row for row in csv.reader(file) if row] or [[]]
         names = [name.strip() for name in head]
+        if "t" not in names or len(set(names)) < len(names) or any(len(row) != len(names) for row in rows):
+            words = "'t' is missing, a name is repeated, or a row has another number of cells"
+            raise ValueError(f"its first line is {', '.join(names)!r}, and {words}")
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows])
         columns = dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
         return columns.pop("t"), columns
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise ProblemError(
             f"--measured: {path} cannot be read: {error}. Wanted a table with commas. Its first line names a column t "
             'and quantities such as "reaction of top x"; every other line has a number, or nothing, for each of them.'

@@ -163,6 +163,8 @@ def fit(
         raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
     of, count, shape = tuple(measured), len(start), check_times(times).shape
     m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
+    if np.isinf(m).any():
+        raise SceneError("fit: measured: found an infinite value; wanted numbers, or NaN where nothing was measured.")
     names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
     if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
         raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")

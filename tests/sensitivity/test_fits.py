@@ -153,6 +153,15 @@ def test_a_table_that_cannot_be_read_is_refused_in_words(tmp_path, text):
         read_measured(tmp_path / "loop.csv")
 
 
-def test_infinite_measurements_are_refused():
-    with pytest.raises(vx.SceneError, match="an infinite value"):
-        vx.fit(loop, [150.0, 0.25, 0.5], MESH, [0.0, 1.0], {OF[0]: [0.0, np.inf]})
+@pytest.mark.parametrize(
+    ("value", "start", "options", "words"),
+    [
+        (np.inf, 0.5, {}, "an infinite value"),
+        (1.0, 0.5, {"bounds": ([150.0, 0.0, 0.0], [150.0, 0.4, 1.0])}, "smallest below largest"),
+        (1.0, 0.5, {"penalty": [[np.nan, 0.0, 0.0]] * 3}, "penalty: found NaN"),
+        (1.0, 0.0, {"penalty": np.eye(3)}, "changes the unknowns"),  # Without friction there are no friction forces.
+    ],
+)
+def test_fits_that_cannot_begin_are_refused(value, start, options, words):
+    with pytest.raises(vx.SceneError, match=words):
+        vx.fit(loop, [150.0, 0.25, start], MESH, [0.0, 1.0], {OF[0]: [0.0, value]}, **options)

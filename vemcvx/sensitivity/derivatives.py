@@ -386,9 +386,10 @@ def _differences(
         for way in (step, -step):
             with suppress_scene_warnings():
                 posed = pose(theta + way * np.eye(len(theta))[j])
-            at, system = Observed.evaluate(posed, course), posed.system
+            system = posed.system
             if (system.n, system.B.shape[0], system.D.shape[0]) != (sizes[0], sizes[1][0], sizes[2]):
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
+            at = Observed.evaluate(posed, course)
             off = np.hstack([at.slips[:, : sizes[1][0]], at.excess])
             values = quantities.values(posed, at, course.p)
             pair.append((posed.supports.gather(at.forces.T).T, off, np.where(at.w < np.inf, at.w, 0.0), values))

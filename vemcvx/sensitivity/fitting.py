@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import SAME, Bools, Floats, as_real_array, as_shaped_array, brief
+from vemcvx.base.arrays import SAME, Bools, Floats, as_real_array, as_shaped_array, brief, finite
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.history import History
@@ -169,11 +169,12 @@ def fit(
     if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
         raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
     low, high = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, count))
-    if not ((low <= start) & (start <= high)).all():
-        raise SceneError(f"fit: theta_0 = {brief(start)} is not within bounds = {brief(bounds)}.")
+    if not ((low <= start) & (start <= high) & (low < high)).all():
+        wanted = "wanted smallest below largest parameters, and theta_0 between them"
+        raise SceneError(f"fit: found theta_0 = {brief(start)} and bounds = {brief(bounds)}; {wanted}.")
     known, L = np.isfinite(m), np.zeros((0, count))
     if penalty is not None:
-        L = as_real_array(penalty, "fit: penalty", "an array (k, P)")
+        L = finite(as_real_array(penalty, "fit: penalty", "an array (k, P)"), "fit: penalty")
         L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
     if known.sum() + len(L) < count:
         raise SceneError(f"fit: found {known.sum()} values for {count} parameters; give more, or a penalty.")

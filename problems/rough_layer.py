@@ -1,4 +1,4 @@
-r"""A block on a rough layer: asperities act like springs, and soften the contact with a punch.
+r"""A block on a rough layer: asperities act like springs, and soften the contact with a cylinder.
 
 The top of a column of height H, in plane stress, is pressed down by D. A rough layer lies `gap` below the column. The
 pressure p of the layer is c times its compression (Martins and Oden 1987). The stress is uniaxial, and exact on every
@@ -65,7 +65,7 @@ def mesh(n, family="hexagons"):
 
 
 def punch_mesh(n):
-    """Return rectangles up to the distance 20 a. Their widths are a/n up to 1.6 a, and grow from there."""
+    """Return rectangles up to the distance 20 a. Their widths are a/n within the distance 1.6 a, and grow beyond it."""
     line, step = list(np.arange(0.0, 1.6 * HALF_WIDTH, HALF_WIDTH / n)), HALF_WIDTH / n
     while line[-1] < 20 * HALF_WIDTH:
         step *= 1.15

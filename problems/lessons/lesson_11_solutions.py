@@ -17,8 +17,8 @@ times = np.linspace(0.0, 2.0, 33)
 #
 # $$dQ = \sum_n |s_n|^T dw + \sum_n w^T \mathrm{sign}(s_n)\, (du_n - du_{n-1}) .$$
 #
-# So $b_n$ contains $w\,\mathrm{sign}(s_n)$ from step $n$, and $-w\,\mathrm{sign}(s_{n+1})$ from the next step. The
-# explicit part is added at the end.
+# So $b_n$, the right side of the adjoint sweep in section 2, contains $w\,\mathrm{sign}(s_n)$ from step $n$, and
+# $-w\,\mathrm{sign}(s_{n+1})$ from the next step. The explicit part is added at the end.
 
 
 # %%
@@ -49,8 +49,8 @@ assert np.abs(gradient - np.abs(slips).sum(axis=0)).max() > 0.1  # the explicit 
 # %% [markdown]
 # **2.** Unknowns are $\alpha$, two pressures and two friction forces. The balance has three rows: horizontal forces,
 # vertical forces, and moments about the left edge. Its multipliers are the motion. The footing slides if the force acts
-# near the floor. In the dual program slip then lifts the footing by $\mu$ times the slip (a real footing would not be
-# lifted: Coulomb's friction is not associated). Under a force higher up, the footing tips about its right edge.
+# near the floor. The dual program then lifts the footing by $\mu$ times its slip (a real footing would not be lifted:
+# Coulomb's friction is not associated). Under a force higher up, the footing tips about its right edge.
 
 # %%
 WIDTH, WEIGHT, FRICTION = 2.0, 3.0, 0.4

@@ -37,10 +37,10 @@ for _s in rng.normal(size=(20, size)):
     assert abs(gap(_s, np.zeros(size), w=0.0) - 0.5 * (_s - best) @ K @ (_s - best)) <= FLOOR
 
 # %% [markdown]
-# **2.** The multipliers computed from $s$ balance the forces at every node whose friction bound allows this. But for an
-# error $\varepsilon$ of $s$ these multipliers are wrong by the order $\varepsilon$, and at slipping nodes the terms
-# $w_i |s_i| - \lambda_i s_i$ of the gap are of this order. A disturbed $\lambda$ adds terms of the same order. Neither
-# choice is always better. Both are certificates, and a check may take the smaller one.
+# **2.** The multipliers computed from $s$ balance the forces at every node whose friction bound allows this. If $s$ has
+# an error $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms
+# $w_i |s_i| - \lambda_i s_i$ of the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the
+# same order. Neither choice is always better. Both are certificates, and a check may take the smaller one.
 
 # %%
 exact = step_from(np.zeros(size), f)

@@ -44,7 +44,7 @@ def test_with_free_sides_the_steady_friction_is_the_bound_at_the_speed_of_the_di
 
 
 def test_a_block_sinks_into_its_dashpots_like_an_exponential():
-    """Steps have their own closed form. Sinking and loss over time have errors O(k); the work is that of the weight."""
+    """The steps obey their closed form. Sinking and loss have errors O(k) in time; the work is that of the weight."""
     errors, mesh = [], support.mesh(3)
     mesh = mesh.with_cell_data("all", np.ones(mesh.n_cells))
     for steps in (50, 100):
@@ -101,7 +101,7 @@ def test_there_is_no_error_budget_of_rates(problem, effect):
             ask(run)
 
 
-def test_a_bound_that_rises_and_falls_again_is_refused_without_softening():
+def test_a_bound_that_rises_and_falls_again_is_refused_if_no_softening_is_given():
     """The bound is .8 at rest, rises to 1.3 at the speed .4, and falls to .42 at the speed 1 of the disc."""
     scene = brake.scene().without(vx.SpeedFriction)
     humps = vx.SpeedFriction(lambda speed: 0.8 + 0.5 * np.sin(4 * speed), on="bottom", ground=lambda x, t: (t, 0.0))

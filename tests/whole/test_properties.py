@@ -36,7 +36,7 @@ MANY = -(-SLOW // len(PROPERTIES))
 
 @pytest.fixture(autouse=True, scope="module")
 def _move_home(tmp_path_factory):
-    """Put the folder in which hypothesis stores constants of the sources outside the repository."""
+    """Move out of the repository the folder in which hypothesis stores constants that it finds in the sources."""
     set_hypothesis_home_dir(tmp_path_factory.mktemp("hypothesis"))
 
 

@@ -73,9 +73,9 @@ def check_box(box: Any, dimension: int = 2) -> Box:
         farthest = max(-low, high)
         if high - low < max(SHORTEST, ROUNDING * farthest) or farthest > LARGEST:
             raise MeshError(
-                f"box must have sides above {SHORTEST:g} and above {ROUNDING:g} of its coordinates, and coordinates "
-                f"below {LARGEST:g}; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units or a box nearer "
-                "to the origin."
+                f"box must have sides above {SHORTEST:g} and above {ROUNDING:g} times its largest coordinate, and "
+                f"coordinates below {LARGEST:g}; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units or a "
+                "box nearer to the origin."
             )
     low, high = given.astype(float).T.tolist()
     return Box(tuple(low), tuple(high))

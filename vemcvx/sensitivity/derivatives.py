@@ -379,7 +379,9 @@ def _differences(
     At fixed contact unknowns, forces still move the interior: `inner` are derivatives of quantities by these forces.
     """
     whole, solve = run.condensation.whole, run.condensation.solve_interior
-    inner = [0.0 * one.y if whole else solve(np.ascontiguousarray(one.y.T)).T for one in gradients]
+    # Rows of linear quantities are the same at all instants.
+    rows = [one.y[:1] if (one.y == one.y[0]).all() else one.y for one in gradients]
+    inner = [0.0 * each if whole else solve(np.ascontiguousarray(each.T)).T for each in rows]
     columns, sizes = [], (run.system.n, run.operators.B.shape, run.operators.D.shape[0])
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
@@ -394,7 +396,7 @@ def _differences(
             values = quantities.values(posed, at, course.p)
             pair.append((posed.supports.gather(at.forces.T).T, off, np.where(at.w < np.inf, at.w, 0.0), values))
         balance, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
-        values -= [np.einsum("tn,tn->t", x, balance) for x in inner]
+        values -= [(x * balance).sum(axis=1) for x in inner]
         columns.append((-balance @ E, off, w, values))
     *data, explicit = (np.stack(each, axis=-1) for each in zip(*columns, strict=True))
     return list(zip(*data, strict=True)), explicit

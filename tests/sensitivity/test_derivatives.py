@@ -157,6 +157,17 @@ def test_friction_on_dragged_nodes_turns_with_the_motion_of_their_support():
     assert np.isclose(found.jacobian[0, 1, 0], (more - less) / 2e-4, rtol=1e-6)
 
 
+def test_a_support_that_begins_to_drag_nodes_with_a_parameter_is_refused():
+    def scene_of(theta):
+        held = vx.PrescribedDisplacement(lambda x, t: [theta[0] * max(t - 1.0, 0.0) + 0.01 * min(t, 1.0), 0.0], "left")
+        tresca = vx.TrescaFriction(0.5, on="bottom")
+        return vx.Scene(vx.Elasticity(100.0, 0.3), held, vx.BilateralContact(on="bottom"), tresca)
+
+    found = vx.sensitivities(scene_of, [0.0], vx.meshes.squares(2), [0.0, 1.0, 2.0], ["reaction of left x"])
+    with pytest.raises(vx.SceneError, match=r"theta\[0\] moves a support that stands still against friction"):
+        _ = found.jacobian
+
+
 def test_the_adjoint_sweep_takes_contact_without_friction():
     def scene_of(theta):
         held = vx.PrescribedDisplacement([0.0, -theta[0]], on="top")

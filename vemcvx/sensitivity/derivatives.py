@@ -392,6 +392,10 @@ def _differences(
             if (system.n, system.B.shape[0], system.D.shape[0]) != (sizes[0], sizes[1][0], sizes[2]):
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
             at = Observed.evaluate(posed, course)
+            lam = np.stack([course.lam, at.lam.reshape(course.lam.shape)])[:, :, posed.terms.acting :]
+            rubbed, rubs = (lam != 0).any(axis=3)
+            if (rubs & ~rubbed).any():
+                raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
             off = np.hstack([at.slips[:, : sizes[1][0]], at.excess])
             values = quantities.values(posed, at, course.p)
             pair.append((posed.supports.gather(at.forces.T).T, off, np.where(at.w < np.inf, at.w, 0.0), values))

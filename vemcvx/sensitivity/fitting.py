@@ -130,7 +130,8 @@ def fit(
         Measured values of quantities at all instants, by the names that :func:`vemcvx.sensitivities` takes; NaN where
         nothing was measured.
     noise : number, or dict of str to number, optional
-        The standard deviation of the noise, in the unit of the quantity. By default the residuals estimate it.
+        The standard deviation of the noise, in the unit of the quantity. By default the residuals estimate it, as one
+        fraction of the largest measured value of each quantity. If the fractions differ, give `noise`.
     bounds : pair of numbers or (P,) arrays
         The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
     penalty : (k, P) array, optional

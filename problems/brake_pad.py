@@ -17,8 +17,9 @@ Every step is a convex program, and its certificate is a bound. In the steady st
 If friction falls (c < 0), a step of the length k has one solution (in uniform shear) if the ratio of softening to
 stiffness, -c H / (G k), is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad begins to
 slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period
-(mu_0 - mu_1) P H / (G V). On faster discs, slip at q = mu_1 P is a second solution, which lasts. Try
-`--set growth=-.15`: a warning names the ratio, and the certificate is "for the given friction".
+(mu_0 - mu_1) P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips on at
+q = mu_1 P and never sticks again. Try `--set growth=-.15`: a warning names the ratio, and the certificate is "for the
+given friction".
 
     vemcvx run problems/brake_pad.py --n 4 --steps 80 --plot
 """

@@ -68,7 +68,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the end of the tendon after the first release, and the stress there and after the second pull."""
+    """Draw the tendon's end after the first release, and the stress near it after this release and the second pull."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

@@ -23,7 +23,7 @@ def messages(caplog):
 
 
 @pytest.mark.long
-def test_a_comparison_warns_once_that_work_is_of_first_order_in_the_step(messages):
+def test_a_comparison_warns_once_that_mechanical_work_has_errors_of_first_order_in_the_step(messages):
     call("compare", "feng_han_huang", "--n", "4", "--steps", "2", "--solvers", "newton,clarabel,osqp")
     assert [words.split(":")[0] for words in messages()] == ["time steps"]
 

@@ -61,7 +61,7 @@ def test_extrusion_keeps_interfaces():
     np.testing.assert_array_equal(again.boundaries["a|b"], solid.boundaries["a|b"])
 
 
-def test_sides_without_names_are_extruded_to_the_whole_boundary():
+def test_extrusion_gives_no_name_to_sides_without_names():
     square = vx.meshes.squares(1)
     unnamed = vx.PolygonMesh(square.points, square.cells, boundaries={})
     assert list(unnamed.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]

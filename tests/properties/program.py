@@ -51,7 +51,7 @@ def answers_obey_the_law_of_friction(case, exponent, which):
     misses w|s| by at most the gap. The gap may belong to a nearby increment, at a distance |v|_K <= error / 2
     (theorem 2 of :mod:`vemcvx.program.certificate`); w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| is at most |v|_K
     times the root of `norm_flexibility`. The bounds on the residual and on w|s| - lam.s include rounding errors of
-    stored states. In blocks of two |lam| <= w holds up to the rounding of a division and a root.
+    stored states. In blocks of two components, |lam| <= w holds up to the rounding of a division and a root.
     """
     solver = {"N": vx.Newton, "C": vx.Clarabel}[which](accuracy=10**-exponent)
     run = marched(case, solver)

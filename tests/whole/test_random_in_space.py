@@ -24,7 +24,7 @@ def draw(seed):
     mesh = vx.meshes.SPACE_FAMILIES[rng.choice(FAMILIES)]((2, 2, 2), box=box, seed=seed % 50)
 
     def field(size, low=-1.0):
-        """Return an affine function of place times a course in time, with values between low and 1 times a size."""
+        """Return f(x, t): an affine function of x with values between `low` and 1, times `size` and sin 2t."""
         c = rng.uniform(low, 1, 4)
         return lambda x, t: np.sin(2 * t) * size * (c[0] + (x / np.ptp(mesh.points, axis=0)) @ (c[1:] - c[0]) / 3)
 
@@ -77,7 +77,7 @@ def draw(seed):
 
 
 def compare(seed):
-    """Return the ratio of distance to certificates of a step, and of a step that reverses the loads from there."""
+    """Return ratios of two solvers' distance to their certificates, for a step and a next step with reversed loads."""
     scene, mesh = draw(seed)
     ratios, start = [], None
     for times in ([0.0, 1.0], [1.0, 2.5]):

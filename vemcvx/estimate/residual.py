@@ -32,8 +32,8 @@ the energy of a bar with the modulus E and a strain that is linear between these
 In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
 because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises
 the sum over all cells by least squares. Any q is admissible: the residual of sigma is the residual of sigma + q I plus
-(q, div v), and (q, div v) is at most |q I| in C^{-1} times the energy norm of v. In nearly incompressible bodies, q
-makes the estimate sharper: there pressure does almost no work on displacements of moderate energy.
+(q, div v), and (q, div v) is at most the C^{-1} norm of q I times the energy norm of v. In nearly incompressible
+bodies, q makes the estimate sharper: there pressure does almost no work on displacements of moderate energy.
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
@@ -90,7 +90,7 @@ class MeshSides:
     joints: Joints
     """interfaces of two bodies"""
     numbers: Callable[[Ints], Ints]
-    """function that finds edges (k, 2), faces (k,), or ends of contact rows (`names`, (k, 2)) among the outer sides"""
+    """function that returns positions in `outer` of edges (k, 2), faces (k,), or sides in `ContactRows.names` (k, 2)"""
     corners: tuple[Ints, Floats]
     """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
     edges: tuple[Ints, Ints]
@@ -205,7 +205,7 @@ class Residuals:
 
     @cached_property
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """The problem for q: roots (f + b,) of the weights of normal residuals, the matrix, and a unit of q per cell.
+        """The problem for q: square roots (f + b,) of the weights of normal residuals, scaled matrix, and scales of q.
 
         Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
         """

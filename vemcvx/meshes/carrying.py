@@ -36,7 +36,7 @@ class Refinement(Generic[Kind]):
     ----------
     mesh : PolygonMesh or PolyhedralMesh
         The refined mesh. The parts of a cell take its position in the order of cells. Old nodes come first, then
-        midpoints of edges, then centres (in space of faces, then of cells). Boundaries and cell data are inherited.
+        midpoints of edges, then centres of faces (in space), then of cells. Boundaries and cell data are inherited.
     parents : (n_new_cells,) int
         The old cell that contains each new cell.
     prolongation : (n_new_nodes, n_old_nodes) sparse array

@@ -127,7 +127,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm among g, overlaps, and forced slips of stuck terms; if 0, root of the work w'|b|."""
+        """The largest energy norm of K^{-1} g and of least motions that undo an overlap or move a stuck term by b."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -136,7 +136,7 @@ class StepProgram(ArrayRecord):
         way, flexible = lengths(operators.blocks(self.b)), operators.norm_flexibility
         drawn = np.where(self.stuck, way, 0.0) / np.sqrt(np.where(flexible > 0, flexible, 1.0))
         size = max(size, float(pushed.max(initial=0.0)), float(drawn.max(initial=0.0)))
-        return size or float(np.sqrt(self.finite_weights @ way))
+        return size or float(np.sqrt(self.finite_weights @ way))  # If `size` is 0, take the root of the work w'|b|.
 
     def slip(self, d: Floats) -> Floats:
         """Return s = B d - b, as (m, block)."""
@@ -149,8 +149,8 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        A level is STILL_TOLERANCE times the larger of two motions: the largest motion of a row of this kind in d, and
-        the motion of the row itself in a state with the energy norm `size`.
+        The level of a term (limit) is STILL_TOLERANCE times the larger of two motions: the largest motion of all terms
+        (limits) in d, and the largest motion of this term (limit) in a state with the energy norm `size`.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size

@@ -119,7 +119,7 @@ class Corners:
         """Describe the corner at a node; "" if stress is bounded there."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # Edges between bodies are no sides, but the faces of a crack are sides at its tip.
+        if len(nodes) > 1:  # Edges on interfaces do not count; at a crack's tip, a single node, they do.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""

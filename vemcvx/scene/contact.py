@@ -95,9 +95,9 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return a mask (k,) of the rows whose normal is held by contact alone, and matches of rows with rows of A.
+    """Return a mask (k,) of contact rows with normals held by contact alone, and matches with rows of the supports' A.
 
-    A match is a cosine and a pair (row, row of A): the force of the row of A is a contact force along the row's normal.
+    A match is a cosine and a pair (contact row, row of A): the force of the row of A is a normal contact force.
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
@@ -350,7 +350,7 @@ def _contact_surface(
 ) -> Surface:
     """Return the contact surface, from all rows of the table; an edge that several parts name counts once.
 
-    A node that supports drag, or whose ground `moves` (m,), belongs to the surface if it has a term in `terms`.
+    A node dragged by supports, or whose ground `moves` (m,), belongs to the surface if it has a term in `terms`.
     """
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)

@@ -26,7 +26,7 @@ In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has
 C, does not depend on the axes, and is 2 mu for an isotropic material. Nothing locks. A growing volumetric modulus
 does not change C_k on deviatoric strains. Fibres with a growing modulus add a matrix of rank one, which leaves the
 smallest eigenvalue bounded. (The trace and the mean of the eigenvalues would grow. With E1 / G = 2e8 and 8 Voronoi
-cells per side, a sheared body has 1.04 times its exact energy; with the trace or the mean, its energy is zero.)
+cells per side, a body sheared by a given force has 1.04 times its exact energy; with the trace or the mean, almost 0.)
 
 :mod:`vemcvx.vem.tensors` defines moduli and components.
 """

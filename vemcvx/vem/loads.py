@@ -1,7 +1,7 @@
 """Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement.
 
 The energy projection P^h u_0 of a displacement, (2.11), satisfies a^h(P^h u_0, v) = a(u_0, v) for all v of V^h. The
-right-hand side is the virtual work of the stresses C eps(u_0). Inside cells v is unknown: means replace these stresses,
+right-hand side is the virtual work of the stresses C eps(u_0). Inside cells v is unknown, so we use mean stresses,
 
     a(u_0, v)  ~  sum_K |K| C eps_K : eps(Pi v),     |K| eps_K = int_K eps(u_0) = sym int_dK u_0 (x) n ds,
 

@@ -169,3 +169,20 @@ def test_a_half_model_has_the_factor_of_the_whole():
         vx.shakedown(scene.with_(vx.Symmetry(on="front")), half, [0.0, 1.0]),
     ]
     assert sides[0].factor == pytest.approx(sides[1].factor, rel=1e-8)
+
+
+def test_nodes_without_friction_do_not_limit_the_cycle():
+    """Left of x = .4 the bound is zero: these nodes slip freely, and the factor is that of the rough nodes."""
+
+    def scene(factor):
+        move = vx.PrescribedDisplacement(lambda x, t: [0.1 * factor * np.sin(2 * np.pi * t), 0.0] + 0 * x, on="top")
+        return vx.Scene(vx.Elasticity(100.0, 0.3), move, *floor(lambda x, t: 1.0 * (x[:, 0] > 0.4)))
+
+    mesh = vx.meshes.squares(3)
+    found = vx.shakedown(scene(1.0), mesh, CYCLE)
+    assert found.factor == pytest.approx(found.upper, rel=GAP)
+    works = []
+    for factor in (0.98, 1.02):
+        history = vx.simulate(scene(factor * found.factor), mesh, np.arange(81) / 4)
+        works.append(np.diff(history.dissipated[::4])[-1] / history.energy.max())
+    assert works[0] < 1e-9 < 1e-6 < works[1]

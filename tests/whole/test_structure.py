@@ -62,9 +62,9 @@ LINES |= {"meshes": 6_964, "meshes/io": 1_403, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_833
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_316
+TESTS = 22_333
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_055
+ALL_TESTS = 33_072
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

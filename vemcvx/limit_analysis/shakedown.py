@@ -107,8 +107,8 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
     with suppress_scene_warnings():
         posed = pose_scene(scene, mesh, instants)
     g, system = _read_bounds(posed, instants), posed.system
-    # With infinite weights all contact sticks.
-    norms = None if system.norms is None else replace(system.norms, w=np.full(len(g), np.inf))
+    # With infinite weights contact sticks; nodes with the bound zero bear no friction.
+    norms = None if system.norms is None else replace(system.norms, w=np.where(g > 0, np.inf, 0.0))
     forces = march(replace(system, norms=norms), instants, initial="settled").multipliers[:, : len(g)]
     E = forces - forces[0]
     N = np.zeros((system.n, 1)) if system.kernel is None else system.kernel.modes

@@ -53,7 +53,7 @@ class ErrorBound(Outlined):
         Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
         the laws of friction and contact. "data": the estimate for data that are not linear on edges, in cells, or in
         time between instants; zero for linear data. "algebra": the certified error of the solver, which the other parts
-        contain. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
+        contain. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`, due to mesh and steps.
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time. More steps, or steps that end
         at :func:`vemcvx.instants`, make the bound sharper.

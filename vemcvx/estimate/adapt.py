@@ -141,7 +141,7 @@ class Pass:
 
 
 def has_stalled(passes: Sequence[Pass]) -> bool:
-    """Return True if the mesh error no longer falls: the quantity has no limit, for example at a singular pressure.
+    """Return True if the mesh error no longer falls: the quantity has no limit, or the first mesh is too coarse.
 
     If there is a limit, a pass that refines cells with half of the squared error removes at least a fifth of the error.
     """

@@ -287,9 +287,10 @@ _noise = np.sqrt(np.sum((fit.values[left] - measured) ** 2) / (len(times) - 2))
 assert np.abs(fit.errors / (_noise * np.sqrt(np.diag(np.linalg.inv(_J.T @ _J)))) - 1).max() <= 1e-4
 
 # %% [markdown]
-# **A step is a convex program, but a fit is not.** If the search begins at the bound 8, it ends at another answer. This
-# answer has small standard errors, too: they describe the neighbourhood of an answer only. But its residuals are much
-# larger than the noise of the instrument. So begin at several parameters, and compare the residuals with the noise.
+# **A step is a convex program, but a fit is not.** With these data, a search from the bound 8 ends at another answer.
+# This answer has small standard errors, too: they describe the neighbourhood of an answer only. But its residuals are
+# much larger than the noise of the instrument. So begin at several parameters, and compare the residuals with the
+# noise.
 
 # %%
 elsewhere = fit_from([150.0, 8.0])

@@ -56,8 +56,8 @@ class Fit(Outlined):
         The quantities of the fitted run, and the measurements.
     names : tuple of str
         The names of the parameters.
-    misfit : float
-        The root mean square of the residuals relative to the given noise; 1 if the noise is estimated. If it is much
+    misfit : float or None
+        The root mean square of the residuals relative to the given noise; None if the noise is estimated. If it is much
         larger than 1, the model is wrong, or the search ended in a local minimum: begin with other parameters.
     history : History
         The fitted run.
@@ -84,7 +84,7 @@ class Fit(Outlined):
     values: dict[str, Floats]
     measured: dict[str, Floats]
     names: tuple[str, ...]
-    misfit: float
+    misfit: float | None
     history: History
     runs: int
     ending: str
@@ -96,7 +96,8 @@ class Fit(Outlined):
         rows = zip(self.names, self.theta, self.errors, strict=True)
         lines = [(name, f"{value:.6g} with standard error {error:.2g}") for name, value, error in rows]
         noise = ", ".join(f"{size:.3g} in {name}" for name, size in self.noise.items())
-        lines += [("misfit", f"residuals are {self.misfit:.3g} times the noise")]
+        if self.misfit is not None:
+            lines += [("misfit", f"residuals are {self.misfit:.3g} times the noise")]
         lines += [("noise", f"standard deviation {noise}"), ("ended", self.ending)]
         return Outline(title, lines)
 
@@ -221,7 +222,7 @@ def fit(
         measured=dict(zip(of, m, strict=True)),
         names=tuple(names),
         history=run(found.x).history,
-        misfit=misfit / spread if spread > 0 else 1.0,
+        misfit=None if noise is None else misfit,
         runs=simulate_at.cache_info().misses,
         ending=found.message,
     )

@@ -2,16 +2,17 @@ r"""A plug in a conical socket, pressed from all sides and twisted: the torque a
 
 The joint is the part R_1 < r < R_2 of a cone whose side leans by alpha from the axis. Both bodies have the same
 material. Up to t = 1 the pressure p presses all sides: the rim of the socket and the top of the plug are displaced by
--p (1 - 2 nu) / E x, and p acts on all other sides. The stress is -p I in both bodies, whatever the shape of the joint.
-Then the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round
-bodies does not change the pressure, and nodes slip in circles. The torque of full slip is
+-(p (1 - 2 nu) / E) x, and p acts on all other sides. The stress is -p I in both bodies, whatever the shape of the
+joint. Then the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation
+of round bodies does not change the pressure, and nodes slip in circles. The torque of full slip is
 
 $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
 
 the torque of a cone clutch under uniform pressure (Shigley, *Mechanical Engineering Design*, 16-9, with the axial force
-p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors: otherwise nodes of one body would lie inside chords of the other
-body, and wedge the rotating joint. Their layers do not match. The pressure at all nodes is p with a relative error
-below (pi / (4n))^2. With n = 8 the torque is .64 % below the torque of the cone, because polygons replace the circles.
+p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors: otherwise corners of one polygon would lie off the sides of the
+other polygon, and wedge the rotating joint. The layers of the two bodies do not match. The pressure at all nodes is p
+with a relative error below (pi / (4n))^2. With n = 8 the torque is .64 % below the torque of the cone, because polygons
+replace the circles.
 
     vemcvx run problems/cone_clutch.py --n 8 --steps 10 --accuracy 1e-6 --plot
 """

@@ -40,9 +40,9 @@ of second order in the step. Where slips turn gradually, the dissipation is of f
     python problems/midpoint_rule.py [--picture FILE]
 
 The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C
-the disc about zero whose radius is the unit of length. There are three experiments. In the first, a straight pull there
-and back, and in the last, a pull from rest that turns afterwards, slip begins inside a step. The second experiment, a
-slip that turns, starts from the exact state.
+the disc about zero whose radius is the unit of length. There are three experiments. The first is
+a straight pull there and back. The second is a slip that turns, and starts from the exact state. The third is a pull
+from rest that turns afterwards. In the first and in the third, slip begins inside a step.
 """
 
 from __future__ import annotations

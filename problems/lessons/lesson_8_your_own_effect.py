@@ -1,5 +1,5 @@
 # %% [markdown]
-"""# Lesson 8, your own effect: dashpots along a boundary in one file, and how to test them against closed forms"""
+"""# Lesson 8, your own effect: how one file adds dashpots to a boundary, and how to test them against closed forms"""
 
 # %% [markdown]
 # *You need:* weak forms, lesson 4 (the quasistatic problem). *You will see:* that each effect adds arrays to a scene,

@@ -1,4 +1,4 @@
-"""Ratios measured side by side, printed, and written as CSV and picture.
+"""Ratios of times to reference times, measured side by side, printed, and written as CSV and picture.
 
 python tests/benchmarks/run.py [--quick] [--out results/benchmarks] [--page]
 """

@@ -17,9 +17,9 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 BAR = (vx.Elasticity(1.0, 0.0), vx.Symmetry(on=["top", "bottom"]))
 
 
-def along(of):
-    """Return the vector field along x whose component is t times of(x)."""
-    return lambda x, t: t * np.column_stack([of(x), 0.0 * x[:, 0]])
+def along(profile):
+    """Return the vector field along x whose component is t * profile(x)."""
+    return lambda x, t: t * np.column_stack([profile(x), 0.0 * x[:, 0]])
 
 
 def strip(x):

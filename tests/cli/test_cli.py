@@ -78,7 +78,7 @@ def test_run_prints_and_writes_the_history(tmp_path):
 
 
 @pytest.mark.long
-def test_settings_family_store_and_condensation_reach_the_run(tmp_path):
+def test_the_options_set_and_mesh_and_store_and_no_condense_reach_the_run(tmp_path):
     run("--set", "bound=1e6", "--mesh", "voronoi", "--store", "last", "--no-condense", "--out", tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text())
     assert (told["dissipated"], told["mesh"]["family"]) == (0.0, "voronoi")

@@ -52,7 +52,7 @@ def test_regions_equal_one_material_with_moduli_per_cell(family):
 
 @any_family
 @mostly_long("degrees", [0.0, 25.0, 90.0], 1)
-def test_a_plate_pulled_off_its_axes_stretches_and_shears(family, degrees):
+def test_a_plate_pulled_at_an_angle_to_its_axes_stretches_and_shears(family, degrees):
     """Jones (2.97), c = cos a, s = sin a: 1 / E_x = c^4 / E1 + (1 / G - 2 nu12 / E1) c^2 s^2 + s^4 / E2."""
     E1, E2, nu, G, s = 140.0, 10.0, 0.3, 5.0, 2.0
     a = np.radians(degrees)

@@ -1,4 +1,4 @@
-"""The error budget: estimates of the mesh on every family, certified errors of the solver, and refusals."""
+"""The error budget: estimates of mesh errors on all mesh families, certified errors of the solver, and refusals."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def crossed_squares(n):
 @mostly_slow("name", ["crossed squares", *FAMILIES])
 @pytest.mark.long
 def test_effectivity_on_the_paper_scene(name):
-    """A triangle's width across a side is its height; with .82 of this, crossed squares would have effectivity .94."""
+    """Estimates use heights of triangles; with .82 of heights, crossed squares would have effectivity .94."""
     mesh = crossed_squares(8) if name == "crossed squares" else small(name, 8)
     truth = vx.simulate(paper_scene(), vx.meshes.squares(96), np.linspace(0, 1, 3), store="last")
     history = vx.simulate(paper_scene(), mesh, np.linspace(0, 1, 17), store="last")

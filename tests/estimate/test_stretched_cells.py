@@ -72,7 +72,7 @@ def depths(points, cells):
     return sides.depths(sides.outer, sides.normals), sides.sizes, residuals.sizes
 
 
-def test_depths_are_sides_of_rectangles_and_heights_of_triangles_but_at_most_the_width():
+def test_depths_across_edges_are_adjacent_sides_of_rectangles_and_heights_of_triangles_and_never_exceed_the_cell():
     d, lengths, h = depths([[0, 0], [16, 0], [16, 1], [0, 1]], [[0, 1, 2, 3]])
     assert d == pytest.approx(16.0 / lengths)
     assert h == pytest.approx([16.0])

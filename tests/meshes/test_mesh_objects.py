@@ -52,7 +52,7 @@ def test_conversion_to_meshio_and_pyvista_and_back_restores_polygons(family):
     assert_same(mesh, convert(grid))
 
 
-def test_meshes_of_meshio_are_restored_with_blocks_data_and_marked_lines():
+def test_conversion_of_meshio_and_back_restores_blocks_and_data_and_marked_lines():
     points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)], dtype=float)
     blocks = [("triangle", [[1, 4, 5], [1, 5, 2]]), ("quad", [[0, 1, 2, 3]]), ("line", [[1, 4], [0, 1]])]
     mark = [np.zeros(2, np.uint8), np.zeros(1, np.uint8), np.ones(2, np.uint8)]
@@ -241,7 +241,7 @@ def test_conversion_to_meshio_and_back_restores_solids(name):
 
 
 def test_cells_of_meshio_may_be_numbered_in_either_direction():
-    """Mirror four cells of different kinds: programs differ in the order of nodes, so there is no warning."""
+    """Mirror four cells of different kinds: either order of nodes is in use, so no warning is about the order."""
     with pytest.warns(vx.MeshWarning, match="sides are named left, front, back, bottom"):
         mesh = convert(make_four_cells())
     np.testing.assert_allclose(mesh.volumes, [0.5, 1.0, 1 / 6, 1 / 3])

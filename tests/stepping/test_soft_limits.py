@@ -45,7 +45,7 @@ def settled(scene, mesh, **options):
 @mostly_long("linear", LINEAR, ids=str)
 @mostly_long("k", [1e-2, 1e-4, 1e-6], 2)
 def test_soft_contact_and_weak_springs_balance_the_load(k, linear):
-    """The condensed matrix once lost the load: with springs of 1e-8 E, errors were 40 times the energy norm."""
+    """Rounding once lost the load: with springs of 1e-8 E, errors were 40 times the energy norm."""
     scene, mesh = pressed(k, push=0.0), squares(8)
     history = settled(scene, mesh, linear=linear, condense=False)
     assert history.certificate.max() <= 1e-8

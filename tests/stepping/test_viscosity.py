@@ -68,8 +68,8 @@ FLOORS = {
 def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(family, solver, floor, tau):
     """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, with equality in slip.
 
-    With r = tau / k, the top at U_n and the base at a, u = (a + gamma y, 0) and gamma = (U_n - a) / H. While the block
-    sticks, a is constant; while it slips, mu (gamma + r (gamma - gamma_prev)) = +-g.
+    Let r = tau / k. The top moves by U_n, the base by a: then u = (a + gamma y, 0) and gamma = (U_n - a) / H. While the
+    block sticks, a is constant; while it slips, mu (gamma + r (gamma - gamma_prev)) = +-g.
     """
     times = np.linspace(0, 5, 21)
     U = 2.5 * G * H / MU * np.interp(times, [0, 1, 3, 5], [0, 1, -1, 1])

@@ -125,7 +125,7 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 def compute_squares(history):
     """Sum the squares of "jumps", "boundary" and "stabilisation" edge by edge, without the constant c^2.
 
-    Return also the number of cells in which the energy S_K of the form is the larger of the parts of "stabilisation".
+    Return also the number of cells in which S_K exceeds the energy of edges, the other value of "stabilisation".
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)

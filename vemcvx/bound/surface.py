@@ -122,7 +122,7 @@ class Boundary:
     # Supports.
 
     def _project_prescribed(self, joined: bool) -> Floats:
-        """Return projectors (b, 2, 2) on the directions prescribed by supports: of motions, or of jumps if `joined`."""
+        """Return projectors (b, 2, 2) on directions in which supports prescribe motions, or jumps if `joined`."""
         squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
         for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
@@ -209,8 +209,8 @@ class Boundary:
     def _check_along_boundary(self, felt: Floats) -> None:
         """Raise SceneError unless all stiffness in addition to the material's is due to springs along edges.
 
-        `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations. Off-diagonal entries
-        for springs to the ground are not negative, so diagonal entries are at most the forces under translations.
+        `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations, sums of rows of their
+        matrix. Its entries for one component at two ends are >= 0, so its diagonal entries are at most these forces.
         """
         stiffness, own = self.posed.springs, np.zeros((self.posed.space.mesh.n_nodes, 2, 2))
         if stiffness is None:
@@ -404,8 +404,8 @@ class Boundary:
         size = np.abs(np.append(q, p))[:, None] * np.abs(modes)
         if np.abs(left).max() > SAME * max(np.abs(push).max(), size.sum(axis=0).max()):
             raise SceneError(
-                "error_bound: no friction and pressure that are linear on edges balance the load on a body without "
-                "other supports; there is no bound. Refine the mesh, or add a support."
+                "error_bound: friction and pressure that are linear on edges cannot balance the load on a body that "
+                "supports do not hold; there is no bound. Refine the mesh, or add a support."
             )
         acts = np.stack(acting)[:, :, None]
         return found.reshape(-1, 2), np.where(acts, pressure.reshape(p.shape), 0.0)

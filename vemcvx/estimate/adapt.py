@@ -141,10 +141,9 @@ class Pass:
 
 
 def has_stalled(passes: Sequence[Pass]) -> bool:
-    """Return True if the mesh error no longer falls: the quantity has no limit, or the first mesh is too coarse.
-
-    If there is a limit, a pass that refines cells with half of the squared error removes at least a fifth of the error.
-    """
+    """Return True if the mesh error no longer falls."""
+    # If there is a limit, a pass that refines cells with half of the squared error removes at least a fifth of the
+    # error.
     return len(passes) > STALL and passes[-1].space > 0.9 * min(one.space for one in passes[:-STALL])
 
 
@@ -208,7 +207,8 @@ class Adapted(Outlined):
         ]
         met = "met" if self.met else "not met"
         if self.of != "energy" and not self.met and has_stalled(self.passes):
-            met += "; the error does not fall under refinement, because the quantity has no limit, as at a singularity"
+            met += "; the error does not fall under refinement: the quantity may have no limit, as at a singularity, "
+            met += "or the first mesh may be too coarse"
         aim = (self.history.quantities or {}).get(self.of)
         met += f"; the largest value is {aim.unbounded}" if aim is not None and aim.unbounded else ""
         return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {QUANTITIES[self.of]}: {met}"])

@@ -61,7 +61,7 @@ def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
     g, w, b, e, c = (_vector(parts.get(name, np.zeros(0)), name) for name in "gwbec")
     if (w < 0).any() or (len(w) and len(b) % len(w)) or len(b) < len(w):
         raise ProgramError(
-            f"found w with {len(w)} and b with {len(b)} entries; wanted weights >= 0, and the same number of b per w."
+            f"found {len(w)} entries of w and {len(b)} of b; wanted weights >= 0, with equally many entries of b each."
         )
     K, N = parts["K"], np.asarray(parts.get("N", np.zeros((len(g), 0))))
     if N.ndim != 2 or len(N) != len(g) or N.shape[1] > len(g) or K.shape != (len(g), len(g)):

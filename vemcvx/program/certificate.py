@@ -39,8 +39,8 @@ The move $v$ removes slips and excesses $z$ that count as zero (``StepProgram.ze
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
-The error is bounded by error + error_floor, the roots of twice the gap and of twice the floor. A condensed program has
-the floor of the retained unknowns, without the rounding of its K. Stored steps are certified with all unknowns.
+$|d - d^*|_K$ is at most `error + error_floor`, the roots of twice the gap and of twice the floor. A condensed program
+has the floor of the retained unknowns, without the rounding of its K. Stored steps are certified with all unknowns.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ BOUND_ROUNDING = 4 * EPS
 to its bound counts as on the bound."""
 
 ROUNDED = 8 * EPS
-"""Rounding error of a sum of sixteen terms, relative to their sizes. Parts of loads below this fraction are dropped."""
+"""Rounding error of a sum of sixteen terms, relative to their sizes. Condensation drops smaller fractions of loads."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -95,7 +95,7 @@ class Certificate(ArrayRecord):
     moved: float = 0.0
 
     def away(self, error: float) -> Certificate:
-        """Return a certificate for a known error |d - d*|_K, in place of the gap."""
+        """Return the certificate whose gap is 1/2 error^2, for a known error |d - d*|_K."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
 

@@ -2,9 +2,9 @@
 
 `Contact.pressure` is R_i / |phi_i|, with R_i the force on node i and |phi_i| the integral of its hat function. On
 interfaces of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, so do
-large and small forces: sides bend at hanging nodes although cells have constant strain. Where tilings intersect, some
-nodes have small areas but usual stiffness. Means are better: sum R_i v(x_i) is near int p v for smooth v. On every
-interface on which a cell of either body has several sides, recovered values are means over nodes nearby,
+large and small forces: sides bend at hanging nodes although cells have constant strain. In space, where edges of both
+bodies cross, some nodes have small areas but usual stiffness. Means are better: sum R_i v(x_i) is near int p v for
+smooth v. On every interface on which a cell of either body has several sides, recovered values are means over nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
@@ -86,7 +86,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # At a node, log d changes by half its last change minus half a mean: only rounding lets the largest grow.
+            # The next off is sqrt(off) times a mean of 1 / sqrt(off): only rounding lets the largest |log off| grow.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break

@@ -62,7 +62,7 @@ def build_load(
 
 
 def _force_by_rows(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """Return nodal values that supports move, t -> (q,), and the nonzero rows of P'A for them: numbers and matrix."""
+    """Return nodal values moved by supports, t -> (q,), and of P'A for them the numbers and matrix of nonzero rows."""
     moved = supports.moved
     return lambda t: supports.motion(t)[moved], *_nonzero_rows(supports.gather(A[:, moved]))
 

@@ -5,9 +5,9 @@
 The first part is exact if u or v is linear. The second part is zero then, because (I - Pi) p = 0 for linear p. So (2.8)
 and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do
 not depend on K: S_K of (I - Pi) v must be comparable to its true energy. (The default S_K is comparable to the
-shear energy only: with lam in S_K the method would lock. So alpha_* decreases as nu grows; on a square it is at most
-6 mu / (lam + 3 mu): problems/stabilisation_spectrum.py.) In vertex values S_K is a matrix S, symmetric and positive
-definite on the range of I - Pi, which adds to the local matrix
+shear energy only, so alpha_* decreases as nu grows: on a square it is at most 6 mu / (lam + 3 mu), see
+problems/stabilisation_spectrum.py. With lam in S_K the method would lock.) In vertex values S_K is a matrix S,
+symmetric and positive definite on the range of I - Pi, which adds to the local matrix
 
     (I - Pi)' S (I - Pi).
 

@@ -64,7 +64,7 @@ TOP = 1_833
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 22_333
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_072
+ALL_TESTS = 33_073
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

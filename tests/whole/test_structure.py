@@ -55,9 +55,9 @@ HEAVY = {
 
 LINES = {"program": 2_244, "solvers": 1_485, "stepping": 1_830, "linear": 939, "scene": 2_054, "effects": 2_547}
 LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
-LINES |= {"bound": 3_275, "results": 2_887, "estimate": 2_288, "plots": 2_112}
+LINES |= {"bound": 3_275, "results": 2_920, "estimate": 2_288, "plots": 2_112}
 LINES |= {"limit_analysis": 423}
-LINES |= {"sensitivity": 887, "cost": 682, "cli": 3_798}
+LINES |= {"sensitivity": 920, "cost": 682, "cli": 3_798}
 LINES |= {"meshes": 6_964, "meshes/io": 1_403, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_833

@@ -123,14 +123,13 @@ class LinearStep:
         """The directions (m, block) of the slipping terms; zero on sticking terms."""
         return np.where(self.sets.stick[:, None], 0.0, self.sets.direction)
 
-    def is_about_to_change(self, lam: Floats, gap: Floats, error: float) -> bool:
-        """Return True if, within the error of the state, a multiplier may reach its bound or an open gap may close.
+    def is_about_to_change(self, lam: Floats, gap: Floats, force: Floats, error: float) -> bool:
+        """Return True if a multiplier may reach its bound, or an open gap may close.
 
-        In a state with this error in the energy norm, scaled forces have errors of at most `error` times the roots of
-        the diagonal of W^{-1}, and scaled gaps of `error` times those of W.
+        The state has this `error` in the energy norm, and its scaled forces have the errors `force` (rows,). Scaled
+        gaps have errors of at most `error` times the roots of the diagonal of W.
         """
         W, (m, block) = np.asarray(self.delassus.W), self.sets.direction.shape
-        force = error * np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
         room, gap = self.sets.w - lengths(lam.reshape(m, block)), gap - error * np.sqrt(np.diag(W)[m * block :])
         weak = self.sets.stick & (room <= force[: m * block].reshape(m, block).max(axis=1))
         return bool(weak.any() or np.where(self.sets.act, self.p <= force[m * block :], gap <= 0).any())
@@ -176,18 +175,22 @@ class Sensitivities:
         """The differences of the data of each step, and of values (Q, N + 1, P) at fixed unknowns of the steps."""
         return self._difference()
 
+    @property
+    def _losses(self) -> Bools:
+        """A mask (Q,) of the losses: their values are sums over steps, and `_rows` are derivatives of the summands."""
+        return np.array([name == "dissipated" for name in self.of])
+
     @cached_property
     def jacobian(self) -> Floats:
         """The derivatives (Q, N + 1, P), by one forward sweep for each parameter."""
         changes, explicit = self._data
-        found = np.zeros_like(explicit)
+        found, losses = np.zeros_like(explicit), self._losses
         dy = np.zeros((self._rows[0][0].shape[1], found.shape[2]))
         for n, step in enumerate(self._steps):
             if step is not None:
                 before, (dy, dx) = dy, step.forward(changes[n], dy)
                 of_rows = zip(*self._rows, strict=True)
                 found[:, n] = [y[n] @ dy + past[n] @ before + x[n] @ dx for y, past, x in of_rows]
-        losses = np.array([name == "dissipated" for name in self.of])
         found[losses] = np.cumsum(found[losses], axis=1)
         return found + explicit
 
@@ -207,7 +210,7 @@ class Sensitivities:
         shape, (changes, explicit) = self.values.shape, self._data
         given = as_shaped_array(weights, "gradient: weights", f"an array {shape}", shape)
         found, by_y, each = np.einsum("qt,qtp->p", given, explicit), np.zeros((1, 1)), given.copy()
-        losses = np.array([name == "dissipated" for name in self.of])
+        losses = self._losses
         each[losses] = np.cumsum(given[losses, ::-1], axis=1)[:, ::-1]
         for n, step in reversed(list(enumerate(self._steps))):
             if step is not None:
@@ -382,21 +385,21 @@ def _differences(
     # Rows of linear quantities are the same at all instants.
     rows = [one.y[:1] if (one.y == one.y[0]).all() else one.y for one in gradients]
     inner = [0.0 * each if whole else solve(np.ascontiguousarray(each.T)).T for each in rows]
-    columns, sizes = [], (run.system.n, run.operators.B.shape, run.operators.D.shape[0])
+    columns, own = [], run.system
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
         for way in (step, -step):
             with suppress_scene_warnings():
                 posed = pose(theta + way * np.eye(len(theta))[j])
             system = posed.system
-            if (system.n, system.B.shape[0], system.D.shape[0]) != (sizes[0], sizes[1][0], sizes[2]):
+            if [M.shape for M in (system.K, system.B, system.D)] != [M.shape for M in (own.K, own.B, own.D)]:
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
             at = Observed.evaluate(posed, course)
             lam = np.stack([course.lam, at.lam.reshape(course.lam.shape)])[:, :, posed.terms.acting :]
             rubbed, rubs = (lam != 0).any(axis=3)
             if (rubs & ~rubbed).any():
                 raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
-            off = np.hstack([at.slips[:, : sizes[1][0]], at.excess])
+            off = np.hstack([at.slips[:, : own.B.shape[0]], at.excess])
             values = quantities.values(posed, at, course.p)
             pair.append((posed.supports.gather(at.forces.T).T, off, np.where(at.w < np.inf, at.w, 0.0), values))
         balance, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
@@ -430,24 +433,36 @@ def _linearise(
     run: PreparedRun, history: History, course: Course, at: Observed
 ) -> tuple[list[LinearStep | None], Bools]:
     """Return the linearised steps, and a mask of the steps whose active sets are about to change."""
-    system, found, known = run.system, history.trajectory, dict[str, Delassus]()
+    system, found, known = run.system, history.trajectory, dict[str, tuple[Delassus, Floats]]()
     steps, one_sided = list[LinearStep | None](), np.zeros(len(course.times), dtype=bool)
     errors = np.sqrt(2.0 * found.gap) + np.sqrt(2.0 * found.floor)
-    for n, k in enumerate(np.diff(course.times, prepend=course.times[0]).tolist()):
+    for n, k in enumerate(course.durations.tolist()):
         if n == 0 and not course.settles:
             steps.append(None)
             continue
         if (key := f"{k:.11e}") not in known:
-            known[key] = Delassus(run.frame(k).condensation.operators)
-        u, rows = known[key].u, system.B.shape[0]
-        if not isinstance(known[key].W, np.ndarray):
-            raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
+            delassus = Delassus(run.frame(k).condensation.operators)
+            known[key] = delassus, _forces_per_error(delassus)
+        delassus, force = known[key]
+        u, rows = delassus.u, system.B.shape[0]
         slip = lengths(run.operators.blocks(at.slips[n, :rows]))
         # A history stores no slips of the step from zero to a settled state: find its sticking terms from `at.slips`.
         sticks = found.sticking[n, : len(slip)] if n > 0 else slip <= SAME * np.abs(at.u[n]).max()
-        steps.append(step := _linear_step(system, known[key], course, at, sticks, n=n))
-        one_sided[n] = step.is_about_to_change(at.lam[n, :rows] / u[:rows], -u[rows:] * at.excess[n], errors[n])
+        steps.append(step := _linear_step(system, delassus, course, at, sticks, n=n))
+        lam, gap = at.lam[n, :rows] / u[:rows], -u[rows:] * at.excess[n]
+        one_sided[n] = step.is_about_to_change(lam, gap, errors[n] * force, errors[n])
     return steps, one_sided
+
+
+def _forces_per_error(delassus: Delassus) -> Floats:
+    """Return the largest errors (rows,) of scaled forces in states with the error one in the energy norm.
+
+    They are the roots of the diagonal of W^{-1}.
+    """
+    W = delassus.W
+    if not isinstance(W, np.ndarray):
+        raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
+    return np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
 
 
 def _linear_step(

@@ -161,12 +161,8 @@ def fit(
     from scipy.optimize import least_squares
 
     start = read_parameters(theta_0, "fit: theta_0")
-    if not isinstance(measured, Mapping) or not measured:
-        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
-    of, count, shape = tuple(measured), len(start), check_times(times).shape
-    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
-    if np.isinf(m).any():
-        raise SceneError("fit: measured: found an infinite value; wanted numbers, or NaN where nothing was measured.")
+    m, count = _read_measured(measured, check_times(times).shape), len(start)
+    of = tuple(measured)
     names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
     if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
         raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
@@ -180,13 +176,7 @@ def fit(
         L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
     if known.sum() + len(L) < count:
         raise SceneError(f"fit: found {known.sum()} values for {count} parameters; give more, or a penalty.")
-    largest = np.abs(np.where(known, m, 0.0)).max(axis=1)
-    each: ArrayLike = np.where(largest > 0, largest, 1.0) if noise is None else noise  # type: ignore[assignment]
-    if isinstance(noise, Mapping):
-        each = [noise.get(name, np.nan) for name in of]
-    sigma = np.full(len(of), as_shaped_array(each, "fit: noise", "standard deviations", (), (len(of),)))
-    if not ((sigma > 0) & (sigma < np.inf)).all():
-        raise SceneError(f"fit: noise: found {brief(sigma)} for {', '.join(of)}; wanted a number > 0 for each.")
+    sigma = _read_noise(noise, of, np.abs(np.where(known, m, 0.0)).max(axis=1))
 
     @lru_cache(maxsize=1)
     def simulate_at(raw: bytes) -> Sensitivities:
@@ -228,9 +218,30 @@ def fit(
     )
 
 
+def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> Floats:
+    """Return the measured values (Q, N + 1), with NaN where nothing was measured."""
+    if not isinstance(measured, Mapping) or not measured:
+        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
+    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
+    if np.isinf(m).any():
+        raise SceneError("fit: measured: found an infinite value; wanted numbers, or NaN where nothing was measured.")
+    return m
+
+
+def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], largest: Floats) -> Floats:
+    """Return the given standard deviations (Q,); without them, the largest measured values."""
+    if noise is None:
+        return np.where(largest > 0, largest, 1.0)
+    each = [noise.get(name, np.nan) for name in of] if isinstance(noise, Mapping) else noise
+    sigma = np.full(len(of), as_shaped_array(each, "fit: noise", "standard deviations", (), (len(of),)))
+    if not ((sigma > 0) & (sigma < np.inf)).all():
+        raise SceneError(f"fit: noise: found {brief(sigma)} for {', '.join(of)}; wanted a number > 0 for each.")
+    return sigma
+
+
 def _invert(J: Floats, scale: Floats) -> tuple[Floats, Bools]:
     """Return (J'J)^{-1} on the directions that J determines, and a mask of the parameters that it does not."""
-    size, V = np.linalg.svd(np.vstack([J * scale, np.diag(0.0 * scale)]))[1:]
+    size, V = np.linalg.svd(np.vstack([J * scale, np.zeros((len(scale),) * 2)]))[1:]
     known = size > UNDETERMINED * size.max()
     each = scale * V[known] / size[known, None]
     return each.T @ each, (np.abs(V[~known]) > SAME).any(axis=0)

@@ -39,9 +39,14 @@ class Course:
     settles: bool  # True if the state at the initial instant is the result of a step from zero
 
     @property
+    def durations(self) -> Floats:
+        """The lengths k (N + 1,) of the steps to all instants; zero at the first one."""
+        return np.diff(self.times, prepend=self.times[0])
+
+    @property
     def rates(self) -> Floats:
-        """The inverse lengths (N + 1,) of the steps to all instants; zero at the first one."""
-        return np.append(0.0, 1.0 / np.diff(self.times))
+        """The inverse lengths 1 / k (N + 1,); zero at the first instant."""
+        return np.append(0.0, 1.0 / self.durations[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +84,7 @@ class Observed:
             ground = np.array([terms.ground(t) for t in times])
             slips -= np.diff(ground, axis=0, prepend=ground[:1])
         in_step = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1])
-        soft = obstacles.compliance * np.where(obstacles.rates, np.diff(course.times, prepend=times[0])[:, None], 1.0)
+        soft = obstacles.compliance * np.where(obstacles.rates, course.durations[:, None], 1.0)
         excess = np.where(obstacles.rates, in_step, u @ obstacles.rows.T - gap) - soft * p
         return cls(u=u, forces=forces, lam=flat, slips=slips, excess=excess, w=np.array(w))
 
@@ -103,10 +108,12 @@ class Quantities:
 
     def values(self, posed: PosedScene, at: Observed, p: Floats) -> Floats:
         """Return the values (Q, N + 1)."""
-        stored = posed.obstacles.compliance * ~posed.obstacles.rates
         found = {name: at.u @ a for name, a in self.a.items()} | {name: at.forces @ h for name, h in self.h.items()}
-        found["energy"] = 0.5 * (np.einsum("ti,ti->t", at.u, at.u @ posed.A) + p**2 @ stored)
-        found["dissipated"] = np.cumsum(np.append(0.0, np.einsum("ti,ti->t", at.lam, at.slips)[1:]))
+        if "energy" in self.names:
+            stored = posed.obstacles.compliance * ~posed.obstacles.rates
+            found["energy"] = 0.5 * (np.einsum("ti,ti->t", at.u, at.u @ posed.A) + p**2 @ stored)
+        if "dissipated" in self.names:
+            found["dissipated"] = np.cumsum(np.append(0.0, np.einsum("ti,ti->t", at.lam, at.slips)[1:]))
         return np.array([found[name] for name in self.names])
 
     def gradients(self, posed: PosedScene, at: Observed, course: Course) -> list[Gradient]:

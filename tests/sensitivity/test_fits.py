@@ -165,3 +165,12 @@ def test_a_table_that_cannot_be_read_is_refused_in_words(tmp_path, text):
 def test_fits_that_cannot_begin_are_refused(value, start, options, words):
     with pytest.raises(vx.SceneError, match=words):
         vx.fit(loop, [150.0, 0.25, start], MESH, [0.0, 1.0], {OF[0]: [0.0, value]}, **options)
+
+
+def test_a_search_that_leaves_the_lawful_parameters_points_to_bounds():
+    def scene_of(theta):
+        return vx.Scene(vx.Elasticity(theta[0], 0.3), vx.Clamp(on="left"), vx.Traction((1.0, 0.0), on="right"))
+
+    softer = vx.sensitivities(scene_of, [50.0], MESH, [0.0, 1.0], ["energy"], initial="settled").values[0]
+    with pytest.raises(vx.SceneError, match="young = 0 in cell 0; .* by bounds="):
+        vx.fit(scene_of, [200.0], MESH, [0.0, 1.0], {"energy": softer}, initial="settled")

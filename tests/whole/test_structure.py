@@ -53,18 +53,18 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_244, "solvers": 1_485, "stepping": 1_830, "linear": 939, "scene": 2_054, "effects": 2_547}
+LINES = {"program": 2_244, "solvers": 1_485, "stepping": 1_830, "linear": 939, "scene": 2_055, "effects": 2_547}
 LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
-LINES |= {"bound": 3_275, "results": 2_920, "estimate": 2_288, "plots": 2_112}
+LINES |= {"bound": 3_275, "results": 2_926, "estimate": 2_288, "plots": 2_112}
 LINES |= {"limit_analysis": 423}
-LINES |= {"sensitivity": 920, "cost": 682, "cli": 3_798}
+LINES |= {"sensitivity": 926, "cost": 682, "cli": 3_798}
 LINES |= {"meshes": 6_964, "meshes/io": 1_403, "vem": 2_765}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_833
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_333
+TESTS = 22_342
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_073
+ALL_TESTS = 33_082
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -78,7 +78,7 @@ WRONG = {
     **{name: (lambda f=function: f) for name, function in FUNCTIONS.items()},
 }
 ANY_FUNCTION = {"Norms.places", "Limits.places", "Kernel.in_words"}
-"""Parameters whose functions are called for messages only."""
+"""Parameters whose functions are called for messages only. (An infinite weight in `Norms` means that a term sticks.)"""
 
 MESH, CUBE = vx.meshes.squares(1), vx.meshes.cubes(1)
 STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
@@ -118,7 +118,7 @@ GIVEN = {
     "displacement": lambda x, t: 0 * x, "values": [0.0, 1.0], "history": HISTORY, "histories": [HISTORY],
     "program": next(vx.programs(SCENE, MESH, TIMES)), "path": Path(tempfile.mkdtemp()) / "step.npz",
     "scene_of": lambda theta: vx.Scene(vx.Elasticity(theta[0], 0.3), HELD, PUSH, *GRIPPED), "theta": [200.0],
-    "theta_0": [200.0], "of": ["energy"], "measured": {"energy": [0.0, 0.01]},
+    "theta_0": [200.0], "of": ["energy"], "measured": {"energy": [0.0, 0.002]},
     "radii": [0.5, 1.0], "sectors": 4, "heights": TIMES,
     "points": MESH.points, "cells": MESH.cells, "name": "a", "h": [1.0, 0.5], "errors": [1.0, 0.5], "step": 1,
     "predicate": lambda x: x[:, 0] > 0.9, "start": (0, 0),
@@ -219,7 +219,7 @@ def test_the_arguments_in_given_are_valid():
 def check_place(place, every):
     called, given, parameter = PLACES[place]
     for name in list(WRONG)[list(PLACES).index(place) % every :: every]:
-        if name in FUNCTIONS and place in ANY_FUNCTION:
+        if (name in FUNCTIONS and place in ANY_FUNCTION) or (name, place) == ("infinity", "Norms.w"):
             continue
         try:
             use(called, called(**{**given, parameter: WRONG[name]()}))

@@ -309,7 +309,8 @@ class Scene:
     @property
     def is_axisymmetric(self) -> bool:
         """True if the body is a body of revolution, by the plane= of a material."""
-        return any(getattr(x, "plane", None) == REVOLVED for x in self._effects if isinstance(x, MaterialLaw))
+        planes = [getattr(x, "plane", None) for x in self._effects if isinstance(x, MaterialLaw)]
+        return any(isinstance(plane, str) and plane == REVOLVED for plane in planes)
 
     def with_(self, *effects: Effect) -> Scene:
         """Return a scene with these additional effects."""

@@ -182,7 +182,13 @@ def fit(
     def simulate_at(raw: bytes) -> Sensitivities:
         theta = np.frombuffer(raw)
         log.info("fit: theta = %s", brief(theta))
-        return sensitivities(scene_of, theta, mesh, times, of, shapes=shapes, initial=initial, solver=solver)
+        try:
+            return sensitivities(scene_of, theta, mesh, times, of, shapes=shapes, initial=initial, solver=solver)
+        except SceneError as error:
+            if (theta == start).all():
+                raise
+            hint = f"The search of fit came to theta = {brief(theta)}; keep it in range by bounds=."
+            raise SceneError(f"{error} {hint}") from error
 
     def run(theta: Floats) -> Sensitivities:
         return simulate_at(theta.tobytes())

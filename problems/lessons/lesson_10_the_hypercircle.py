@@ -19,8 +19,9 @@
 # $$\sigma = \mathbb C\, \varepsilon(u), \qquad \varepsilon^T \sigma = f.$$
 #
 # Here $\mathbb C$ contains the stiffnesses of the springs, and the matrix $\varepsilon^T$ sums up the forces at each
-# node. The stiffness matrix of the net is $K = \varepsilon^T \mathbb C\, \varepsilon$. There are two sets of admissible
-# fields:
+# node. The stiffness matrix of the net is $K = \varepsilon^T \mathbb C\, \varepsilon$.
+#
+# There are two sets of admissible fields:
 #
 # $$\begin{gathered} \text{displacements } v \text{ that are zero where the net is held,} \\
 # \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f . \end{gathered}$$
@@ -147,9 +148,10 @@ _figure
 # We are interested in one quantity, the displacement of one node, $Q(u) = u_i$. Let $z$ be the solution of the same net
 # under a unit force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a circle of its
 # own. The product of two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
-# $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$. The force $\sigma$ lies on the first
-# circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let $\delta_z$ be the difference $\delta$ for $z$. The
-# centres of both circles give a value $m$, and the radii bound the deviation:
+# $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$.
+#
+# The force $\sigma$ lies on the first circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let $\delta_z$ be
+# the difference $\delta$ for $z$. The centres of both circles give a value $m$, and the radii bound the deviation:
 #
 # $$\begin{gathered} \big|\, Q(u) - m \,\big| \le \tfrac12\, |\delta|\,|\delta_z| , \\
 # m = Q(v) + f^T v_z - (\mathbb C\,\varepsilon(v), \mathbb C\,\varepsilon(v_z)) + \tfrac12 (\delta, \delta_z) .

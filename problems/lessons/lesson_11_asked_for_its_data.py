@@ -316,8 +316,10 @@ _figure
 # %% [markdown]
 # **What a measurement does not determine.** Now let the bound of each node be a parameter. A node that never slips has
 # $|\lambda_i| < w_i$ in all steps, so its column of $J$ is zero, wherever we measure. $J^T J$ is singular, and least
-# squares alone cannot determine this bound. We must state what we assume, for example that each bound is known up to
-# $\pm 2$ beforehand. The covariance is then
+# squares alone cannot determine this bound.
+#
+# To determine the bounds of all nodes, we must state an assumption, for example that each bound is known up to $\pm 2$
+# beforehand. The covariance is then
 #
 # $$\Bigl(\frac{J^T J}{\sigma^2} + \frac{I}{2^2}\Bigr)^{-1} .$$
 
@@ -352,9 +354,10 @@ for _factor, _same in ((0.99, False), (1.01, True), (10.0, True)):
 # ## 4. The limit load: a program without stiffness
 #
 # A plate lies on a rough plane, and friction alone holds it. It is pushed across its axis at one end, with the force
-# $\alpha$. How large may $\alpha$ become? Friction forces $\lambda_i$ in the plane must balance the push in the three
-# rigid motions, two translations and a rotation. The columns of $N_i$ are the motions of node $i$, and $f$ contains the
-# work of a unit push in the three motions. The bound $w_i$ is one per area, times the area of the node:
+# $\alpha$. How large may $\alpha$ become? The plate has three rigid motions: two translations and a rotation.
+#
+# Friction forces $\lambda_i$ must balance the push. The columns of $N_i$ are the rigid motions of node $i$, and $f$
+# contains the work of a unit push in these motions. The bound $w_i$ is one per area, times the area of the node:
 #
 # $$\max \alpha \quad \text{subject to} \quad \sum_i N_i^T \lambda_i = \alpha f, \qquad |\lambda_i| \le w_i .$$
 #
@@ -373,14 +376,15 @@ motion = balance.dual_value
 print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 
 # %% [markdown]
-# The multipliers of the balance are a rigid motion $\xi$: the plate fails by turning about a point of its axis. Indeed,
-# exchange maximum and minimum as in lesson 9, and the dual program minimises the work of friction among the motions on
-# which the push does the work 1:
+# The multipliers of the balance are a rigid motion $\xi$: the plate fails by turning about a point of its axis.
+#
+# To see this, exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction among the
+# motions on which the push does the work 1:
 #
 # $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$
 #
-# So every admissible $\lambda$ gives a lower bound, and every motion an upper bound. `vx.limit_load` returns both, for
-# the elastic plate in space.
+# Every admissible $\lambda$ gives a lower bound of $\alpha^*$, and every motion an upper bound. `vx.limit_load` returns
+# both, for the elastic plate in space.
 
 # %%
 xi = motion / (push @ motion)

@@ -68,9 +68,10 @@ block_and_spring()
 # $$K u(t) + \lambda(t) = f(t), \qquad |\lambda| \le w,
 #   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ while } \dot u \ne 0.$$
 #
-# At rest $\lambda$ can have any value between $-w$ and $w$, so it is not a function of $u$ or $\dot u$. But the two
-# conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function $j(v) = w|v|$.
-# This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
+# At rest $\lambda$ can have any value between $-w$ and $w$, so it is not a function of $u$ or $\dot u$.
+#
+# The two conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function
+# $j(v) = w|v|$. This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
 #
 # $$j(v) \ge j(\dot u) + \lambda\,(v - \dot u) \qquad \text{for all velocities } v.$$
 #
@@ -88,7 +89,7 @@ block_and_spring()
 #
 # $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #
-# This inequality holds if and only if $u$ minimises the energy
+# The inequality of a step holds if and only if $u$ minimises the energy
 #
 # $$P(u) = \tfrac12 K u^2 - f u + w\,|u - u_{prev}|,$$
 #
@@ -96,7 +97,7 @@ block_and_spring()
 # zero is a subgradient of $P$ at $u$. Equivalently, $f - Ku$ is a subgradient of $w|\cdot - u_{prev}|$ at $u$, and this
 # is the inequality. $\square$
 #
-# If the minimum lies at the kink, the block sticks. Otherwise the minimum lies where the derivative of $P$ vanishes: at
+# If the minimum of $P$ lies at the kink, the block sticks. If not, the derivative of $P$ vanishes at the minimum: at
 # $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases the new position is
 # the old one, clipped to the interval between these two positions:
 #
@@ -180,8 +181,8 @@ energies((0.0, 0.8, 2.6))
 #
 # $$w|s| = \max_{|\lambda| \le w} \lambda s .$$
 #
-# So the program is a minimum over $u$ of a maximum over $\lambda$. We may exchange the two, because the function is
-# convex in $u$ and linear in $\lambda$, and because the interval of the admissible $\lambda$ is closed and bounded:
+# The program of a step is a minimum over $u$ of a maximum over $\lambda$. We may exchange the two, because the function
+# is convex in $u$ and linear in $\lambda$, and because the interval of the admissible $\lambda$ is closed and bounded:
 #
 # $$\begin{aligned} & \min_u \max_{|\lambda| \le w} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev}) \\
 #   =\; & \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}. \end{aligned}$$

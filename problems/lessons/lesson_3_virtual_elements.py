@@ -33,8 +33,9 @@ import vemcvx as vx
 #
 # $$\int_\omega \nabla v \,dx = \int_{\partial \omega} v \otimes n \,ds = \sum_i v_i \otimes N_i .$$
 #
-# So the mean strain, the mean rotation and the mean over the boundary are linear functionals of the vertex values. The
-# paper uses them to define the *projection* $\Pi v$. It is the linear field, given by six numbers, with
+# So the mean strain, the mean rotation and the mean over the boundary are linear functionals of the vertex values.
+#
+# These three means define the *projection* $\Pi v$. It is the linear field, given by six numbers, with
 #
 # $$\begin{gathered} \int_\omega \varepsilon(\Pi v) : \varepsilon(y) = \int_\omega \varepsilon(v) : \varepsilon(y)
 #   \;\; \forall \text{ linear } y, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,

@@ -33,7 +33,7 @@ import vemcvx as vx
 #
 # $$a(u_n, v - u_n) + j(v - u_{n-1}) - j(u_n - u_{n-1}) \ge \langle \ell_n, v - u_n \rangle \quad \text{for all } v.$$
 #
-# This is the optimality condition of the program
+# The inequality is the optimality condition of the program
 #
 # $$\min_u \; \tfrac12 a(u, u) - \langle \ell_n, u \rangle + j(u - u_{n-1}).$$
 #

@@ -131,9 +131,10 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 # %% [markdown]
 # ## 3. Uzawa's method: guess the forces, find the slips
 #
-# The gradient of $D$ is $K^{-1}(f - \lambda) = s(\lambda)$, the slips under the guessed forces. So guess the forces of
-# friction, and solve a *linear* elastic problem with these forces. Wherever a node slips, increase the force of
-# friction against the slip, up to its bound. Repeat:
+# The gradient of $D$ is $K^{-1}(f - \lambda) = s(\lambda)$, the slips under the guessed forces.
+#
+# Guess the forces of friction, and solve a *linear* elastic problem with these forces. Wherever a node slips, increase
+# the force of friction against the slip, up to its bound. Repeat:
 #
 # $$\lambda \leftarrow \mathrm{clip}\bigl(\lambda + \rho\, s(\lambda), -w, w\bigr), \qquad \rho = \kappa_1 ,$$
 #

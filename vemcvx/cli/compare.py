@@ -11,8 +11,8 @@ requested, apart from its rounding floor; an honest certificate need not be good
 friction or viscosity occurs together with limits, the sum is no bound
 (:class:`vemcvx.stepping.trajectory.Trajectory`). Then the distance is reported without a bound.
 
-Every solver has a row, also a solver that refuses the program, misses its accuracy, fails, or exceeds the time limit.
-With a time limit, each solver runs in a separate process, which is stopped at the limit; a crash affects one row only.
+Every solver has a row, also a solver that refuses the program, misses its accuracy, or fails. With a time limit, each
+solver runs in a separate process, which is stopped at the limit; a crash affects one row only.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import NAMES, make_solver, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, limit_log, parse_list, progress_bar, say, write_text
 from vemcvx.cost.rows import csv
-from vemcvx.cost.workers import Crashed, TookTooLong, call_in_process
+from vemcvx.cost.workers import Crashed, call_in_process
 from vemcvx.program import System
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
 
-CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", "failed", "stopped"
-"""Outcomes: as accurate as requested; less accurate; program not accepted; no answer; stopped at the time limit."""
+CERTIFIED, MISSED, REFUSED, FAILED = "certified", "missed", "refused", "failed"
+"""Outcomes: as accurate as requested; less accurate; program not accepted; no answer."""
 ENDS = {NotAccepted: REFUSED, NotCertified: MISSED}
 
 
@@ -289,11 +289,7 @@ def _attempt_within(seconds: float, problem: Problem, command: Compare, i: int, 
     """Solve the problem by solver `i` in a separate process, which is stopped at the time limit."""
     try:
         return call_in_process(attempt_in_process, problem.path, command, i, row, seconds=seconds)
-    except TookTooLong:
-        return replace(row, outcome=STOPPED, message=f"stopped after {seconds:g} s"), None
-    except Crashed as end:
-        return replace(row, outcome=FAILED, message=f"its process ended: {end}"), None
-    except VemcvxError as error:
+    except (Crashed, VemcvxError) as error:
         return replace(row, outcome=FAILED, message=_own_words(str(error))), None
 
 

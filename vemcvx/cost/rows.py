@@ -37,11 +37,15 @@ def figures(history: Results) -> Row:
     """Return the key figures of a run by name, without figures that the run does not have."""
     run, touch = history.trajectory, history.contact
     counts = dict(zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True))
+    largest_forces = Row()
+    for name, forces in history.resultants.items():
+        kind = name.partition(" ")[0]
+        largest_forces[kind] = max(largest_forces.get(kind, 0.0), float(np.linalg.norm(forces, axis=1).max()))
     return {
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         **{one.key: finite_or_none(one.value) for one in history.extremes},
         **({name: int(count[history.row(None)]) for name, count in counts.items()} if len(touch.nodes) else {}),
-        **_largest_forces(history),
+        **largest_forces,
         "certified": finite_or_none(run.certified.max()),
         "certified_total": finite_or_none(run.certified_total.max()),
         **({"estimated_error": history.errors["total"]} if history.errors else {}),
@@ -51,15 +55,6 @@ def figures(history: Results) -> Row:
         "seconds": sum(history.seconds.values()),
         "peak_mb": peak_memory_mb(),
     }
-
-
-def _largest_forces(history: Results) -> Row:
-    """Return the largest force of each kind of `FORCES` on any boundary, at any step."""
-    found: Row = {}
-    for name, forces in history.resultants.items():
-        kind = name.partition(" ")[0]
-        found[kind] = max(found.get(kind, 0.0), float(np.linalg.norm(forces, axis=1).max()))
-    return found
 
 
 def labels(history: Results, units: Units | None = None) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
 
 
 def folder_names(settings: Sequence[Sequence[str]]) -> list[str]:
-    """Return folder names made of the settings of the runs, or numbers if such names are too long or not unique."""
+    """Return folder names from the settings of the runs, or numbers if such names are too long or not unique."""
     names = [re.sub(r"[^\w.+=,-]+", "_", ",".join(each)) for each in settings]
     good = len(set(names)) == len(names) and max(map(len, names)) <= 100
     return names if good else [f"run_{k}" for k in range(1, len(names) + 1)]
@@ -52,10 +53,7 @@ def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
 
 
 def table(rows: Sequence[Row], chosen: Sequence[str], labels: Mapping[str, str]) -> Table:
-    """Return the table of a study: varying settings, chosen results, and a remark if a run failed.
-
-    Headings include the units of `labels`, which follow a line break in each label.
-    """
+    """Return the table of a study: varying settings, chosen results with their units, and a remark if a run failed."""
     several, found, cells = varying(rows), find_results(rows, chosen), []
     heads = ["\n".join([*name.split("_"), *labels.get(name, "").split("\n")[1:]]) for name in found]
     for row in rows:
@@ -103,7 +101,9 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], 
     """Draw the chosen results over the first varying setting, one line per combination of the other settings."""
     name, *others = varying(rows)
     keys = find_results(rows, chosen)
-    place = _places([row[SET + name] for row in rows])
+    place: dict[str, Any] = {row[SET + name]: row[SET + name] for row in rows}
+    with suppress(ValueError):  # matplotlib places words side by side.
+        place = {word: float(word) for word in place}
     lines: dict[str, list[Row]] = {}
     for row in sorted(rows, key=lambda row: place[row[SET + name]]):
         lines.setdefault(", ".join(f"{other} = {row[SET + other]}" for other in others), []).append(row)
@@ -126,11 +126,3 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], 
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(title, fontsize="medium")
     return figure
-
-
-def _places(words: Sequence[str]) -> dict[str, Any]:
-    """Return the positions of values on an axis: numbers, or else words, which matplotlib places side by side."""
-    try:
-        return {word: float(word) for word in words}
-    except ValueError:
-        return {word: word for word in words}

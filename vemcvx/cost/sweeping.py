@@ -40,8 +40,8 @@ log = logging.getLogger("vemcvx")
 class Point:
     """Settings of one run.
 
-    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. Errors and
-    targets concern `of`: the energy norm, or another quantity that :func:`vemcvx.adapt` accepts.
+    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. `of` is the
+    quantity of errors and targets, as in :func:`vemcvx.adapt`.
     """
 
     family: str | None
@@ -63,10 +63,8 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
     span = float(first[-1] - first[0])
     for other in others:
         if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > SAME * span:
-            raise ProblemError(
-                f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
-                f"{other[0]:g} to {other[-1]:g}; a sweep compares runs, so all must begin and end together."
-            )
+            ends = [f"times({len(x) - 1}) runs from {x[0]:g} to {x[-1]:g}" for x in (first, other)]
+            raise ProblemError(f"{' and '.join(ends)}; a sweep compares runs, so all must begin and end together.")
     shared = [t for t in first[1:] if all(np.abs(other - t).min() <= SAME * span for other in others)]
     chosen = np.arange(1, 5) * len(shared) // 4 - 1
     return np.array(shared)[np.unique(chosen[chosen >= 0])]
@@ -92,12 +90,12 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, 
     if point.target is not None and estimated is not None and estimated > point.target:
         notes.append(f"the target was not met: {estimated:.2%} estimated")
     own = {"estimated_error": finite_or_none(estimated), "seconds": seconds, "message": "; ".join(dict.fromkeys(notes))}
-    return history, asdict(point) | figures(history) | own
+    value = {} if point.of == "energy" else {"value": value_of(history, point.of)}
+    return history, asdict(point) | figures(history) | own | value
 
 
 def _estimate_error(history: History, of: str) -> float | None:
-    """Return the estimated relative error of a run; None if its scene has no estimate, for example with viscosity."""
-    with suppress(SceneError):
+    with suppress(SceneError):  # A scene with viscosity, for example, has no estimate.
         return error_budget(history).largest["total"] if of == "energy" else quantities(history)[of].relative
     return None
 
@@ -106,7 +104,7 @@ def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Pat
     """Run the reference, write it to the archive, and return its row."""
     history, row = run_point(recipe, point, instants)
     write_archive(history, archive)
-    return row if point.of == "energy" else row | {"value": value_of(history, point.of)}
+    return row
 
 
 def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path, exact: float | None) -> Row:
@@ -115,11 +113,10 @@ def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path,
     Raise OSError, which is no failure of the point, if the reference cannot be read or is zero.
     """
     history, row = run_point(recipe, point, instants)
+    if exact == 0.0:
+        raise OSError(f"the reference value of {point.of} is zero: no relative error exists.")
     if exact is not None:
-        value = value_of(history, point.of)
-        if exact == 0.0:
-            raise OSError(f"the reference value of {point.of} is zero: no relative error exists.")
-        return row | {"value": value, "error": abs(value - exact) / abs(exact)}
+        return row | {"error": abs(row["value"] - exact) / abs(exact)}
     try:
         fine = read_archive(archive)
     except HistoryError as lost:
@@ -138,7 +135,7 @@ def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path,
 
 
 def run_to_row(key: str, point: Point, run: Callable[[], Row]) -> Row:
-    """Run a point in a separate process and return its row, whether or not the run succeeds."""
+    """Run a point in a separate process and return its row, even if the run fails."""
     status, found = call_safely(run)
     return {"key": key, "status": status, **(found if status == DONE else asdict(point) | {"message": found})}
 
@@ -185,8 +182,7 @@ def sweep(
 ) -> Sweep:
     """Run all points that the folder's journal does not contain; at least one point must not be adaptive.
 
-    The `mark` identifies all inputs except the points. Raise ProblemError if the reference cannot be computed, and
-    HistoryError if the folder cannot be written, is in use by another sweep, or has foreign files.
+    The `mark` identifies all inputs except the points. Raise ProblemError if the reference cannot be computed.
     """
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)

@@ -26,12 +26,11 @@ def in_words(row: Row) -> str:
     """Describe the settings of a row in words."""
     where, how = row["family"] or "its own mesh", f"{row['solver']} at {row['accuracy']:g}"
     if row["target"] is not None:
-        return f"{where} refined adaptively from n = {row['n']}, target {percent(row['target'])}, {how}"
+        return f"{where} refined adaptively from n = {row['n']}, target {_percent(row['target'])}, {how}"
     return f"{where} n = {row['n']}, {count_steps(row['steps'])}, {how}"
 
 
-def percent(part: float) -> str:
-    """Return a fraction as text in percent, to two digits."""
+def _percent(part: float) -> str:
     return f"{100.0 * part:.2g} %"
 
 
@@ -41,7 +40,7 @@ def answers(rows: Sequence[Row]) -> list[Row]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return all columns as CSV, with flags of the rows on the Pareto fronts of seconds and of unknowns."""
+    """Return all columns as CSV, and columns that mark the rows on the Pareto fronts of seconds and of unknowns."""
     fronts = {f"front_{cost}": [row["key"] for row in front(answers(rows), cost)] for cost in AXES}
     return csv([row | {name: int(row["key"] in keys) for name, keys in fronts.items()} for row in rows])
 
@@ -79,19 +78,19 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
     for level in levels:
         words = "no run of this sweep has an answer."
         if cheapest := next((row for row in found if row["error"] <= level), None):
-            words = f"use {in_words(cheapest)}: costs {cheapest['seconds']:.2g} s, error {percent(cheapest['error'])} "
+            words = f"use {in_words(cheapest)}: costs {cheapest['seconds']:.2g} s, error {_percent(cheapest['error'])} "
             size = f"{cheapest['unknowns']} unknowns, {count_steps(cheapest['steps'])}"
             words += f"({size}, {cheapest['peak_mb'] or 0:.0f} MB)"
         elif best:
-            words = f"no run of this sweep is as good; the best is {in_words(best)} with {percent(best['error'])}. "
+            words = f"no run of this sweep is as good; the best is {in_words(best)} with {_percent(best['error'])}. "
             words += "Use a larger --n, or a smaller --target."
-        yield f"for {percent(level)}: {words}"
+        yield f"for {_percent(level)}: {words}"
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str, of: str) -> Figure:
-    """Draw true errors of a quantity over seconds and over unknowns; at least one row must have an answer.
+    """Draw true errors over seconds and over unknowns, with lines at `levels`; at least one row must have an answer.
 
-    Lines mark the error levels; a band marks errors below `resolved`, the estimated error of the reference.
+    A band marks errors below `resolved`, the estimated error of the reference.
     """
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
     axes, percents = figure.subplots(1, 2, sharey=True), [100 * row["error"] for row in found]

@@ -1,8 +1,7 @@
 """Calls of functions in separate processes: a crash does not stop the caller.
 
-A separate process measures the peak memory of one run. BLAS uses one thread in it, so that the seconds of parallel runs
-are comparable. Each run has a new process, not one of a pool. So a run that crashes or exhausts the memory stops no
-other run. If the parent process ends, for whatever reason, the new process ends, too.
+Each call has a new process with one BLAS thread. So seconds and peak memories of parallel runs are comparable, and a
+run that crashes or exhausts the memory stops no other run. If the parent process ends, the new process ends, too.
 """
 
 from __future__ import annotations
@@ -10,43 +9,38 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from vemcvx.base.errors import NotCertified, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 """Status of a run: answered; answered, but outside the accuracy; refused, because the problem is invalid; crashed."""
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-STARTING = threading.Lock()  # A new process copies our environment, so processes start one at a time.
 Result = TypeVar("Result")
 
 
 class Crashed(Exception):
-    """The process died, or raised an error of another package."""
-
-
-class TookTooLong(Exception):
-    """The process was stopped at its time limit."""
+    """The process died, exceeded its time limit, or raised an error of another package."""
 
 
 def call_in_process(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
     """Call a module-level function in a new process; arguments and result must be picklable.
 
-    `seconds` is the time limit of the process. Raise the VemcvxError of the function, Crashed, or TookTooLong.
+    `seconds` is the time limit of the process. Raise the VemcvxError of the function, or Crashed.
     """
     context = get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, function, given), daemon=True)
-    with STARTING, _one_thread():
-        process.start()
+    process.start()
     sender.close()
     try:
         if not receiver.poll(seconds):
-            raise TookTooLong
+            raise Crashed(f"its process was stopped after {seconds:g} s")
         result, error = receiver.recv()
     except EOFError:
         process.join()
@@ -70,25 +64,19 @@ def call_safely(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
         return CRASHED, str(crash)
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Give each process that starts inside the block one BLAS thread."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+def use_one_thread() -> None:
+    """Use one BLAS thread in this process from now on."""
+    threadpool_limits(limits=1)
+    # Libraries that are loaded later read these variables.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+        os.environ[name] = "1"
 
 
 def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, ...]) -> None:
     """Call the function in the new process, and send its result, or the error that it raises."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent process handles Ctrl-C.
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    use_one_thread()
     answer: tuple[Any, Exception | None]
     try:
         # The messages and progress bars of parallel runs would overwrite each other.
@@ -109,8 +97,7 @@ def _end_with_parent() -> None:
 
 
 def _describe_end(code: int) -> str:
-    """Describe how a process ended."""
     if code >= 0:
-        return f"ended with exit code {code}"
+        return f"its process ended with exit code {code}"
     hint = ", as the system does to a process that takes too much memory" if code == -9 else ""  # SIGKILL
-    return f"killed by signal {-code}{hint}"
+    return f"its process was killed by signal {-code}{hint}"

@@ -12,8 +12,8 @@ Only norm terms and limits restrain the motions N z, for example of a body witho
 if z'N'g < sum_i w_i |B_i N z| for all z != 0 with D N z <= 0. The multipliers balance the load on these motions: N'g =
 N'B'lam + N'D'p. K d and the least value are unique; d need not be unique.
 
-A sequence holds the programs of successive steps with the same matrices, which are stored once. The arrays that change
-(g, w, b, e and the answers) have one more axis: index k of the first axis is the k-th step.
+A sequence holds the programs of successive steps with the same matrices. The arrays that change (g, w, b, e and the
+answers) have one more axis, the first, which numbers the steps.
 
 Matrix Market has one file per array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
 """
@@ -30,7 +30,7 @@ import scipy.sparse as sp
 from scipy.io import mminfo, mmread, mmwrite
 
 from vemcvx.base.archives import read_arrays
-from vemcvx.base.arrays import Floats, as_array_of_shape, as_real_array, check_compressed, finite
+from vemcvx.base.arrays import Floats, as_array_of_shape, as_real_array, as_sparse_matrix, finite
 from vemcvx.base.errors import ProgramError
 from vemcvx.linear import Matrix
 from vemcvx.program import Answer, Operators, SolvedProgram, StepProgram
@@ -53,29 +53,18 @@ def arrays_of(program: StepProgram) -> dict[str, Matrix]:
 
 def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
     """Return the program of these arrays; missing norm terms, limits or kernel are empty."""
-    for name in ("K", "g"):
-        if name not in parts:
-            raise ProgramError(
-                f"found no {name}; a program has the arrays {', '.join(NAMES)}, of which K and g are required."
-            )
+    if missing := {"K", "g"} - set(parts):
+        raise ProgramError(f"found no {min(missing)}; a program has the arrays {', '.join(NAMES)}, at least K and g.")
     g, w, b, e, c = (_vector(parts.get(name, np.zeros(0)), name) for name in "gwbec")
-    if (w < 0).any() or (len(w) and len(b) % len(w)) or len(b) < len(w):
-        raise ProgramError(
-            f"found {len(w)} entries of w and {len(b)} of b; wanted weights >= 0, with equally many entries of b each."
-        )
+    if (w < 0).any():
+        raise ProgramError(f"found the weight {w.min():.6g} in w; wanted weights >= 0.")
     K, N = parts["K"], np.asarray(parts.get("N", np.zeros((len(g), 0))))
     if N.ndim != 2 or len(N) != len(g) or N.shape[1] > len(g) or K.shape != (len(g), len(g)):
         raise ProgramError(f"found K of shape {K.shape} and N of shape {N.shape}; g has {len(g)} unknowns.")
     if np.abs(K @ finite(N, "N")).max(initial=0.0) > SYMMETRY_TOLERANCE * abs(K).max():
         raise ProgramError("found N that is not in the kernel of K: K N is not zero.")
-    operators = Operators(
-        K,
-        parts.get("B"),
-        block=len(b) // len(w) if len(w) else 1,
-        kernel=N if N.shape[1] else None,
-        D=parts.get("D"),
-        compliance=c,
-    )
+    block, kernel = len(b) // len(w) if len(w) else 1, N if N.shape[1] else None
+    operators = Operators(K, parts.get("B"), block=block, kernel=kernel, D=parts.get("D"), compliance=c)
     return StepProgram(operators, g, w, b, e)
 
 
@@ -91,18 +80,15 @@ def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
     """Return the contents of the archive by suffix."""
-    return _pack_npz(_arrays(program))
+    made = io.BytesIO()
+    np.savez(made, **_arrays(program))
+    return {".npz": made.getvalue()}
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
     """Return the archive, by suffix, of the programs of successive steps with the same operators."""
-    each = [_arrays(program) for program in programs]
-    return _pack_npz({**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
-
-
-def _pack_npz(arrays: Mapping[str, Any]) -> dict[str, bytes]:
-    made = io.BytesIO()
-    np.savez(made, **arrays)
+    each, made = [_arrays(program) for program in programs], io.BytesIO()
+    np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}
 
 
@@ -137,18 +123,11 @@ def sequence_from_npz(path: Path) -> list[StepProgram]:
 def _read_compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
     """Return a matrix of compressed rows, checked: with damaged indices SciPy accesses memory outside the arrays."""
     data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
-    try:
-        if indices.dtype.kind not in "iu" or indptr.dtype.kind not in "iu":
-            raise ValueError("column indices and row pointers are not integers")
-        rows: sp.csr_matrix = sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist()))
-        check_compressed(rows)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise ProgramError(f"{name}: found compressed rows that are no matrix: {error}.") from error
-    return rows
+    return as_sparse_matrix(sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist())), name)
 
 
 def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram:
-    """Return the program with the answer stored with it, if there is one."""
+    """Return the program with the stored answer, if there is one."""
     if "d" not in kept:
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}

@@ -8,9 +8,9 @@ CBF, the Conic Benchmark Format (version 1), holds every program: one cone per n
                 e - D d + c p          in L+        p is the force of a soft limit
 
 F is a root of K. If the program has the roots of the cell matrices (SolvedProgram.energy_rows), F stacks these roots;
-otherwise, F is the Cholesky factor. (A sparse Cholesky factor has fill-in: for 26,040 unknowns in space, its text would
-be 15 times as long as the roots.) For a dense K with a kernel of k motions, F has n - k rows. Reading gives K = F'F,
-with the rounding of this product. At a solution, the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
+otherwise, F is the Cholesky factor, which has fill-in. For a dense K with a kernel of k motions, F has n - k rows.
+Reading gives K = F'F, with the rounding of this product. At a solution, the dual of a cone Q is (w_i, -lam_i), the dual
+of L+ is p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
 
@@ -48,8 +48,7 @@ HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions 
 def _head(program: StepProgram) -> str:
     operators, kernel = program.operators, program.operators.kernel
     soft, motions = np.count_nonzero(operators.compliance), 0 if kernel is None else kernel.shape[1]
-    sizes = len(program.g), operators.count, operators.block, len(program.e), soft, motions
-    return HEAD.format(*sizes)
+    return HEAD.format(len(program.g), operators.count, operators.block, len(program.e), soft, motions)
 
 
 def _read(path: Path) -> tuple[list[int], dict[str, str]]:
@@ -81,8 +80,7 @@ def root(program: StepProgram) -> sp.csr_matrix:
     if operators.kernel is not None:
         if not isinstance(K, np.ndarray):
             raise ProgramError(
-                "CBF: only friction and contact hold the body, and CBF needs a root of K, which is not computed for a "
-                "sparse K with a kernel; take the condensed program, or write .npz or .mtx."
+                "CBF: found a sparse K with a kernel; take the condensed program, or write .npz or .mtx."
             )
         values, vectors = np.linalg.eigh(0.5 * (K + K.T))
         kept = slice(operators.kernel.shape[1], None)
@@ -144,7 +142,7 @@ def from_cbf(path: Path) -> StepProgram:
         raise ProgramError("its cones do not fit the sizes in the first line.")
 
     def entries(name: str, rows: int, columns: int) -> sp.csr_matrix:
-        """Return the entries of a section as a matrix, which has one row if the section names columns only."""
+        # A section that names columns only has one row.
         width = 2 if name != "ACOORD" else 3
         numbers = np.array(sections[name].split()[1:], dtype=float).reshape(-1, width).T
         places = numbers[:-1].astype(np.int64)
@@ -166,10 +164,7 @@ def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
 
 
 def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
-    """Return the contents of the file by suffix.
-
-    Raise ProgramError if the program has second-order cones.
-    """
+    """Return the contents of the file by suffix; raise ProgramError if the program has second-order cones."""
     operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
     if SECOND_ORDER_CONES in operators.features:
         raise ProgramError("MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")

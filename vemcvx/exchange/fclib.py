@@ -12,10 +12,10 @@ h_T = B_i of the limit and the norm term of each contact, K d = g - B'lam - D'p 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
 
-Matrices are stored by rows (nz = -2) and compressed by deflate, which HDF5 reads transparently. Each step of a run has
-its own file; its solution is a guess for the next step. The description in `info` states, as JSON, the certified
-error: |v - v*|_M <= energy_error for the convex program whose weights are mu r_N of the solution. FCLIB files cannot be
-read back, because they contain Coulomb's law instead of given weights. They need h5py (extra ``fclib``).
+Matrices are stored by rows (nz = -2). Each step of a run has its own file; its solution is a guess for the next step.
+The description in `info` states, as JSON, the certified error: |v - v*|_M <= energy_error for the convex program whose
+weights are mu r_N of the solution. FCLIB files cannot be read back, because they contain Coulomb's law instead of given
+weights. They need h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ import json
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -38,10 +37,7 @@ MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -mu r_N u_T /
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of the file by suffix.
-
-    Raise ProgramError if h5py is not installed, or if friction in the step is not Coulomb's law on rigid obstacles.
-    """
+    """Return the contents of the file by suffix; raise ProgramError unless the step has Coulomb's law."""
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
     if not isinstance(program, SolvedProgram):
@@ -71,12 +67,12 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
             sizes = {"nzmax": A.nnz, "m": A.shape[0], "n": A.shape[1], "nz": -2}
             whole = {name: np.array([size], dtype=np.int32) for name, size in sizes.items()}
             entries = {"p": A.indptr.astype(np.int32), "i": A.indices.astype(np.int32), "x": A.data}
-            _write(problem.create_group(letter), whole | entries)
-        _write(problem.create_group("vectors"), vectors)
+            problem.create_group(letter).update(whole | entries)
+        problem.create_group("vectors").update(vectors)
         words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": posed + MODEL}
         about = {**program.origin, "energy_error": program.certificate.error, "energy_norm": program.norm}
-        _write(problem.create_group("info"), {**words, "description": json.dumps(about, default=str)})
-        _write(file.create_group("solution"), solution)
+        problem.create_group("info").update({**words, "description": json.dumps(about, default=str)})
+        file.create_group("solution").update(solution)
     return {".hdf5": made.getvalue()}
 
 
@@ -105,11 +101,3 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     if other.any():
         raise ProgramError(f"{words}here {other.sum()} weights are not mu times the pressures of the answer.")
     return pairs.indices.astype(np.int64), mu
-
-
-def _write(group: Any, values: dict[str, Any]) -> None:
-    for name, value in values.items():
-        if np.size(value) > 1:  # On a mesh of congruent cells, a compressed matrix takes a tenth of the space.
-            group.create_dataset(name, data=value, compression="gzip", shuffle=True)
-        else:
-            group[name] = value

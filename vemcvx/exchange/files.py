@@ -1,4 +1,4 @@
-"""Write and read programs in the format of the file's suffix, with a JSON file of the same name as description.
+"""Write and read programs in the format of the file's suffix.
 
 =======  ============================================================  ======================================
 .npz     NumPy's archive, with the certified answer                    every program, bit by bit
@@ -10,7 +10,7 @@
          is not condensed (extra ``fclib``)
 =======  ============================================================  ======================================
 
-The JSON file states the origin of the program, its size, and its certified optimum.
+A JSON file of the same name states the origin of the program, its size, and its certified optimum.
 """
 
 from __future__ import annotations
@@ -99,9 +99,7 @@ def in_json(words: Mapping[str, Any]) -> bytes:
 
 
 def write_program(program: StepProgram, path: str | Path) -> Path:
-    """Write a program in the format of the suffix, and its description in a JSON file of the same name.
-
-    Missing folders are created, and existing files are replaced.
+    """Write a program in the format of the suffix, and its description in a JSON file; existing files are replaced.
 
     Parameters
     ----------
@@ -127,13 +125,13 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
     'step.npz'
     """
     place, name = _place(path)
-    for end, data in encode_program(program, name).items():
-        file = place if end == f".{name}" else place.with_name(place.stem + end)
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(data)
-        except OSError as error:
-            raise ProgramError(f"{file}: cannot be written: {error}.") from error
+    contents = encode_program(program, name)
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        for end, data in contents.items():
+            (place if end == f".{name}" else place.with_name(place.stem + end)).write_bytes(data)
+    except OSError as error:
+        raise ProgramError(f"{place}: cannot be written: {error}.") from error
     return place
 
 
@@ -143,7 +141,7 @@ def read_program(path: str | Path) -> StepProgram:
     Parameters
     ----------
     path : str or Path
-        The path of the NPZ, Matrix Market, CBF, MPS or QPS file; the program of an FCLIB file cannot be read.
+        An NPZ, Matrix Market, CBF, MPS or QPS file; the program of an FCLIB file cannot be read.
 
     Returns
     -------

@@ -136,11 +136,11 @@ class EffectSample:
 
     def answer(self, *effects: Effect) -> History:
         """Return the history of a scene of these effects on mesh 0."""
-        return answer(*effects, on=self.mesh())
+        return simulate(Scene(*effects), self.mesh(), TIMES)
 
-    def content(self, thing: Any) -> Any:
-        """Return a contribution of the effect as plain data."""
-        return content(thing, dim=self.mesh().points.shape[1])
+    def contribution(self, effect: Effect, which: int = 0) -> Any:
+        """Return the contribution of an effect to a new space on a mesh as plain data."""
+        return content(effect.contribute(Space(self.mesh(which))), dim=3 if self.in_space else 2)
 
 
 @cache
@@ -149,11 +149,6 @@ def mesh(family: str = "squares", n: int = 3) -> Mesh:
     made: Mesh = (FAMILIES | SPACE_FAMILIES)[family](n)
     west = made.centroids[:, 0] < 0.5
     return made.with_cell_data("west", west).with_cell_data("east", ~west)
-
-
-def answer(*effects: Effect, on: Mesh | None = None) -> History:
-    """Return the history of a scene of these effects."""
-    return simulate(Scene(*effects), on or mesh(), TIMES)
 
 
 def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
@@ -195,24 +190,20 @@ def nameless(thing: Any) -> Any:
 
 
 def is_frozen(sample: EffectSample) -> None:
-    """Check that fields cannot be set."""
     for name in sample.fields:
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(sample.effect, name, None)
 
 
 def contributes_the_same_arrays_after_other_runs(sample: EffectSample) -> None:
-    """Check that arrays stay the same after a run, after use of another mesh, and for a second space of the mesh."""
-    fine, coarse = Space(sample.mesh(1)), Space(sample.mesh())
-    first = sample.content(sample.effect.contribute(coarse))
+    """Check that arrays stay the same after a run, after use of another mesh, and for a copy of the effect."""
+    first = sample.contribution(sample.effect)
     sample.answer(sample.effect, *sample.beside)
-    assert sample.content(sample.effect.contribute(fine)) != first
-    assert sample.content(sample.effect.contribute(coarse)) == first
-    assert sample.content(sample.replace().contribute(Space(sample.mesh()))) == first
+    assert sample.contribution(sample.effect, 1) != first
+    assert sample.contribution(sample.effect) == sample.contribution(sample.replace()) == first
 
 
 def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
-    """Check shapes, node numbers, unit vectors, and weights >= 0."""
     space = Space(sample.mesh(2))
     part = sample.effect.contribute(space)
     assert isinstance(part, Contribution)
@@ -280,11 +271,8 @@ def refuses_an_unknown_name_and_lists_existing_ones(sample: EffectSample) -> Non
 
 
 def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
-    """Check that `on` may be one name, or several."""
-    space = Space(sample.mesh())
-
     def on(names: object) -> Any:
-        return nameless(sample.content(sample.replace(on=names).contribute(space)))
+        return nameless(sample.contribution(sample.replace(on=names)))
 
     if isinstance(sample.effect, IN_CELLS):
         assert on("west") == on(["west"]) == on(("west", "west"))
@@ -296,7 +284,6 @@ def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
 
 
 def refuses_nan_and_infinity(sample: EffectSample) -> None:
-    """Check that NaN and infinity are refused in constants, in functions when evaluated, and in settings."""
     for name, components in sample.data.items():
         for wrong in (np.nan, np.inf):
             shape = () if components == 1 else (components,)
@@ -316,7 +303,6 @@ def refuses_nan_and_infinity(sample: EffectSample) -> None:
 
 
 def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
-    """Check that arrays returned by a user's functions are not modified."""
     for name, components in sample.data.items():
         handed: dict[int, Floats] = {}
 
@@ -325,14 +311,13 @@ def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
             return handed.setdefault(len(x), np.full(shape, 0.25))
 
         effect = sample.with_datum(name, function)
-        first = sample.content(effect.contribute(Space(sample.mesh())))
+        first = sample.contribution(effect)
         assert handed
         assert all((array == 0.25).all() for array in handed.values())
-        assert sample.content(effect.contribute(Space(sample.mesh()))) == first
+        assert sample.contribution(effect) == first
 
 
 def describes_itself_in_one_line(sample: EffectSample) -> None:
-    """Check that the description is one line with class and boundaries, even for long data."""
     words = sample.effect.describe()
     assert words.startswith(sample.name + ":")
     assert words.strip() == words
@@ -349,17 +334,13 @@ def describes_itself_in_one_line(sample: EffectSample) -> None:
 
 
 def survives_a_copy_to_another_process(sample: EffectSample) -> None:
-    """Check that an unpickled copy is equal."""
     assert pickle.loads(pickle.dumps(sample.effect)) == sample.effect
 
 
 def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
-    """Check that the order of effects does not change a history by a bit."""
     effects = (sample.effect, *sample.beside)
-    reference = sample.answer(*effects)
-    rng = np.random.default_rng(0)
-    orders = [tuple(reversed(range(len(effects)))), *(rng.permutation(len(effects)) for _ in range(2))]
-    for order in orders:
+    reference, rng = sample.answer(*effects), np.random.default_rng(0)
+    for order in (range(len(effects))[::-1], *(rng.permutation(len(effects)) for _ in range(2))):
         other = sample.answer(*(effects[i] for i in order))
         for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "iterations"):
             assert np.array_equal(getattr(other, name), getattr(reference, name)), name
@@ -368,7 +349,6 @@ def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
 
 
 def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
-    """Check that displacements differ without the effect."""
     present, absent = sample.answer(sample.effect, *sample.beside), sample.answer(*sample.instead, *sample.beside)
     scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
     # The smallest change is 4e-2, by another quadrature rule of friction; rounding is 1e-15.
@@ -376,7 +356,6 @@ def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
 
 
 def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
-    """Check that every field has another value that changes the displacements."""
     assert set(sample.others) == set(sample.fields)
     reference = sample.answer(sample.effect, *sample.beside).displacement
     for name, other in sample.others.items():

@@ -39,17 +39,12 @@ REFUSED = "singular or indefinite.*the K of a System must be positive definite"
 
 
 @cache
-def _system(family: str, n: int) -> System:
-    return block(*RUBBING, family=family, n=n)()
-
-
-@cache
 def _reference(kind: str, condense: bool) -> Trajectory:
     return march(KINDS[kind](), TIMES, linear=SuperLU(), condense=condense)
 
 
 def _factor(linear: LinearSolver) -> tuple[sp.csr_matrix, Factor]:
-    system = _system("squares", 12)
+    system = KINDS["friction"]()
     return system.K, linear.factorise(system.K, system.near_kernel)
 
 
@@ -61,7 +56,7 @@ def solves(linear: LinearSolver) -> None:
     """Check one and several right-hand sides, and energies b'K^{-1}b, which are upper bounds for an inexact solver."""
     K, factor = _factor(linear)
     x = _random(K.shape[0], 2)
-    # Inexact solvers stop at relative residuals of 1e-12; the condition number of K is 4e2.
+    # Inexact solvers stop at relative residuals of 1e-12.
     assert np.abs(factor.solve(K @ x[:, 0]) - x[:, 0]).max() < 1e-7
     assert np.abs(factor.solve(np.ascontiguousarray(K @ x)) - x).max() < 1e-7
     assert not factor.solve(np.zeros(K.shape[0])).any()
@@ -71,7 +66,6 @@ def solves(linear: LinearSolver) -> None:
 
 
 def gives_the_same_answer_twice(linear: LinearSolver) -> None:
-    """Check that two factors of a matrix give exactly the same answer."""
     (K, one), (_, other) = _factor(linear), _factor(linear)
     b = _random(K.shape[0])
     assert np.array_equal(one.solve(b), other.solve(b))
@@ -79,7 +73,6 @@ def gives_the_same_answer_twice(linear: LinearSolver) -> None:
 
 
 def refuses_indefinite_matrices(linear: LinearSolver) -> None:
-    """Check the refusal with and without friction, condensed and on all unknowns."""
     for rows in INDEFINITE.values():
         for norms in (None, Norms(np.eye(1, len(rows)), 0.1)):
             system = System(rows, np.ones(len(rows)).__mul__, norms)
@@ -104,7 +97,7 @@ def gives_the_schur_complement(linear: LinearSolver) -> None:
 
     The set c has none, some or all unknowns. In a chain of 20 unknowns, 0, 1 or 10 uncoupled ones are eliminated.
     """
-    system, chain = _system("voronoi", 6), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
+    system, chain = KINDS["friction"](), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)
     assert order is not None
     cases = [(system.K, way, mixed[: int(part * n)]) for part in (0, 0.02, 0.5, 1) for way in (order, np.arange(n))]
@@ -123,7 +116,6 @@ def gives_the_schur_complement(linear: LinearSolver) -> None:
 
 
 def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
-    """Check the refusal for the whole matrix, and for the Schur complement."""
     K = sp.csr_matrix(np.array([[2, 0.1, 0, 0], [0.1, 0, 1, 0], [0, 1, 3, 0.2], [0, 0, 0.2, 3]]))
     for last in ([], [0]):
         with pytest.raises(SceneError, match=REFUSED):

@@ -158,7 +158,7 @@ class Case:
     must_answer: bool
 
     def march(self) -> Trajectory:
-        """Return the trajectory of the solver, without a check of its accuracy."""
+        """Return the trajectory of the solver."""
         return march(self.instance.system, TIMES, solver=self.solver, check=False)
 
     def answer(self, request: Request) -> Answer:
@@ -186,7 +186,6 @@ def reference(instance: Instance) -> Trajectory:
 
 @cache
 def newtons_step(instance: Instance, n: int, condense: bool) -> Trajectory:
-    """Return step n of Newton's method from the reference, at its best accuracy."""
     return _step(instance, n, condense, Newton(accuracy=1e-12))
 
 
@@ -213,19 +212,16 @@ def record_requests(instance: Instance) -> tuple[Request, Request]:
 
 
 def refuses_an_accuracy_outside_zero_to_one(solver: Solver) -> None:
-    """Check that an accuracy outside (0, 1) is refused."""
     for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
         with pytest.raises(SceneError, match=f"^{solver.name}: found accuracy"):
             solver.with_accuracy(wrong).check_accuracy()  # type: ignore[arg-type]
 
 
 def accepts_programs_without_terms(solver: Solver) -> None:
-    """Check that the solver accepts quadratic functions, which all programs contain."""
     assert "quadratic" in solver.accepts
 
 
 def answers_if_the_gap_is_below_rounding(solver: Solver) -> None:
-    """Check that the solver answers if the requested gap is below rounding, on the smallest instance."""
     smallest = min((one for one in INSTANCES.values() if one.is_for(solver)), key=lambda one: one.system.n)
     request = record_requests(smallest)[0]
     answer = Case(solver, smallest, must_answer=False).answer(replace(request, target=1e-60 * request.target))
@@ -241,7 +237,6 @@ SOLVER_PROPERTIES: list[Callable[[Solver], None]] = [
 
 
 def refuses_unaccepted_features(case: Case) -> None:
-    """Check that the refusal begins with the name of the solver and names the missing features."""
     missing = case.instance.features - case.solver.accepts or {"semidefinite"}
     with pytest.raises(NotAccepted, match=f"^solver {case.solver.name}: ") as refusal:
         march(case.instance.system, TIMES, solver=case.solver)
@@ -250,7 +245,6 @@ def refuses_unaccepted_features(case: Case) -> None:
 
 
 def answers_within_its_accuracy(case: Case) -> None:
-    """Check that the certificate of every step is within the requested accuracy."""
     assert not case.must_answer or case.trajectory.certificate.max() <= case.solver.accuracy
 
 
@@ -290,7 +284,6 @@ def remembers_no_other_step(case: Case) -> None:
 
 
 def leaves_its_input_unchanged(case: Case) -> None:
-    """Check that the program and the initial multipliers are not modified."""
     request = record_requests(case.instance)[1]
     before = [array.copy() for array in request.arrays()]
     case.answer(request)
@@ -299,7 +292,6 @@ def leaves_its_input_unchanged(case: Case) -> None:
 
 
 def gives_the_same_answer_twice(case: Case) -> None:
-    """Check that a second run is equal bit by bit, and that the solver's settings are unchanged."""
     settings = repr(case.solver)
     first, again = case.trajectory, case.march()
     for name in ("state", "multipliers", "pressures", "gap", "iterations"):
@@ -308,7 +300,6 @@ def gives_the_same_answer_twice(case: Case) -> None:
 
 
 def does_not_move_without_a_load(case: Case) -> None:
-    """Check that the answer without a load is zero, within both certificates."""
     request = record_requests(case.instance)[0]
     program, lam, p = request.program, 0 * request.lam, 0 * request.p
     rest = replace(program, g=0 * program.g, b=0 * program.b, e=np.maximum(program.e, 0.0))

@@ -48,7 +48,8 @@ HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions 
 def _head(program: StepProgram) -> str:
     operators, kernel = program.operators, program.operators.kernel
     soft, motions = np.count_nonzero(operators.compliance), 0 if kernel is None else kernel.shape[1]
-    return HEAD.format(len(program.g), operators.count, operators.block, len(program.e), soft, motions)
+    sizes = len(program.g), operators.count, operators.block, len(program.e), soft, motions
+    return HEAD.format(*sizes)
 
 
 def _read(path: Path) -> tuple[list[int], dict[str, str]]:

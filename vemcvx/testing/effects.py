@@ -140,7 +140,8 @@ class EffectSample:
 
     def contribution(self, effect: Effect, which: int = 0) -> Any:
         """Return the contribution of an effect to a new space on a mesh as plain data."""
-        return content(effect.contribute(Space(self.mesh(which))), dim=3 if self.in_space else 2)
+        space = Space(self.mesh(which))
+        return content(effect.contribute(space), dim=space.dim)
 
 
 @cache

@@ -2,10 +2,10 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
-Meth. Eng. 20 (1984), 745-756). The process ends: every cut halves the longest edge of a cell. Among equally long edges
-the numbers of the end nodes decide, so that neighbours choose the same edge; coinciding nodes at an interface count as
-one, so that both bodies are cut alike. By default every cell is bisected at least three times, once in every direction,
-so its parts have at most an eighth of its volume. `tetrahedra(n)` gets the nodes and shapes of `tetrahedra(2 n)`.
+Meth. Eng. 20 (1984), 745-756). Every cut halves the longest edge of a cell, so the process ends. Among equally long
+edges the numbers of the end nodes decide, and coinciding nodes at an interface count as one, so neighbours and both
+bodies choose the same edge. By default every cell is bisected three times, once in every direction:
+`tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
 
 *Other cells* are split into one part per vertex. The corners of the parts are vertices, midpoints of edges, centroids
 of faces and the centroid of the cell. Cubes become eight cubes; prisms become prisms. The new faces must be plane.
@@ -41,7 +41,7 @@ from vemcvx.meshes.polygons import (
     same_rows,
     sort_edges,
 )
-from vemcvx.meshes.polyhedra import FACES, Faces, join_faces, list_faces
+from vemcvx.meshes.polyhedra import FACES, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
@@ -111,12 +111,6 @@ class Tetrahedra(NamedTuple):
         rest = Tetrahedra(*(values[~chosen] for values in self))
         return Tetrahedra(*map(np.concatenate, zip(rest, *halves, strict=True)))
 
-    def faces(self) -> Faces:
-        """Return the faces of all cells."""
-        count = len(self.corners)
-        listed = self.corners[:, np.array(FACES["tetra"])].ravel()
-        return join_faces(np.arange(4 * count + 1) * 3, listed, np.arange(count + 1) * 4)
-
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
     """Bisect the marked cells (n_cells,) at least `cuts` times, then all tetrahedra with nodes inside edges."""
@@ -139,7 +133,8 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
         hanging = np.isin(edges, split).reshape(-1, 6).any(axis=1)
         todo = hanging | (marked[cells.parents] & (cells.cuts < cuts))
     cells = Tetrahedra(*(array[np.argsort(cells.parents, kind="stable")] for array in cells))
-    faces = cells.faces()
+    count, listed = len(cells.corners), cells.corners[:, np.array(FACES["tetra"])].ravel()
+    faces = join_faces(np.arange(4 * count + 1) * 3, listed, np.arange(count + 1) * 4)
     made = PolyhedralMesh.unchecked(points, *faces)
     return inherit_parts(mesh, made, Origins(cells.parents, _parts(made, cells.parts[:, OPPOSITE]), places, values))
 
@@ -153,6 +148,7 @@ def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
 
 def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     """Split each cell into one part per vertex."""
+    places = places_of(pairs_of(mesh.interfaces), mesh.points)
     shared = sort_edges(mesh.face_offsets, mesh.face_vertices, mesh.n_nodes)
     n, ends = mesh.n_nodes, shared.ends
     check_lengths(mesh.points, ends)
@@ -173,9 +169,10 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     order = np.argsort(np.tile(part, 2), kind="stable")
     quads = np.concatenate([on_face, across])[order]
     faces = join_faces(np.arange(len(quads) + 1) * 4, quads.ravel(), offsets_of(2 * np.bincount(part)))
-    places = _places(mesh, ends)
-    middles = mesh.points[ends].mean(axis=1)
-    points = np.concatenate([mesh.points, middles, mesh.face_centroids, mesh.centroids])
+    first, number = same_rows(mesh.face_offsets, places[mesh.face_vertices])
+    of_cells = in_cell + np.arange(mesh.n_cells)
+    places = np.concatenate([places, middle_places(places, ends), in_face + first[number], of_cells])
+    points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), mesh.face_centroids, mesh.centroids])
     points[n:] = points[places[n:]]
     made, parents = PolyhedralMesh.unchecked(points, *faces), keys // n
     old = np.full(mesh.n_faces, -1)
@@ -188,25 +185,11 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
         centre_values(mesh.points, mesh.cell_nodes, mesh.centroids),
     ]
     found = inherit_parts(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
-    _check_fit(found.mesh)
-    return found
-
-
-def _places(mesh: PolyhedralMesh, ends: Ints) -> Ints:
-    """Return, for old nodes, midpoints, and centroids of faces and cells, the first node with the same coordinates."""
-    places = places_of(pairs_of(mesh.interfaces), mesh.points)
-    first, number = same_rows(mesh.face_offsets, places[mesh.face_vertices])
-    of_faces = mesh.n_nodes + len(ends) + first[number]
-    of_cells = mesh.n_nodes + len(ends) + mesh.n_faces + np.arange(mesh.n_cells)
-    return np.concatenate([places, middle_places(places, ends), of_faces, of_cells])
-
-
-def _check_fit(mesh: PolyhedralMesh) -> None:
-    """Raise MeshError if new faces are not plane or new cells do not fit together."""
     try:
-        check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
+        check_polyhedral_mesh(points, list_faces(faces), found.mesh.interfaces)
     except MeshError as error:
         raise MeshError(
             f"refine: parts of cells at their vertices would not have plane faces ({str(error).partition('. ')[0]}). "
             "Make a new mesh with more cells, or of tetrahedra."
         ) from None
+    return found

@@ -14,13 +14,12 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data
-from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows
+from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows, partners_of
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     edge_keys,
     find_in,
-    matching_rows,
     rounding,
     rows_in_order,
 )
@@ -35,8 +34,8 @@ class Refinement(Generic[Kind]):
     Attributes
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        The refined mesh. The parts of a cell take its position in the order of cells. Old nodes come first, then
-        midpoints of edges, then centres of faces (in space), then of cells. Boundaries and cell data are inherited.
+        The refined mesh. The parts of a cell take its position. Old nodes come first, then midpoints of edges, centres
+        of faces (in space), and centres of cells. Boundaries and cell data are inherited.
     parents : (n_new_cells,) int
         The old cell that contains each new cell.
     prolongation : (n_new_nodes, n_old_nodes) sparse array
@@ -83,22 +82,14 @@ def inherit_parts(mesh: Kind, made: Kind, origins: Origins) -> Refinement[Kind]:
             rows_in_order(*made._outlines, pieces(faces_of(side, mesh._outlines)))
             for side in (joint.edges, joint.partners)
         )
-        sides[name] = Interface(joint.bodies, pad_rows(*one), pad_rows(one[0], _partners(one, other, places)))
+        sides[name] = Interface(joint.bodies, pad_rows(*one), pad_rows(one[0], partners_of(one, other, places)))
     matched = MappingProxyType(on_boundary(sides, made._outlines))
     made = made._replace(_named=named, interfaces=matched, cell_data=MappingProxyType(data))
     return Refinement(made, read_only(parents), prolongation)
 
 
-def _partners(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return, for each node in rows of one side of an interface, the coinciding node of the other side."""
-    (rows, mine), (more, theirs), count = one, other, len(places)
-    row = matching_rows(more, places[theirs], rows, places[mine])
-    wanted = row[cell_of_corner(rows)] * count + places[mine]
-    return theirs[find_in(cell_of_corner(more) * count + places[theirs], wanted)]
-
-
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return, for the midpoint of each edge (e, 2), the first coinciding midpoint, numbered after the old nodes."""
+    """Return, for the midpoint of each edge (e, 2), the first midpoint in its place; numbers follow the old nodes."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 
@@ -109,10 +100,7 @@ def middle_values(ends: Ints, count: int) -> csr_array:
 
 
 def centre_values(points: Floats, rows: tuple[Ints, Ints], centres: Floats) -> csr_array:
-    """Return the matrix (c, n_nodes) that maps nodal values to values at centres, exact for linear functions.
-
-    Each centre gets the value of the least-squares linear fit to a row of nodes.
-    """
+    """Return the matrix (c, n_nodes) that maps nodal values to those of least-squares linear fits at centres."""
     offsets, nodes = rows
     shape = (len(centres), len(points))
     if not len(centres):
@@ -131,21 +119,18 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
     """Return a mask (n_cells,) of the marked cells, or raise MeshError."""
     if cells is None:
         return np.ones(n_cells, dtype=bool)
-    what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
-    given = plain(cells)
-    if (
-        given is None
-        or given.ndim != 1
-        or not (
-            (given.dtype == bool and len(given) == n_cells)
-            or not given.size
-            or (given.dtype.kind in "iu" and 0 <= given.min() <= given.max() < n_cells)
-        )
-    ):
-        raise MeshError(f"{what}; got {brief(cells)}.")
-    marked = np.zeros(n_cells, dtype=bool)
-    marked[given if given.size else []] = True
-    return marked
+    given, marked = plain(cells), np.zeros(n_cells, dtype=bool)
+    if given is not None and given.ndim == 1:
+        if not given.size:
+            return marked
+        are_flags = given.dtype == bool and len(given) == n_cells
+        if are_flags or (given.dtype.kind in "iu" and 0 <= given.min() <= given.max() < n_cells):
+            marked[given] = True
+            return marked
+    raise MeshError(
+        f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells; got "
+        f"{brief(cells)}."
+    )
 
 
 def check_lengths(points: Floats, ends: Ints) -> None:

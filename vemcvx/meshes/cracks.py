@@ -7,14 +7,14 @@ own node. If there is one group, as at a crack tip (in space: crack front) insid
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, read_only
+from vemcvx.base.arrays import Bools, Ints, brief, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import check_name
@@ -35,7 +35,6 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 CRACK_WORDS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
-"""Words for the error about an edge or face that cannot open."""
 
 
 def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
@@ -64,7 +63,12 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
     def renumber(cell: Ints, rows: Ints, nodes: Ints) -> Ints:
         return number[corners(np.repeat(cell, np.diff(rows)), nodes)]
 
-    made = _with_nodes(mesh, mesh.points[origin], renumber)
+    arrays: tuple[Ints, ...] = (rows, number)
+    if isinstance(mesh, PolyhedralMesh):
+        listed = list_faces(mesh.faces)
+        new = renumber(np.arange(mesh.n_cells), listed.offsets[listed.cell_offsets], listed.vertices)
+        arrays = join_faces(listed.offsets, new, listed.cell_offsets)
+    made = type(mesh).unchecked(mesh.points[origin], *arrays)
     joints, named = {name: Interface((first, second), *lips)}, {}
     for key, found in mesh.interfaces.items():
         moved = [found.edges.copy(), found.partners.copy()]
@@ -81,19 +85,8 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
     return made._replace(_named=named, interfaces=interfaces, cell_data=mesh.cell_data)
 
 
-def _with_nodes(mesh: AnyMesh, points: Floats, renumber: Callable[[Ints, Ints, Ints], Ints]) -> AnyMesh:
-    """Return a mesh of the same cells with new nodes: `renumber` maps rows of old nodes, one per cell, to new ones."""
-    kind, cells = type(mesh), np.arange(mesh.n_cells)
-    if isinstance(mesh, PolyhedralMesh):
-        listed = list_faces(mesh.faces)
-        nodes = renumber(cells, listed.offsets[listed.cell_offsets], listed.vertices)
-        return kind.unchecked(points, *join_faces(listed.offsets, nodes, listed.cell_offsets))
-    offsets, vertices = mesh.cell_nodes
-    return kind.unchecked(points, offsets, renumber(cells, offsets, vertices))
-
-
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the new node of each corner, and the old node of each new node; there are `count` old nodes.
+    """Return the new node of each corner, and the old node of each new node.
 
     `nodes` are the old nodes of all corners. The two corners of a row of `pairs` (k, 2) are linked unless `opened`.
     """
@@ -116,11 +109,10 @@ def _check_sides(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> tuple
 
 
 def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
-    """Raise MeshError if an edge or face of the crack cannot open, because both lips have the same nodes there."""
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):
         row = lip[closed[0]]
-        at: Floats = mesh.points[origin[row[row >= 0]]].mean(axis=0)
+        at = mesh.points[origin[row[row >= 0]]].mean(axis=0)
         side, where, size = CRACK_WORDS[mesh.PARTS]
         raise MeshError(
             f"cut: the {side} at {coordinates(at, 6)} has a crack tip at {where} and cannot open. A crack "

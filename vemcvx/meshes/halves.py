@@ -1,8 +1,8 @@
 """Cutting a mesh in two along a line, in space along a plane.
 
 In the plane, each cell that the line crosses becomes two polygons. There is a new node where the line meets an edge,
-shared by both cells at the edge. To avoid slivers, inner nodes first move onto the line if their distance from it is at
-most `NEAR_FRACTION` times the shortest edge at the node. In space the plane must run along faces: cells are not split.
+shared by both cells at the edge. To avoid slivers, inner nodes near the line first move onto it. In space the plane
+must run along faces: cells are not split.
 """
 
 from __future__ import annotations
@@ -15,15 +15,13 @@ from numpy.typing import ArrayLike
 from vemcvx.base.arrays import SAME, Floats, Ints, one_point, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
-from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import corner_edges, insert_hanging, positions, rows_in_order
 from vemcvx.meshes.polyhedra import list_faces
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
-NEAR_FRACTION = 0.1
-"""Inner nodes move onto the line if their distance from it is at most this fraction of their shortest edge."""
+NEAR_FRACTION = 0.1  # of the shortest edge at a node: inner nodes at most this far from the line move onto it
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
@@ -31,7 +29,7 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
 
     :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface, as `Pretension` of a bolt needs.
     Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the plane, cells
-    that the line crosses are split. Inner nodes move onto the line if their distance from it is at most a tenth of
+    that the line crosses are split, and inner nodes move onto the line if their distance from it is at most a tenth of
     their shortest edge. In space the plane must run along faces.
 
     Parameters
@@ -74,7 +72,6 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
             f"cut: the plane crosses {len(crossed)} cells, the first at {at}; in space it must run along faces. Move "
             "the plane to nodes of the mesh, or mesh the body with nodes in the plane."
         )
-    # new nodes where edges meet the line
     fraction = np.abs(side[ends]) / np.abs(side[ends]).sum(axis=1, keepdims=True)
     points = np.concatenate([points, fraction[:, 1:] * points[ends[:, 0]] + fraction[:, :1] * points[ends[:, 1]]])
     side = np.append(side, np.zeros(len(ends)))
@@ -85,8 +82,7 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     for whole, where in (((high <= 0).all(), "behind"), ((low >= 0).all(), "ahead of")):
         if whole:
             raise MeshError(f"cut: the whole mesh is {where} the cut; move the cut.")
-    behind, ahead = (_part(mesh, points, sign * side, rows, ends) for sign in (1.0, -1.0))
-    return behind, ahead
+    return _part(mesh, points, side, rows, ends), _part(mesh, points, -side, rows, ends)
 
 
 def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Floats]:
@@ -97,15 +93,15 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
     if not n.any():
         raise MeshError("cut: the normal has length 0; give one that points ahead, such as (0, 1).")
     n = n / np.linalg.norm(n)
-    depth, near = (mesh.points - p) @ n, np.full(mesh.n_nodes, SAME * float(np.ptp(mesh.points, axis=0).max()))
+    depth, near = (mesh.points - p) @ n, SAME * float(np.ptp(mesh.points, axis=0).max())
     if not isinstance(mesh, PolygonMesh):
         return mesh.points, np.where(np.abs(depth) <= near, 0.0, depth)
     ends, shortest = corner_edges(mesh.offsets, mesh.vertices), np.full(mesh.n_nodes, np.inf)
     length = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
     np.minimum.at(shortest, ends, length[:, None])
     shortest[mesh._boundary] = 0.0
-    depth = np.where(np.abs(depth) <= np.maximum(near, NEAR_FRACTION * shortest), 0.0, depth)
-    return mesh.points - (((mesh.points - p) @ n) * (depth == 0.0))[:, None] * n, depth
+    moving = np.abs(depth) <= np.maximum(near, NEAR_FRACTION * shortest)
+    return mesh.points - (depth * moving)[:, None] * n, np.where(moving, 0.0, depth)
 
 
 def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends: Ints) -> Any:
@@ -128,13 +124,12 @@ def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends
     data = {name: values[parents] for name, values in mesh.cell_data.items()}
     made, named = type(mesh)(points[used], cells, boundaries={}, cell_data=data), {}
     outlines: tuple[Ints, Ints] = mesh._outlines
-    for name in mesh.boundaries:
-        starts, corners = rows_in_order(*outlines, mesh._places(mesh.boundaries[name]))
+    for name, parts in mesh._named.items():
+        starts, corners = rows_in_order(*outlines, mesh._places(parts))
         if len(ends):  # a crossed edge ends at its new node
-            edge = positions(corners.reshape(-1, 2), ends, len(points))
-            cut = np.repeat(edge, 2)
-            corners = np.where((cut >= 0) & (side[corners] > 0), mesh.n_nodes + cut, corners)
+            edge = np.repeat(positions(corners.reshape(-1, 2), ends, len(points)), 2)
+            corners = np.where((edge >= 0) & (side[corners] > 0), mesh.n_nodes + edge, corners)
         found = made._find_parts(starts, corners, number)
-        if name != WHOLE and (found >= 0).any():
+        if (found >= 0).any():
             named[name] = read_only(made._boundary[np.unique(found[found >= 0])])
     return made._with_named(named)

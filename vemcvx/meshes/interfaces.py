@@ -1,7 +1,4 @@
-"""Interfaces: coinciding boundary edges (in space: faces) of two bodies, each of which has its own nodes there.
-
-In space a face is a row of its vertices; shorter rows are padded with -1 to the length of the longest row.
-"""
+"""Interfaces: coinciding boundary edges (in space: faces) of two bodies, each of which has its own nodes there."""
 
 from __future__ import annotations
 
@@ -37,10 +34,10 @@ class Interface:
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
         Edges of the first body, with the body on their left. In space (k, n) rows of the vertices of its faces,
-        counter-clockwise seen from outside, padded with -1.
+        counter-clockwise seen from outside; shorter rows are padded with -1.
     partners : (k, 2) int
-        The nodes of the second body at the positions of `edges`, so that edges of the second body are
-        ``partners[:, ::-1]``. In space (k, n) rows of nodes, padded like `edges`.
+        The nodes of the second body in the places of `edges`, so edges of the second body are ``partners[:, ::-1]``. In
+        space (k, n) rows of nodes, padded like `edges`.
 
     Examples
     --------
@@ -57,10 +54,8 @@ class Interface:
     @property
     def pairs(self) -> Ints:
         """Pairs (m, 2) of coinciding nodes, of the first and the second body, each pair once, sorted."""
-        known = self.edges.ravel() >= 0
-        own, other = self.edges.ravel()[known], self.partners.ravel()[known]
-        count = int(other.max(initial=0)) + 1
-        return np.column_stack(np.divmod(np.unique(own * count + other), count))
+        known = self.edges >= 0
+        return np.unique(np.column_stack([self.edges[known], self.partners[known]]), axis=0)
 
 
 def check_interfaces(
@@ -88,14 +83,14 @@ def check_interfaces(
 
 def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimension: int) -> bool:
     """Return True if both arrays have valid nodes in the same places, in space with -1 only at the ends of rows."""
-    if edges.shape != partners.shape or edges.ndim != 2 or not len(edges) or edges.shape[1] < dimension:
+    kinds = {edges.dtype.kind, partners.dtype.kind}
+    if edges.shape != partners.shape or edges.ndim != 2 or not len(edges) or not kinds <= {"i", "u"}:
         return False
-    if edges.dtype.kind not in "iu" or partners.dtype.kind not in "iu":
+    if edges.shape[1] < dimension or (dimension == 2 and edges.shape[1] > 2):
         return False
     filled, rows = edges >= 0, np.stack([edges, partners])
     whole = filled[:, :dimension].all() and (filled[:, 1:] <= filled[:, :-1]).all()
-    known = ((rows >= -1) & (rows < n_nodes)).all() and ((rows >= 0) == filled).all()
-    return bool(whole and known and (dimension == 3 or edges.shape[1] == 2))
+    return bool(whole and ((rows >= -1) & (rows < n_nodes) & ((rows >= 0) == filled)).all())
 
 
 def pad_rows(offsets: Ints, flat: Ints) -> Ints:
@@ -106,11 +101,10 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
     return rows
 
 
-def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tuple[Ints, Ints]:
-    """Return rows (k, n) of nodes of coinciding sides: nodes of the earlier body, and nodes of the later body.
+def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
+    """Return rows (k, n) of nodes of coinciding sides of the earlier body, and of nodes of the later body there.
 
-    `outlines` are the offsets and vertices of the boundary sides. Both arrays list nodes in the order of the side of
-    the earlier body, padded with -1.
+    `outlines` are the offsets and vertices of the boundary sides, `place` is the first node in the place of each node.
     """
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
@@ -119,12 +113,16 @@ def coinciding_sides(outlines: tuple[Ints, Ints], body: Ints, place: Ints) -> tu
     number = same_rows(rows, place[nodes])[1]
     order = np.argsort(number, kind="stable")
     again = np.flatnonzero(np.diff(number[order]) == 0)
-    one, other = order[again], order[again + 1]
-    mine = rows_in_order(rows, nodes, one)
-    count = int(body.max()) + 1
-    wanted = place[mine[1]] * count + np.repeat(body[nodes[rows[:-1]]][other], np.diff(mine[0]))
-    across = find_in(place * count + body, wanted)
-    return pad_rows(*mine), pad_rows(mine[0], across)
+    one, other = (rows_in_order(rows, nodes, sides) for sides in (order[again], order[again + 1]))
+    return pad_rows(*one), pad_rows(one[0], partners_of(one, other, place))
+
+
+def partners_of(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
+    """Return, for each node in rows of one side of an interface, the coinciding node of the other side."""
+    (rows, mine), (more, theirs), count = one, other, len(places)
+    row = matching_rows(more, places[theirs], rows, places[mine])
+    wanted = row[cell_of_corner(rows)] * count + places[mine]
+    return theirs[find_in(cell_of_corner(more) * count + places[theirs], wanted)]
 
 
 def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
@@ -147,10 +145,7 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
 def on_boundary(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Return interfaces with their sides in the order and direction of the boundary, or raise MeshError.
-
-    `outlines` are the offsets and vertices of the boundary edges or faces.
-    """
+    """Return interfaces with their sides in the order and direction of the boundary, or raise MeshError."""
     offsets, vertices = outlines
     found = {}
     for name, interface in interfaces.items():
@@ -174,8 +169,7 @@ def on_boundary(
                     f"interface {name!r}: {row} is not {side} of the boundary. {how}; partners are the nodes of the "
                     "second body in the same places."
                 )
-        order = np.argsort(number)
-        count = int(max(vertices.max(), partners.max())) + 1
+        order, count = np.argsort(number), int(vertices.max()) + 1
         own_rows, own = rows_in_order(offsets, vertices, number[order])
         wanted = np.repeat(order, np.diff(own_rows)) * count + own
         mine = partners[find_in(cell_of_corner(rows) * count + nodes, wanted)]

@@ -1,16 +1,25 @@
 """Local refinement of polygonal meshes: marked cells are split; neighbours keep their shape and get hanging nodes.
 
-The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. There are two
-exceptions. The midpoints of a triangle are joined to each other (four similar triangles). A long thin convex cell with
-two midpoints is cut across. A cell that is not star-shaped is refused. Unrefined
-neighbours get the new vertices as hanging nodes, which virtual elements treat like any vertex: no closure is needed.
+The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. The midpoints of a
+triangle are joined to each other instead (four similar triangles), and a long thin convex cell with two midpoints is
+cut across. A cell that is not star-shaped is refused. Virtual elements treat hanging nodes like any vertex, so no
+closure is needed. Further cells are marked until no unmarked cell has a side with two hanging nodes.
 
-Grading: further cells are marked until no unmarked cell has a side with two hanging nodes.
+A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`: if the
+midpoints beside an angle of 175 degrees were joined to the centre, all later parts would keep this angle. If a cell has
+fewer than three such bends, like a regular polygon with many sides, all bends are corners.
+
+A *side* of a cell is its outline from one corner to the next. It is *long*, and split once, if it has at least
+`LONG_SIDE` times the diameter of the cell: at a vertex near its midpoint if there is one, else at the midpoint of the
+edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all. If short sides were
+split, the short edges of Voronoi cells would lead to thinner and thinner cells; their length relative to the diameter
+doubles with each refinement until they are long. Consecutive short sides count as one side, or as several if they are
+very long together. If their bends cancel, they become part of a longer side.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
@@ -45,35 +54,15 @@ from vemcvx.meshes.polygons import (
 )
 from vemcvx.meshes.quality import largest_balls, walls_of
 
-# The sides of polygonal cells, and the points at which refinement splits them.
-#
-# The outline of a cell is straight at hanging nodes; the other vertices are *bends*. Not every bend is a corner. If the
-# midpoints on both sides of an angle of 175 degrees were joined to the centre, the part between them would keep this
-# angle, and so would its parts in all further refinements. So a *corner* is a bend by more than `CORNER_ANGLE`. If a
-# cell has fewer than three such bends, like a regular polygon with many sides, all bends are corners.
-#
-# A *side* of a cell is its outline from one corner to the next, nearly always straight. If it is at least `LONG_SIDE`
-# times the diameter of the cell, it is split once: at a vertex near its midpoint if there is one, else at the midpoint
-# of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all.
-#
-# Shorter sides are not split; otherwise the short edges of Voronoi cells would lead to thinner and thinner cells. The
-# length of a short side relative to the diameter doubles with each refinement until the side is long. Consecutive short
-# sides count as one side, or as several if they are very long together. If their bends cancel, they become part of a
-# longer side. Nearly every cell is split at two points at least, because its perimeter is at least twice its diameter.
-
-
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
 """Least length, relative to the cell diameter, of sides that are split.
 
-All sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to 1 : 3.2 are split. Thinner
-rectangles are only cut across, until their parts are wider. Zigzag cells with twelve sides of 0.26 are split into five
-parts; with a limit of 0.25 there would be twelve thin parts around one point.
+All sides of squares, hexagons, regular decagons (0.31) and rectangles up to 1 : 3.2 are long.
 """
 
 
-@dataclass(frozen=True, eq=False)
-class Sides:
+class Sides(NamedTuple):
     """The sides of all cells, cell by cell and counter-clockwise; if a cell has long sides, its first side is long."""
 
     cell: Ints  # (n_sides,) cell of each side
@@ -83,8 +72,7 @@ class Sides:
     long: Bools  # (n_sides,) sides to split: those of at least `LONG_SIDE`, and all sides of triangles
 
 
-@dataclass(frozen=True, eq=False)
-class Splitting:
+class Splitting(NamedTuple):
     """The points at which cells would be split."""
 
     sides: Ints  # (n_cells,) number of sides
@@ -98,7 +86,6 @@ class Splitting:
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
     """Find the sides of all cells, and the points at which sides would be split."""
-    begin = mesh.offsets[:-1]
     length, turn, bend = _outlines(mesh)
     corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)
     fewer = _without_short_sides(_sides(mesh, length, corner), corner, turn)
@@ -110,8 +97,8 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
     return Splitting(
         sides=counts,
         all_long=np.logical_and.reduceat(sides.long, offsets_of(counts)[:-1]),
-        convex=np.minimum.reduceat(turn, begin) >= 0.0,
-        places=np.add.reduceat(vertex + edge.astype(np.int64), begin),
+        convex=np.minimum.reduceat(turn, mesh.offsets[:-1]) >= 0.0,
+        places=np.add.reduceat(vertex + edge.astype(np.int64), mesh.offsets[:-1]),
         bend=bend,
         vertex=vertex,
         edge=edge,
@@ -119,13 +106,15 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
-    """Return the lengths of edges, the angles of left turns at corners, and a mask of bends, (n_corners,) each."""
+    """Return the lengths of edges, the angles of left turns at corners, and a mask of bends, (n_corners,) each.
+
+    The outline counts as straight if the sine of its turn is at most `SINGLE_EPS`, or can be due to rounding.
+    """
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
-    # the outline counts as straight up to this |sine| times both lengths, which covers the rounding of coordinates
     slack = SINGLE_EPS * length[before] * length + rounding(x) * (length[before] + length)
     bend = _choose_flags((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
@@ -192,30 +181,26 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     away = np.where(inner, np.abs(begin - 0.5), np.inf)
     nearest = np.minimum.reduceat(away, first)
     is_nearest = first + first_in_row(away == nearest[side], np.append(first, len(side)))
-    # A vertex within 0.2 side lengths of the midpoint is taken as the midpoint. Otherwise the edge there is at least
-    # 0.4 side lengths long, and its midpoint is within 0.15 side lengths of the midpoint of the side.
+    # a vertex within 0.2 side lengths of the midpoint is taken as the midpoint
     taken = nearest <= 0.2
     between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
     return is_nearest[taken], np.flatnonzero(between)
 
 
-# The centre of a cell, to which the midpoints of its sides are joined:
-#
-#     four long sides    the intersection of the lines through opposite midpoints, (x_1 + x_2 + x_3 + x_4) / 4: under
-#                        repeated refinement, parts tend to parallelograms, so no shape degenerates
-#     an arrow           (four sides, right turn at x_1) the midpoint of the inner diagonal, (x_1 + x_3) / 2: two parts
-#                        are arrows of the same shape, two are parallelograms
-#     convex             the centroid, whose distance from every side is at least a third of the width
-#     otherwise          the centroid if it is at least .1 diameters inside the lines of all sides; else the centre of
-#                        the largest ball such that the cell is star-shaped about all its points (:mod:`.quality`)
-#
 def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats:
-    """Return the centres of all cells (n_cells, 2), or raise MeshError if a marked cell is not star-shaped."""
+    """Return the points (n_cells, 2) to which midpoints are joined; raise MeshError if a cell is not star-shaped.
+
+    four long sides    the mean of the four vertices: repeated refinement leads to parallelograms
+    an arrow           (four sides, right turn at x_1) the midpoint of the inner diagonal, (x_1 + x_3) / 2: two parts
+                       are arrows of the same shape, two are parallelograms
+    convex             the centroid, whose distance from every side is at least a third of the width
+    otherwise          the centroid if it is at least .1 diameters inside the lines of all sides; else the centre of
+                       the largest ball about which the cell is star-shaped (:mod:`.quality`)
+    """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
     counts = np.add.reduceat(splitting.bend.astype(np.int64), mesh.offsets[:-1])
     offsets = offsets_of(counts)
-
     four_long = splitting.all_long & (splitting.sides == 4)
     quads = np.flatnonzero((counts == 4) & (four_long | ~splitting.convex))
     centres[quads] = _middles_of_quads(mesh.points[mesh.vertices[bends[offsets[quads, None] + np.arange(4)]]])
@@ -246,17 +231,14 @@ def _middles_of_quads(x: Floats) -> Floats:
     return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
 
 
-# Midpoints are inserted into the outlines of the old cells. A part of a split cell has the vertices of the outline from
-# one midpoint to the next, both included, and the centre if there is one. A cell that is not split keeps its outline.
-
-
 def _children(
     outlines: tuple[Ints, Ints], begin: Bools, split: Bools, medial: Bools, centre: Ints
 ) -> tuple[Ints, Ints, Ints]:
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
-    The mask `begin` marks the vertices at which parts begin, and the first vertex of each cell. The masks `split` and
-    `medial` mark cells with several parts, and triangles with a part between midpoints. `centre` are nodes, or -1.
+    A part has the vertices of the outline from one midpoint to the next, and the centre if there is one. `begin` marks
+    the vertices at which parts begin, and the first vertex of each cell. `split` and `medial` mark cells with several
+    parts, and triangles with a part between midpoints. `centre` are nodes, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)
@@ -289,7 +271,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
     middle = middle[shared.number]
-    medial = marked & (splitting.sides == 3) & splitting.all_long & splitting.convex
+    medial = marked & (splitting.sides == 3) & splitting.convex
     centred = np.flatnonzero(marked & ~medial & ~((splitting.places == 2) & splitting.convex))
     centre = np.full(mesh.n_cells, -1)
     centre[centred] = mesh.n_nodes + len(ends) + np.arange(len(centred))

@@ -1,10 +1,9 @@
 """Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
 
-Nearby nodes of several bodies get one position, a *place*, and each face becomes a row of places. Boundary faces that
-lie on one another are linked; linked faces form a *patch* in one plane. In each patch, GEOS unites the outlines of all
-faces and returns the polygons between the lines. Each face is replaced by the polygons inside it, as coplanar faces of
-its cell. Finally every place on an edge becomes a vertex of all faces with this edge. So touching bodies get the same
-pieces, which can be matched by their places.
+Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another are linked; linked
+faces form a *patch* in one plane. In each patch, GEOS unites the outlines of all faces and returns the polygons between
+the lines. Each face is replaced by the polygons inside it, as coplanar faces of its cell. Finally every place on an
+edge becomes a vertex of all faces with this edge. So touching bodies get the same pieces.
 
 A place within the tolerance of an edge counts as on the edge. Nodes of two bodies within `CORNER_FACTOR` times the
 tolerance get one place, so a node near both edges of a corner of 30 degrees or more is merged with the corner.
@@ -55,30 +54,15 @@ class JoinedBodies(NamedTuple, Generic[Kind]):
     """Bodies in one mesh, with nodes in the same places where their boundaries coincide."""
 
     mesh: Kind
-    body: Ints
-    """Body of each node (n_nodes,)."""
-    place: Ints
-    """Place of each node (n_nodes,): the first node in the same place."""
-    origin: Ints
-    """Original edge or face (m,) of each boundary piece: its number in the boundaries of all bodies, listed in turn."""
+    body: Ints  # (n_nodes,)
+    place: Ints  # (n_nodes,) the first node in the same place
+    origin: Ints  # (m,) original edge or face of each boundary piece, numbered through the boundaries of all bodies
 
 
 def overlay_tilings(apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float) -> JoinedBodies[PolyhedralMesh]:
-    """Split the faces of bodies where their boundaries coincide.
+    """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
 
-    Parameters
-    ----------
-    apart : PolyhedralMesh
-        The cells of all bodies, which have no common node.
-    body, place : (n_nodes,) arrays
-        The body of each node, and the first node in its place.
-    tolerance : float
-        Boundaries coincide where their distance is at most this length.
-
-    Raises
-    ------
-    MeshError
-        The edges of both bodies do not form polygons that cover a face; the message says where.
+    In the mesh `apart`, bodies have no common node; `body` and `place` are the body and the place of each node.
     """
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
@@ -103,7 +87,7 @@ def overlay_tilings(apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: f
     if len(twice):
         raise mismatch_error(points[twice[0] % len(points)])
     known, wanted = place * count + body, vertices * count + of_face[listed[face]]
-    known = np.concatenate([known, np.setdiff1d(wanted, known)])
+    known = np.append(known, np.setdiff1d(wanted, known))
     place, body = np.divmod(known, count)
     _, leader, number = np.unique(place, return_index=True, return_inverse=True)
     cells = offsets_of(np.bincount(cell_of_corner(cell_offsets)[listed]))
@@ -190,10 +174,7 @@ def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tu
 
 
 def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints, Rows]:
-    """Return the pieces wider than the tolerance, and their rows without repeated places.
-
-    This drops a triangle whose apex is on its longest side.
-    """
+    """Return the pieces wider than the tolerance, and their rows without repeated places."""
     areas = face_shapes(points, *rows).areas
     kept = np.flatnonzero(2.0 * areas > tolerance * diameters(points, *rows))
     offsets, places = rows_in_order(*rows, kept)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     Parameters
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        Any plane mesh, or a mesh of tetrahedra. Other meshes in space can only be refined globally.
+        Any plane mesh, or a mesh of tetrahedra. Of other meshes in space, all cells are split or none.
     cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
         Cells to split, tetrahedra into at least two parts. By default all cells are split, tetrahedra into at least
         eight parts. In the plane, further cells are split until no side gets a second hanging node. In space,
@@ -56,7 +56,7 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     if not marked.any():
         identity = csr_array(eye_array(mesh.n_nodes, format="csr"))
         return Refinement(mesh, read_only(np.arange(mesh.n_cells)), identity)
-    found: Refinement[Any]
+    found: Any
     if isinstance(mesh, PolygonMesh):
         found = refine_polygons(mesh, marked)
     elif marked.all() and len(other_cells(mesh)):
@@ -64,4 +64,4 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     else:
         check_tetrahedra(mesh, "refine")
         found = bisect_cells(mesh, marked, ALL_DIRECTIONS if cells is None else 1)
-    return cast("Refinement[Kind]", found)
+    return found

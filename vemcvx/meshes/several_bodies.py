@@ -1,11 +1,10 @@
 """Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-The nodes and cells of all bodies go into one mesh. If nodes of different bodies are within the tolerance, they move to
-the node of the first of these bodies. A node within the tolerance of an edge of another body becomes a hanging vertex
-of this edge. If the node belongs to a later body and is off the edge by more than rounding, it first moves to the
-nearest point of the edge. So the earlier body keeps its outline, the later body adopts it, and both have the same nodes
-along the common part. In space, boundaries can coincide in planes, or where both bodies have the same nodes; the faces
-of both bodies are overlaid: :mod:`.overlay`. For cracks in a single body see :mod:`.cracks`.
+The nodes and cells of all bodies go into one mesh. Nodes of different bodies within the tolerance move to the node of
+the first of these bodies. A node within the tolerance of an edge of another body becomes a hanging vertex of this edge;
+a node of a later body first moves to the nearest point of the edge. So the earlier body keeps its outline, the later
+body adopts it, and both have the same nodes along the common part. In space, boundaries can coincide in planes, or
+where both bodies have the same nodes; the faces of both bodies are overlaid: :mod:`.overlay`.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.base.arrays import SAME, Floats, Ints, brief, is_real
+from vemcvx.base.arrays import SAME, Floats, Ints, brief, is_real, read_only
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data, check_mapping, check_name
@@ -73,18 +72,17 @@ def bodies(
         order of the bodies.
     tolerance : float, optional
         Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
-        the plane, nodes of the later body move to the nearest points of the earlier body, which keeps its shape. For
-        example, two polygons with edges h inscribed in a circle of radius R are up to h^2 / (8 R) apart. In space,
-        nodes of two bodies at most four times the tolerance apart move to one place, and faces coincide in one plane.
+        the plane, nodes of the later body move to the nearest points of the earlier body: two polygons with edges h
+        inscribed in a circle of radius R are up to h^2 / (8 R) apart. In space, nodes of two bodies at most four times
+        the tolerance apart move to one place, and faces coincide in one plane.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
         The cells and nodes of the first body, then of the second, and so on; new nodes last. ``mesh.interfaces`` maps
-        names to `Interface`. ``mesh.boundaries`` maps the name of an interface to edges (in space: faces) of its first
-        body. The boundary "left" of the body "lower" is called "lower.left", without its part on interfaces. Cell data
-        are kept, and are zero on other bodies. The cell datum "body" is the number of the body. The name of a body is
-        also a cell datum, 1 on its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
+        names to `Interface`. The boundary "left" of the body "lower" is called "lower.left", without its part on
+        interfaces. Cell data are kept, and are zero on other bodies. The cell datum "body" is the number of the body.
+        The name of a body is also a cell datum, 1 on its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
 
     Raises
     ------
@@ -113,29 +111,30 @@ def join(
     body = np.repeat(np.arange(len(each)), [mesh.n_nodes for mesh in each])
     in_plane = isinstance(apart, PolygonMesh)
     place = _same_places(names, body, apart, length if in_plane else CORNER_FACTOR * length)
-    joined: JoinedBodies[Any] = (_match_in_plane if in_plane else overlay_tilings)(apart, body, place, length)
+    match: Any = _match_in_plane if in_plane else overlay_tilings
+    mesh, body, place, origin = match(apart, body, place, length)
     if in_plane:
-        _check_apart(names, joined.mesh, joined.body)
-    sides = coinciding_sides(joined.mesh._outlines, joined.body, joined.place)
-    found = on_boundary(_by_name(names, joined.body, sides, interfaces), joined.mesh._outlines)
-    joined = joined._replace(mesh=joined.mesh._replace(interfaces=MappingProxyType(found)))
+        _check_apart(names, mesh, body)
+    sides = coinciding_sides(mesh._outlines, place)
+    found = on_boundary(_by_name(names, body, sides, interfaces), mesh._outlines)
+    mesh = mesh._replace(interfaces=MappingProxyType(found))
     if not in_plane:
-        _check_apart_in_space(names, joined)
-    _check_contact_in_points(names, joined)
+        _check_apart_in_space(names, mesh, body, place)
+    alone = np.flatnonzero(places_of(pairs_of(found), mesh.points) != place)
+    if len(alone):  # nodes of two bodies coincide outside interfaces
+        raise _position_error(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
     if not in_plane:
-        _check_whole(joined.mesh)
+        _check_whole(mesh)
     # the parts of named boundaries outside interfaces
-    starts = offsets_of(np.array([len(mesh._boundary) for mesh in each]))
-    mesh, named = joined.mesh, {}
-    for start, (own, given) in zip(starts, meshes.items(), strict=False):
+    start, named = 0, {}
+    for own, given in meshes.items():
         for name, parts in given.boundaries.items():
-            left = mesh._outer & np.isin(joined.origin, start + given._places(parts))
+            left = mesh._outer & np.isin(origin, start + given._places(parts))
             if name != WHOLE and left.any():
-                named[f"{own}.{name}"] = mesh._boundary[left]
-    body_of_cell = np.repeat(np.arange(len(each)), [mesh.n_cells for mesh in each])
-    data = MappingProxyType(check_cell_data(_data(meshes, body_of_cell), mesh.n_cells))
-    made: AnyKind = mesh._replace(_named=mesh._check_parts(named), cell_data=data)
-    return made, joined.origin
+                named[f"{own}.{name}"] = read_only(mesh._boundary[left])
+        start += len(given._boundary)
+    data = check_cell_data(_data(meshes, np.repeat(np.arange(len(each)), [m.n_cells for m in each])), mesh.n_cells)
+    return mesh._replace(_named=named, cell_data=MappingProxyType(data)), origin
 
 
 def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
@@ -194,9 +193,9 @@ def _match_in_plane(apart: PolygonMesh, body: Ints, place: Ints, tolerance: floa
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
     vertices = np.insert(apart.vertices, corner + 1, apart.n_nodes + np.arange(len(node)))
     mesh = type(apart).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
-    body = np.concatenate([body, body[apart._boundary[edge, 0]]])
+    body = np.append(body, body[apart._boundary[edge, 0]])
     origin = np.repeat(np.arange(len(apart._boundary)), 1 + np.bincount(edge, minlength=len(apart._boundary)))
-    return JoinedBodies(mesh, body, np.concatenate([place, place[node]]), origin)
+    return JoinedBodies(mesh, body, np.append(place, place[node]), origin)
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
@@ -218,9 +217,8 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
     off = np.flatnonzero(off)
     off = off[np.unique(node[off], return_index=True)[1]]  # one edge per node: of the first body
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
-    moved = points.copy()
-    moved[node[off]] = shapely.get_coordinates(meeting)[::2]
-    points = moved[place]
+    points[node[off]] = shapely.get_coordinates(meeting)[::2]
+    points = points[place]
     along = shapely.line_locate_point(shapely.linestrings(points[ends[edge]]), shapely.points(points[node]))
     order = np.lexsort((along, edge))
     return points, node[order], edge[order]
@@ -232,7 +230,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
 def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
-    """Return interfaces by name; `sides` are rows (k, n) of nodes of earlier bodies, and of their partners."""
+    """Return interfaces by name; `sides` are those of :func:`coinciding_sides`."""
     named = _check_names(interfaces, names)
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
@@ -300,23 +298,14 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
     )
 
 
-def _check_contact_in_points(names: tuple[str, ...], joined: JoinedBodies[Any]) -> None:
-    """Raise MeshError if nodes of two bodies coincide outside interfaces."""
-    mesh, body, place = joined.mesh, joined.body, joined.place
-    alone = np.flatnonzero(places_of(pairs_of(mesh.interfaces), mesh.points) != place)
-    if len(alone):
-        raise _position_error(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
-
-
 # In space.
 
 
-def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[PolyhedralMesh]) -> None:
+def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
 
     No unshared node, no point just outside such a node, and no point just below a face may be inside another body.
     """
-    mesh, body = joined.mesh, joined.body
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
     free = mesh._boundary[mesh._outer]
@@ -325,7 +314,7 @@ def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[Polyhedra
     upon = free[find_touching_faces(mesh.points, offsets, vertices, shapes, width, body=of_face[free])]
     if upon.size:
         raise _position_error(names, of_face[upon[:, 0]], mesh.face_centroids[upon[1, 0]])
-    rim = np.unique(vertices[np.bincount(joined.place)[joined.place[vertices]] == 1])
+    rim = np.unique(vertices[np.bincount(place)[place[vertices]] == 1])
     outwards = np.zeros((mesh.n_nodes, 3))
     np.add.at(outwards, vertices, np.repeat(shapes.normals, np.diff(offsets), axis=0))
     below = (mesh.face_centroids - width * mesh.face_normals)[mesh._boundary]
@@ -335,12 +324,12 @@ def _check_apart_in_space(names: tuple[str, ...], joined: JoinedBodies[Polyhedra
     for number in range(len(names)):
         rows = rows_in_order(offsets, vertices, np.flatnonzero(body[vertices[offsets[:-1]]] == number))
         x = mesh.points[rows[1]]
-        near = (owner != number) & ((places >= x.min(axis=0)) & (places <= x.max(axis=0))).all(axis=1)
-        there = np.flatnonzero(near)
+        near = (places >= x.min(axis=0)) & (places <= x.max(axis=0))
+        there = np.flatnonzero((owner != number) & near.all(axis=1))
         inside = there[is_enclosed(places[there], mesh.points, *rows)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    _check_pockets(mesh, body, joined.place)
+    _check_pockets(mesh, body, place)
 
 
 def _check_whole(mesh: PolyhedralMesh) -> None:
@@ -358,14 +347,12 @@ def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     shared = np.bincount(place)[place] > 1
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
-    places, owner = place[nodes], cell_of_corner(rows)
-    one, other = (owner[corner] for corner in find_all_in(places, places))
-    faces = free[some]
+    one, other = (cell_of_corner(rows)[corner] for corner in find_all_in(place[nodes], place[nodes]))
     apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
-    cosine = np.einsum("ki,ki->k", mesh.face_normals[faces[one]], mesh.face_normals[faces[other]])
-    pocket = one[apart & (cosine < FACING_COSINE)]
+    normals = mesh.face_normals[free[some]]
+    pocket = one[apart & (np.einsum("ki,ki->k", normals[one], normals[other]) < FACING_COSINE)]
     if len(pocket):
-        raise mismatch_error(mesh.face_centroids[faces[pocket[0]]])
+        raise mismatch_error(mesh.face_centroids[free[some[pocket[0]]]])
 
 
 # Cell data and arguments.
@@ -410,7 +397,6 @@ def _check_meshes(meshes: Mapping[str, AnyKind]) -> None:
 def _check_tolerance(tolerance: float | None, points: Floats) -> float:
     extent = float(np.ptp(points, axis=0).max())
     if tolerance is None:
-        # well above the rounding of coordinates in files, well below the length of any edge
         return max(SAME * extent, TOLERANCE * float(np.abs(points).max()))
     if not is_real(tolerance) or not 0.0 <= tolerance < extent:
         raise MeshError(

@@ -2,8 +2,7 @@
 
 The checks are, in this order: numbers, coincident nodes, single cells, the tiling. Clockwise cells are reversed and
 unused nodes dropped, each with a note for a warning. Shapely decides whether a polygon is simple, and whether polygons
-form a coverage: no two overlap, and where two meet they have the same vertices. So an edge belongs to at most two
-cells, one on either side.
+form a coverage: no two overlap, and where two meet they have the same vertices.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ from vemcvx.meshes.polygons import (
     reverse_rows,
 )
 
-Name = Callable[[int], str]
-"""Function from the number of a polygon or row of nodes to its name in messages."""
+Name = Callable[[int], str]  # from the number of a polygon or row of nodes to its name in messages
 
 
 class CheckedMesh(NamedTuple):
@@ -82,9 +80,6 @@ def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | No
         f"{np.argmin(node_map)}) and have been dropped; mesh.node_map gives the new numbers."
     )
     return points[used], node_map[vertices], node_map, [note]
-
-
-# Numbers and coincident nodes, in the plane and in space.
 
 
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
@@ -145,9 +140,9 @@ def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, name: Name) -> N
         raise MeshError(f"{name(polygon)} names node {node} twice; every vertex must appear once.")
 
 
-def brief_row(nodes: Ints) -> str:
+def brief_row(offsets: Ints, vertices: Ints, row: int) -> str:
     """Return the first six node numbers of a row, in brackets."""
-    shown = list(map(str, nodes))
+    shown = list(map(str, vertices[offsets[row] : offsets[row + 1]]))
     return f"({', '.join(shown[:6])}{', ...' if len(shown) > 6 else ''})"
 
 
@@ -164,9 +159,6 @@ def check_coincident(points: Floats, vertices: Ints) -> None:
         )
 
 
-# Single polygons, and how they fit together.
-
-
 def _cell(number: int) -> str:
     return f"cell {number}"
 
@@ -177,7 +169,7 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     areas = areas_and_centroids(points, offsets, vertices)[0]
     rounding = roundings(places, offsets)
     check_areas(areas, sizes, rounding, _cell)
-    check_simple(places, offsets, rounding, lambda k: f"cell {k} {brief_row(vertices[offsets[k] : offsets[k + 1]])}")
+    check_simple(places, offsets, rounding, lambda k: f"cell {k} {brief_row(offsets, vertices, k)}")
     return areas
 
 

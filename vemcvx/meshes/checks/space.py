@@ -57,22 +57,17 @@ def check_polyhedral_mesh(
     return plane.CheckedMesh((points, *faces._replace(face_vertices=vertices)), interfaces, node_map, notes + more)
 
 
-# Lists of faces.
-
-
-VERTEX_CELLS_HINT = (
-    " For tetrahedra, hexahedra, wedges and pyramids given by their vertices, use "
-    'vx.meshes.convert(meshio.Mesh(points, {"tetra": cells})).'
-)
-
-
 def _list_faces(cells: Any) -> FaceLists:
     """Return the given faces of cells as flat arrays, or raise MeshError."""
     wanted = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
+    hint = (
+        " For tetrahedra, hexahedra, wedges and pyramids given by their vertices, use "
+        'vx.meshes.convert(meshio.Mesh(points, {"tetra": cells})).'
+    )
     rows = [plane.list_of(cell, wanted) for cell in plane.list_of(cells, wanted)]
-    cell_offsets = offsets_of(np.array([len(row) for row in rows], dtype=np.int64))
+    cell_offsets = offsets_of(np.array(list(map(len, rows)), dtype=np.int64))
     faces = list(chain.from_iterable(rows))
-    return FaceLists(*plane.lay_flat(faces, lambda face: _face(face, cell_offsets), VERTEX_CELLS_HINT), cell_offsets)
+    return FaceLists(*plane.lay_flat(faces, lambda face: _face(face, cell_offsets), hint), cell_offsets)
 
 
 def _check_lists(listed: FaceLists, n_nodes: int) -> None:
@@ -88,9 +83,6 @@ def _check_lists(listed: FaceLists, n_nodes: int) -> None:
 def _face(number: int, cell_offsets: Ints) -> str:
     cell = int(np.searchsorted(cell_offsets, number, side="right")) - 1
     return f"cell {cell}: its face {number - cell_offsets[cell]}"
-
-
-# Cells.
 
 
 def _check_cells(points: Floats, listed: FaceLists) -> Bools:
@@ -109,9 +101,10 @@ def _check_cells(points: Floats, listed: FaceLists) -> Bools:
     bad = np.flatnonzero(again & (same_side | (np.bincount(number)[number] > 2)))
     if len(bad):
         cells = ", ".join(map(str, owner[number == number[bad[0]]]))
+        row = brief_row(listed.offsets, listed.vertices, bad[0])
         raise MeshError(
-            f"cells {cells} overlap at their face {_row(listed, bad[0])}: a face belongs to at most two cells, one on "
-            "each side. Correct or remove other cells."
+            f"cells {cells} overlap at their face {row}: a face belongs to at most two cells, one on each side. "
+            "Correct or remove other cells."
         )
     outer = FaceShapes(shapes.areas[first], normals[first], shapes.centroids[first])
     _check_volumes(points, polyhedra.join_faces(*listed), np.abs(volumes), outer)
@@ -130,10 +123,11 @@ def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools
     if (counts != 2).any():
         k = np.argmax(counts != 2)
         corner = order[starts[k]]
+        pair = tuple(np.sort(ends[corner]).tolist())
         raise MeshError(
-            f"cell {owner[face[corner]]} is not closed, or touches itself: its edge {brief_row(np.sort(ends[corner]))} "
-            f"belongs to {counts[k]} of its faces instead of two. List each face once; insert hanging nodes of "
-            "neighbours into edges; split a cell that touches itself."
+            f"cell {owner[face[corner]]} is not closed, or touches itself: its edge {pair} belongs to {counts[k]} of "
+            "its faces instead of two. List each face once; insert hanging nodes of neighbours into edges; split a "
+            "cell that touches itself."
         )
     nodes = np.bincount(np.unique(owner[face] * n_nodes + vertices) // n_nodes)
     euler = nodes - np.bincount(edge // len(edges)) + np.diff(cell_offsets)
@@ -153,13 +147,6 @@ def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools
     return turn
 
 
-def _row(listed: FaceLists | Faces, face: int) -> str:
-    return brief_row(listed[1][listed[0][face] : listed[0][face + 1]])
-
-
-# Shapes of faces, volumes of cells, and the tiling.
-
-
 def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShapes) -> None:
     """Raise MeshError for the first of the listed faces `some` that is not a plane simple polygon."""
     offsets, vertices = rows_in_order(listed.offsets, listed.vertices, some)
@@ -167,7 +154,7 @@ def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShap
     sizes, rounding = polygons.diameters(points, offsets, vertices), plane.roundings(points[vertices], offsets)
 
     def name(number: int) -> str:
-        return f"{_face(some[number], listed.cell_offsets)} {_row(listed, some[number])}"
+        return f"{_face(some[number], listed.cell_offsets)} {brief_row(listed.offsets, listed.vertices, some[number])}"
 
     plane.check_areas(shapes.areas, sizes, rounding, name)
     places = polyhedra.in_planes(points[vertices], face, shapes)
@@ -214,7 +201,8 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
     upon = find_touching_faces(points, *rows, FaceShapes(*(values[outer] for values in shapes)), width)
     if upon.size:
         first, second = (
-            f"the face {_row(faces, face)} of cell {faces.face_cells[face, 0]}" for face in outer[upon[:, 0]]
+            f"the face {brief_row(faces.face_offsets, faces.face_vertices, face)} of cell {faces.face_cells[face, 0]}"
+            for face in outer[upon[:, 0]]
         )
         raise MeshError(
             f"{first} and {second} lie on one another. Two cells must meet in whole "
@@ -233,10 +221,10 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> Ints:
-    """Return pairs (2, k) of boundary faces at most `width` apart that share more than `part` of the smaller area.
+    """Return pairs (2, k), the smaller number first, of faces at most `width` apart with a common area.
 
-    The smaller number of each pair comes first. If the bodies (f,) of the faces are given, return only pairs of two
-    different bodies.
+    The common area is more than `part` of the area of the smaller face. If the bodies (f,) of the faces are given, the
+    faces of a pair are of different bodies.
     """
     import shapely
 
@@ -267,8 +255,6 @@ RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
     """Return a mask of the points (m, 3) inside a closed surface, by counting where a ray leaves and enters it."""
-    if not len(places):
-        return np.zeros(0, dtype=bool)
     places, points = places @ RAY_FRAME, points @ RAY_FRAME
     first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]
@@ -277,6 +263,6 @@ def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -
     i, k = polygons.overlapping_boxes(places[:, :2], places[:, :2], low, high)
     arms = corners[k] - places[i, None]
     turns = np.stack([polygons.cross(arms[:, a, :2], arms[:, b, :2]) for a, b in ((1, 2), (2, 0), (0, 1))], axis=1)
-    sign = np.where((turns > 0.0).all(axis=1), 1.0, np.where((turns < 0.0).all(axis=1), -1.0, 0.0))
+    sign = (turns > 0.0).all(axis=1).astype(float) - (turns < 0.0).all(axis=1)
     above = np.einsum("ka,ka->k", turns, arms[:, :, 2]) * sign > 0.0
     return np.bincount(i[above], sign[above], len(places)) > 0.5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import small
 
 from vemcvx.meshes import FAMILIES, PolygonMesh
 
@@ -48,14 +47,3 @@ def test_nodes_edges_and_cells_obey_eulers_formula(name):
     for one, other in mesh.neighbours:
         assert one < other
         assert len(set(mesh.cells[one].tolist()) & set(mesh.cells[other].tolist())) >= 2
-
-
-def test_boundary_edges_run_counter_clockwise_around_the_area():
-    mesh = small("voronoi", 6, seed=3)
-    edges = mesh.boundaries["boundary"]
-    start, end = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
-    normals = (end - start) @ np.array([[0.0, -1.0], [1.0, 0.0]])  # (y_b - y_a, x_a - x_b)
-    np.testing.assert_allclose(normals.sum(axis=0), 0.0, atol=1e-14)
-    # Gauss: the flux of (x, y) through the boundary is twice the area.
-    assert np.einsum("ij,ij->", 0.5 * (start + end), normals) == pytest.approx(2.0, rel=1e-14)
-    assert np.array_equal(np.sort(edges[:, 0]), np.sort(edges[:, 1]))

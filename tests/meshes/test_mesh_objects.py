@@ -11,12 +11,10 @@ import pytest
 import skfem
 from same_mesh import assert_same
 from scenes import rotation, small
-from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, convert, read
 
-YOUNG, POISSON = 200.0, 0.3
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 CUBE = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
@@ -119,28 +117,6 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
     for name in flat.subdomains:
         np.testing.assert_array_equal(back.subdomains[name], flat.subdomains[name])
     assert_same(mesh, convert(back))
-
-
-def test_stiffness_and_load_on_triangles_agree_with_linear_elements_of_scikit_fem():
-    """Compare entries of free unknowns. The nodes in contact must be the nodes of the floor that are not held."""
-    flat = make_skfem_mesh(skfem.MeshTri)
-    mesh = convert(flat)
-    pull = vx.Traction(lambda x, t: np.tile([3.0 * t, -t], (len(x), 1)), on="pushed")
-    scene = vx.Scene(vx.Elasticity(YOUNG, POISSON), vx.Clamp(on="held"), pull)
-    (program,) = vx.programs(scene, mesh, [0.0, 1.0], condense=False)
-    basis = skfem.Basis(flat, skfem.ElementVector(skfem.ElementTriP1()), intorder=6)
-    K = linear_elasticity(*lame_parameters(YOUNG, POISSON)).assemble(basis)
-    load = skfem.LinearForm(lambda v, w: 3.0 * v[0] - v[1]).assemble(
-        skfem.FacetBasis(flat, basis.elem, facets="pushed", intorder=2)
-    )
-    free = np.setdiff1d(basis.nodal_dofs.T.ravel(), basis.get_dofs("held").all())
-    exact = K[free][:, free].toarray()
-    assert np.abs(program.operators.K.toarray() - exact).max() < 1e-12 * np.abs(exact).max()
-    assert np.abs(program.g - load[free]).max() < 1e-12 * np.abs(load).max()
-    rubbing = scene.with_(vx.UnilateralContact(on="floor"), vx.TrescaFriction(0.5, on="floor"))
-    history = vx.simulate(rubbing, mesh, [0.0, 1.0])
-    floor, held = (np.unique(flat.facets[:, flat.boundaries[name]]) for name in ("floor", "held"))
-    assert set(history.contact.nodes) == set(floor) - set(held)
 
 
 def test_a_warning_names_cell_data_that_scikit_fem_does_not_keep():

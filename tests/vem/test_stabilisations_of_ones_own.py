@@ -203,11 +203,6 @@ def test_wrong_forms_are_refused():
             pose_scene(scene, vx.meshes.squares(2))
 
 
-def test_descriptions_name_the_stabilisation():
-    for material in (vx.Elasticity(YOUNG, POISSON, stabilisation=own.Boundary()), WOOD):
-        assert "Boundary stabilisation" in material.describe()
-
-
 class Springs(vx.Stabilisation):
     """A stabilisation in space: mu h_K for every component at every vertex, half of the default."""
 

@@ -146,11 +146,3 @@ def test_nodes_where_two_cells_touch_have_four_normals():
     assert list(rows.nodes) == [0, 0, 0, 0, 1, 2, 3, 4]
     assert sorted(map(tuple, rows.normals[:4])) == [(-1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, 0.0)]
     assert np.array_equal(rows.lengths, np.full(8, 0.5))
-
-
-def test_arrays_are_read_only():
-    space = make_space()
-    part = space.part("left", "test")
-    rows = part.node_normals
-    arrays = [part.sides, part.measures, part.normals, part.nodes, rows.nodes, rows.normals, rows.lengths]
-    assert not any(array.flags.writeable for array in (*arrays, space.groups[0].nodes, space.groups[0].cells))

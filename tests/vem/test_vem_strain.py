@@ -31,12 +31,6 @@ def test_large_translations_change_no_bit_of_strains():
     assert np.array_equal(strains(Space(mesh), u + 2.0**24), strains(Space(mesh), u))
 
 
-def test_rigid_modes_are_two_translations_and_a_rotation():
-    points = np.array([[1.0, 2.0], [3.0, -4.0]])
-    expected = [[1, 0, -2], [0, 1, 1], [1, 0, 4], [0, 1, 3]]
-    assert np.array_equal(rigid_modes(points), expected)
-
-
 @pytest.mark.parametrize("family", [*vx.meshes.FAMILIES, *vx.meshes.SPACE_FAMILIES])
 def test_mean_strains_of_quadratic_displacements_are_their_strains_at_centroids(family):
     """u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x): strains are linear."""

@@ -1,9 +1,4 @@
-"""Checks of the arguments of mesh families (boxes, numbers of cells), and of names and data of meshes.
-
-A family takes a box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)), and either n or the size of a cell.
-n is the number of cells along the shortest side, or the numbers along all axes. The parts of a boundary are edges in
-the plane, faces in space.
-"""
+"""Checks of the arguments of mesh families (boxes, numbers of cells), and of names and data of meshes."""
 
 from __future__ import annotations
 
@@ -54,11 +49,24 @@ class Box:
         """Lengths of the sides along the axes."""
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
-    def ticks(self, *counts: int, grades: tuple[float, ...] | None = None) -> list[Floats]:
-        """Return count + 1 coordinates for each axis, equally spaced or graded, or raise MeshError."""
-        grades = (1.0,) * len(counts) if grades is None else grades
-        ends = zip(self.low, self.high, counts, grades, strict=True)
-        return [ticks(low, high, count, grade) for low, high, count, grade in ends]
+    def ticks(self, *counts: int, grades: tuple[float, ...] = (1.0, 1.0, 1.0)) -> list[Floats]:
+        """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two equal.
+
+        Widths form a geometric sequence: the last is `grade` times the first.
+        """
+        lines = []
+        for low, high, count, grade in zip(self.low, self.high, counts, grades, strict=False):
+            line = np.linspace(low, high, count + 1)
+            if grade != 1.0 and count > 1:
+                far = np.cumsum(np.append(0.0, grade ** (np.arange(count) / (count - 1))))
+                line = np.append(low + far[:-1] * ((high - low) / far[-1]), high)
+            if not np.all(np.diff(line) > 0.0):
+                raise MeshError(
+                    f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
+                    "numbers there; use fewer cells or a box nearer to the origin."
+                )
+            lines.append(line)
+        return lines
 
 
 def check_box(box: Any, dimension: int = 2) -> Box:
@@ -94,8 +102,7 @@ def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> i
 
 def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) -> float:
     """Return a number in [0, high), or [0, high] if ``closed``, or raise MeshError."""
-    inside = is_real(value) and (0.0 <= value < high or (closed and value == high))
-    if not inside:
+    if not (is_real(value) and (0.0 <= value < high or (closed and value == high))):
         bracket = "]" if closed else ")"
         raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")
     return float(value)
@@ -156,23 +163,6 @@ def check_total(cells: Number) -> Number:
     if cells > MOST_CELLS:
         raise MeshError(f"the mesh would have {cells:.3g} cells; at most {MOST_CELLS:g} are allowed. Ask for fewer.")
     return cells
-
-
-def ticks(low: float, high: float, count: int, grade: float = 1.0) -> Floats:
-    """Return count + 1 numbers from exactly low to exactly high, or raise MeshError if rounding makes two equal.
-
-    The lengths of the intervals form a geometric sequence: the last is `grade` times as long as the first.
-    """
-    line = np.linspace(low, high, count + 1)
-    if grade != 1.0 and count > 1:
-        far = np.cumsum(np.append(0.0, grade ** (np.arange(count) / (count - 1))))
-        line = np.append(low + far[:-1] * ((high - low) / far[-1]), high)
-    if not np.all(np.diff(line) > 0.0):
-        raise MeshError(
-            f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
-            "numbers there; use fewer cells or a box nearer to the origin."
-        )
-    return line
 
 
 def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
@@ -270,8 +260,7 @@ def points_to_plot(points: Floats, displacement: ArrayLike | None) -> Floats:
             f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
             f"shape {array.shape}."
         )
-    moved: Floats = points + array
-    return moved
+    return np.asarray(points + array)
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:

@@ -159,9 +159,9 @@ class PolygonMesh(Mesh):
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells layer by layer, each layer in the order of this mesh. Cells inherit the data of their
-            polygons. The faces above a boundary or interface have its name, except that "bottom" becomes "front" and
-            "top" becomes "back": in space "bottom" and "top" are the lowest and highest polygons.
+            Nodes and cells layer by layer, in the order of this mesh, with the data of the polygons. The faces above a
+            boundary or interface have its name, except that "bottom" becomes "front" and "top" becomes "back": in space
+            "bottom" and "top" are the lowest and highest polygons.
 
         Raises
         ------
@@ -200,13 +200,6 @@ class PolygonMesh(Mesh):
         -------
         Axes
             The given or new axes.
-
-        Raises
-        ------
-        VemcvxError
-            matplotlib is not installed.
-        MeshError
-            ``values`` or ``displacement`` do not fit the mesh.
         """
         values = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
         points = points_to_plot(self.points, displacement)
@@ -290,12 +283,11 @@ def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
 
 
 def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
-    """Return the mesh if it is a `PolygonMesh`.
+    """Return the mesh if it is a `PolygonMesh`; else raise SceneError.
 
     Parameters
     ----------
     mesh : Mesh
-        Any mesh.
     subject : str
         The feature that needs a plane mesh, for the error message.
     instead : str
@@ -304,12 +296,6 @@ def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
     Returns
     -------
     PolygonMesh
-        The same mesh.
-
-    Raises
-    ------
-    SceneError
-        The mesh is not in the plane.
 
     Examples
     --------

@@ -13,13 +13,11 @@ K is star-shaped about x if x is on the inner side of all edges (faces). Hence
 $$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward normal, } a_e \text{ a point on } e. $$
 
 If K is convex, rho_K is the radius of the largest inscribed circle (sphere). If K is not star-shaped, rho_K is
-negative, and star is set to 0. Finding x and rho is a linear program with a row n_e . x + rho <= n_e . a_e for every
-side. HiGHS solves the programs of thousands of cells at once.
+negative, and star is set to 0. HiGHS solves this linear program for thousands of cells at once.
 
-By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. S / a_mu
-is 1.0 to 1.9 on a regular hexagon, .20 to 18 if it is stretched ten to one (star .043), and .020 to 195 if it is
-stretched a hundred to one: off by about the aspect ratio. On squares with a dent (star .01) it is .47 to 9.5. A short
-edge lowers the least ratio like 1 / |log edge|: to .65 at edge .1, .13 at 1e-4 (problems/stabilisation_spectrum.py).
+By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. On cells
+stretched by a factor, S / a_mu is off by about this factor. A short edge lowers the least ratio like 1 / |log edge|
+(problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations
@@ -40,8 +38,7 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, right_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 LEAST_STAR, LEAST_EDGE = 0.05, 1e-4
-"""Ratios below which a warning is issued. At star .05, cells are stretched nine to one, and the largest S / a_mu is
-seventy times the smallest. At edge 1e-4, S can be an eighth of the energy."""
+"""Ratios below which a warning is issued. At star .05, cells are stretched nine to one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -25,9 +25,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
     The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra. Their faces must be
-    plane. Where faces would be warped, use tetrahedra, or split each warped face into two triangles, in both of its
-    cells alike. Of cells of higher order (triangle6, quad8, tetra10, hexahedron20 ...) only the corners are read; edges
-    become straight.
+    plane: split each warped face into two triangles, in both of its cells alike. Of cells of higher order (triangle6,
+    tetra10 ...) only the corners are read; edges become straight.
 
     Named boundaries come from the file: names written by a mesh's `write`, physical groups of lines (in space:
     surfaces) of Gmsh, node sets and surfaces of Abaqus, or properties of Nastran. Cell data are kept. A physical group
@@ -35,7 +34,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     and cells keep their order. A constant third coordinate of a plane mesh is dropped.
 
     If the file names no part of the boundary, the edges or faces where x, y or z is least or greatest get the names of
-    the sides of a box ("left", "right", "bottom" and "top" in the plane), and a `MeshWarning` lists the names.
+    the sides of a box ("left", "right" ...), and a `MeshWarning` lists the names.
 
     Parameters
     ----------
@@ -43,10 +42,10 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Make one body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (or
-        of element sets, if it has no parts), or of every property of a Nastran file. The bodies are joined as by
-        :func:`vemcvx.meshes.bodies`; where two meet, they may share nodes or not. A boundary "rim" of "plate" is called
-        "plate.rim". An interface is called "plate|pin", or by its name in the file if exactly one name stands for the
-        whole interface. Any other name whose edges or faces all lie on interfaces becomes a named boundary.
+        of element sets, if it has no parts), or of every property of a Nastran file, and join these bodies as
+        :func:`vemcvx.meshes.bodies` does. A boundary "rim" of "plate" is called "plate.rim". An interface is called
+        "plate|pin", or by its name in the file if exactly one name stands for the whole interface. Any other name whose
+        edges or faces all lie on interfaces becomes a named boundary.
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 

@@ -47,9 +47,8 @@ class SideRule:
 class Part:
     """A closed set of sides of the boundary: edges in the plane, faces in space.
 
-    The length (in space the area) of a node is int phi_i ds over the part, with functions on faces as in
-    :mod:`vemcvx.vem.projection`. If sides meet at an angle, conditions along the normal hold on both sides. So a node
-    may have several *rows*, one per normal: see :class:`BoundaryRows`.
+    The length (in space the area) of a node is int phi_i ds over the part. A node where sides meet at an angle has
+    several *rows*, one per normal: see :class:`BoundaryRows`.
 
     Attributes
     ----------
@@ -208,10 +207,9 @@ def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tupl
 def face_part(
     faces: Ints, mesh: PolyhedralMesh, across: Ints | None = None, mirrors: MirrorPlanes | None = None
 ) -> Part:
-    """Return the part of the boundary that consists of these faces (m,), ascending numbers.
+    """Return the part of the boundary that consists of these faces (m,), ascending; see `edge_part`.
 
-    `across` (c,) are the nodes of other bodies that an interface joins to the vertices of the faces, face by face; -1
-    where there is no interface. `mirrors` are planes of symmetry at nodes.
+    `across` (c,) are the nodes of other bodies at the vertices of the faces, face by face, or -1.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
@@ -260,9 +258,8 @@ def _curvature(group: FaceGroup) -> Floats:
 #
 # Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
 # edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
-# nodes on a circle or a sphere with any spacing. With weights proportional to length, a body that slides along a curve
-# of unequal sides would meet forces that do not vanish under refinement. Sides much shorter than their neighbours get
-# almost no weight, because rounding turns them.
+# nodes on a circle or a sphere with any spacing. Sides much shorter than their neighbours get almost no weight, because
+# rounding turns them.
 #
 # A curve that ends on a plane of symmetry continues as its mirror image. The mean over both is the normal without its
 # component across the plane. If the curve and its image form a corner, like the tip of a wedge, the node keeps the
@@ -270,13 +267,9 @@ def _curvature(group: FaceGroup) -> Floats:
 #
 # In the plane, one body defines the curve of an interface; nodes of the other body hang in its sides. Means are over
 # whole sides, undivided; along a whole side, normals vary linearly from end to end. So on a circle all normals are
-# radial, and a ring can turn inside another. The normals of the chords are off by up to half the angle of a chord: in a
-# press fit, sticking contact would be stretched by a strain of order overlap / radius at every h. With sides of ratio
-# 1 : .8, friction was .33 of the pressure, which oscillated by 6.8 % (root mean square) at every h; with the normals of
-# the circle both are O(h). (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
+# radial, and a ring can turn inside another. With the normals of chords, friction and pressure in a press fit would
+# oscillate at every h. (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
 # Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
-
-
 CURVE_ANGLE = float(np.radians(42.5))  # Sides that turn by less form a curve.
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance of unit normals on one curve: octagons and chamfers have corners, a regular nonagon is round,
@@ -296,7 +289,7 @@ class EdgeEnds:
     beyond : (q,) array of int
         The node at the other end of the edge, or the number of the face.
     lengths : (q,) array
-        int phi_i ds over the edge, which is half its length, or over the face.
+        int phi_i ds over the edge or face.
 
     Examples
     --------

@@ -39,11 +39,9 @@ from vemcvx.vem.tensors import COMPONENTS
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
 # match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell contains
-# (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). In a triangle,
-# the ellipse touches the sides. If one of these points is not clearly inside a cell, the cell is cut into triangles
-# along diagonals. On a triangle, the rule has three inner points.
-
-
+# (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). If one of
+# these points is not clearly inside a cell, and on triangles, whose sides the ellipse touches, the cell is cut into
+# triangles along diagonals, with three inner points each.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -97,7 +95,7 @@ def _ring(about: Floats, areas: Floats) -> Floats:
     """Return the four points (c, 4, 2) relative to the centroid, given the vertices relative to the centroid."""
     M = second_moments(about) / areas[:, None, None]
     trace = M[:, 0, 0] + M[:, 1, 1]
-    # det may round below zero on cells thinner than 1e-8 of their length; _all_inside rejects these.
+    # The determinant may round below zero on cells thinner than 1e-8 of their length; `_all_inside` rejects these.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
     half = (M + root[:, None, None] * np.eye(2)) * np.sqrt(2.0 / (trace + 2.0 * root))[:, None, None]
     return np.concatenate([half, -half], axis=1)

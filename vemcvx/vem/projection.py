@@ -135,10 +135,8 @@ class FaceGroup:
         within = np.einsum("qk,ftki->ftqi", RADON_POINTS, self._at_triangles(self.corners))
         each = np.linalg.norm(self.vectors, axis=2)[:, :, None, None] * (RADON_WEIGHTS[:, None] * RADON_POINTS).T
         shares = np.zeros((f, self.corners.shape[1], count, len(RADON_WEIGHTS)))
-        rows = np.arange(f)
-        for t in range(count):
-            for k in range(3):
-                shares[rows, self.triangles[:, t, k], t] += each[:, t, k]
+        places = np.arange(f)[:, None, None], self.triangles, np.arange(count)[:, None]
+        np.add.at(shares, places, np.broadcast_to(each, (f, count, 3, len(RADON_WEIGHTS))))
         n = self.nodes.shape[1]
         spread = shares[:, :n] + self.weights[:, :, None, None] * shares[:, n:]
         return self.origin[:, None] + within.reshape(f, -1, 3), spread.reshape(f, n, -1)
@@ -149,11 +147,9 @@ class FaceGroup:
 
     def _to_vertices(self, values: Floats) -> Floats:
         """Sum values (f, T, 3, ...) at the corners of triangles into the vertices, (f, n, ...)."""
-        f, count = self.triangles.shape[:2]
-        total, rows = np.zeros((f, self.corners.shape[1], *values.shape[3:])), np.arange(f)
-        for t in range(count):
-            for k in range(3):
-                total[rows, self.triangles[:, t, k]] += values[:, t, k]
+        f = len(self.triangles)
+        total = np.zeros((f, self.corners.shape[1], *values.shape[3:]))
+        np.add.at(total, (np.arange(f)[:, None, None], self.triangles), values)
         n = self.nodes.shape[1]
         weights = self.weights.reshape(*self.weights.shape, *[1] * (values.ndim - 3))
         return total[:, :n] + weights * total[:, n:]
@@ -300,9 +296,9 @@ class CellGroup:
         linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
         return linear + w[:, None, :]
 
-    def chunks(self, entries: int = CACHED_NUMBERS) -> Iterator[CellGroup]:
-        """Yield the group in pieces whose local n x n matrices have about `entries` numbers together."""
-        size = max(1, entries // self.nodes.shape[1] ** 2)
+    def chunks(self) -> Iterator[CellGroup]:
+        """Yield the group in pieces whose local n x n matrices have about `CACHED_NUMBERS` numbers together."""
+        size = max(1, CACHED_NUMBERS // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):
             yield self.part(slice(start, start + size))
 

@@ -7,14 +7,10 @@ and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h
 not depend on K: S_K of (I - Pi) v must be comparable to its true energy. (The default S_K is comparable to the
 shear energy only, so alpha_* decreases as nu grows: on a square it is at most 6 mu / (lam + 3 mu), see
 problems/stabilisation_spectrum.py. With lam in S_K the method would lock.) In vertex values S_K is a matrix S,
-symmetric and positive definite on the range of I - Pi, which adds to the local matrix
+symmetric and positive definite on the range of I - Pi, which adds (I - Pi)' S (I - Pi) to the local matrix.
 
-    (I - Pi)' S (I - Pi).
-
-Two stabilisations have names: S = tau h_K^(dim - 2) I, tau = 2 mu ("shear") or 1 ("unit", as in the paper)
-(:mod:`vemcvx.vem.elasticity`). All others are subclasses of :class:`Stabilisation`. The stiffness, the error budget
-and the nodal distance use the same S, and therefore the same a^h. Error bounds (:mod:`vemcvx.bound`) measure in a,
-the energy of the continuum: they need no S_K, and hold for the answer with any S_K.
+Two stabilisations have names: S = tau h_K^(dim - 2) I, tau = 2 mu ("shear") or 1 ("unit", as in the paper). All others
+are subclasses of :class:`Stabilisation`. Error bounds (:mod:`vemcvx.bound`) need no S_K, and hold with any S_K.
 """
 
 from __future__ import annotations
@@ -258,10 +254,6 @@ def missed_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Fl
         for chunk in () if group.simplices else group.chunks():
             about = u[chunk.nodes] - u[chunk.nodes[:, :1]]
             missed = about - np.matmul(chunk.vertex_values(), about)
-            if isinstance(stabilisation, VertexWeights):
-                weights = stabilisation.tau[chunk.cells] * chunk.stabilised_size
-                energies[chunk.cells] = weights * np.sum(missed**2, axis=(1, 2))
-            else:
-                S = in_components(stabilisation.form(chunk, C[chunk.cells]), space.dim)
-                energies[chunk.cells] = np.einsum("cia,cijab,cjb->c", missed, S, missed, optimize=True)
+            S = in_components(stabilisation.form(chunk, C[chunk.cells]), space.dim)
+            energies[chunk.cells] = np.einsum("cia,cijab,cjb->c", missed, S, missed, optimize=True)
     return np.where(np.abs(C).max(axis=(1, 2)) > 0.0, energies, 0.0)

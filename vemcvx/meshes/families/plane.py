@@ -30,7 +30,7 @@ from vemcvx.meshes.polygons import offsets_of
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with equal squares; other families have the same parameters and names of sides.
+    """Return a mesh of a box with equal squares; other families have the same parameters, errors and names of sides.
 
     Parameters
     ----------
@@ -112,12 +112,6 @@ def triangles(
     return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, box=rectangle)
 
 
-# Hexagons in staggered rows, cut off at the sides of the box.
-#
-# Zigzag lines with a node every half cell separate the rows of cells. Rows of regular hexagons of width a are
-# a sqrt(3)/2 apart, with zigzags of a third of this height. Numbers of rows and columns are rounded to fill the box.
-
-
 HEXAGON_WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
 """Width a of a regular hexagon of area a^2 sqrt(3)/2 = 1, so that there are as many hexagons as squares."""
 
@@ -146,7 +140,8 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # row k of cells has an upright edge at column i if k + i is even; there its lower zigzag is high, its upper is low
+    # Zigzag lines with a node every half cell separate rows of cells; their height is a third of the rows'. Row k has
+    # an upright edge at column i if k + i is even; there its lower zigzag is high, its upper is low.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
@@ -180,11 +175,6 @@ def distorted(
     -------
     PolygonMesh
         Nodes and cells in the order of `squares`.
-
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``amount`` is not in [0, 1).
 
     Examples
     --------
@@ -222,11 +212,6 @@ def hanging(
     -------
     PolygonMesh
         Nodes row by row; large cells row by row, with four quarters in the position of a split cell.
-
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``fraction`` is not in [0, 1].
 
     Examples
     --------
@@ -268,11 +253,6 @@ def nonconvex(
     -------
     PolygonMesh
         Cells row by row; first the nodes of `squares`, then the nodes of the zigzags.
-
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``zigzag`` is not in [0, 1/3).
 
     Examples
     --------
@@ -327,11 +307,6 @@ def l_shape(
         Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right"
         and "inner_top". The last two meet in the re-entrant corner and have normals to the right and upwards.
 
-    Raises
-    ------
-    MeshError
-        As `squares`, or a pair (nx, ny) is not even.
-
     Examples
     --------
     >>> vx.meshes.l_shape(4).n_cells
@@ -357,8 +332,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
 
     ``ring(...).extruded(heights)`` is a tube of hexahedra, or a cylinder of wedges and hexahedra. Circles become
-    polygons with s sides. So the area of a disc is too small by about the fraction 2 pi^2 / (3 s^2), and sides are at
-    most r (1 - cos(pi / s)) inside the circle of radius r.
+    polygons with s sides, which are at most r (1 - cos(pi / s)) inside the circle of radius r.
 
     Parameters
     ----------

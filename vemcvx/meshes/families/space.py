@@ -21,7 +21,7 @@ def cubes(
     size: float | None = None,
     grade: Grade = 1.0,
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with cubes; other families in space have the same parameters and names of sides.
+    """Return a mesh of a box with cubes; other families in space have the same parameters, errors and names of sides.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def cubes(
     return mesh_of_equal_cells(points, corners[:, np.array(FACES["hexahedron"])], whole)
 
 
-def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...] | None = None) -> tuple[Floats, Ints]:
+def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...]) -> tuple[Floats, Ints]:
     """Return nodes, layer by layer, and the corners (n_cells, 8) of cells, around the bottom, then around the top."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts, grades=grades)
@@ -79,13 +79,9 @@ def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh
     return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
-# Cubes split into six tetrahedra about the diagonal from the lowest to the highest corner.
-#
-# For each order of the axes, one tetrahedron has the vertices of the path from the lowest corner along the first axis,
-# then the second, then the third (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). Tetrahedra of neighbouring cubes
-# share whole faces. All are congruent up to reflection, and the meshes for n and 2 n are nested.
-
-
+# Cubes split into six tetrahedra about the diagonal from the lowest to the highest corner. For each order of the axes,
+# one tetrahedron has the vertices of the path from the lowest corner along the first axis, then the second, then the
+# third (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). Tetrahedra of neighbouring cubes share whole faces.
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
 """Rows: corners of a tetrahedron, numbered as in `cube_grid`; seen from the last, the others run counter-clockwise."""
 
@@ -135,7 +131,6 @@ def prisms(
     Returns
     -------
     PolyhedralMesh
-        Nodes and cells layer by layer.
 
     Examples
     --------

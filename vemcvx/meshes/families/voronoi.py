@@ -73,17 +73,12 @@ def voronoi(
     relaxations : int
         Lloyd iterations; 0 keeps the Voronoi cells of the random seeds.
     shortest : float
-        Edges shorter than this fraction of the square root of the mean cell area are collapsed; 0 keeps all edges.
+        Edges shorter than this fraction of the square root of the mean cell area are collapsed; 0 to 0.1.
 
     Returns
     -------
     PolygonMesh
         Cells are convex, except where edges were collapsed.
-
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``shortest`` is not in [0, 0.1].
 
     Examples
     --------
@@ -133,11 +128,6 @@ def voronoi3(
     PolyhedralMesh
         Cells and nodes are sorted into layers and rows one cell high. Faces are plane up to rounding; edges may be
         arbitrarily short.
-
-    Raises
-    ------
-    MeshError
-        As `cubes`.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists what is not read.
 
 A part is read once for each of its instances, translated and rotated like the instance. A part without an instance is
-read once, unmoved. Sets of the same name in several parts are joined; element sets are also kept for each instance, as
-"Instance.Set". Each instance has its own numbers of nodes and elements.
+read once. Sets of the same name in several parts are joined; element sets are also kept for each instance, as
+"Instance.Set".
 """
 
 from __future__ import annotations
@@ -102,9 +102,7 @@ class _Deck:
         strange = [name for name in ("SYSTEM", "LIBRARY") if options.get(name, "R").upper() != "R"]
         if word in REFUSED or (strange and word in ("NODE", "INSTANCE")):
             more = "".join(f", {name}={options[name]}" for name in strange)
-            raise MeshError(
-                f"its keyword *{word}{more} is not supported; write out all elements and (Cartesian) nodes."
-            )
+            raise MeshError(f"its keyword *{word}{more} is not supported; write out all elements and Cartesian nodes.")
         rows = [[one.strip() for one in line.split(",")] for line in lines]
         if word in ("PART", "ENDPART"):
             self.part = self.spell(options.get("NAME", word)) if word == "PART" else ""
@@ -245,8 +243,7 @@ def _rotate(x: Floats, axis: Floats) -> Floats:
     along, angle = (axis[3:6] - axis[:3]) / np.linalg.norm(axis[3:6] - axis[:3]), np.radians(axis[6])
     arm = x - axis[:3]
     kept = np.outer(arm @ along, along)
-    rotated: Floats = axis[:3] + kept + np.cos(angle) * (arm - kept) + np.sin(angle) * np.cross(along, arm)
-    return rotated
+    return np.asarray(axis[:3] + kept + np.cos(angle) * (arm - kept) + np.sin(angle) * np.cross(along, arm))
 
 
 def _lines(path: Path) -> Iterator[str]:

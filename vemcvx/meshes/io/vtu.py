@@ -1,8 +1,7 @@
 """Reading and writing of VTK files of unstructured grids, .vtu.
 
 We do not use the reader of meshio: it permutes polygons, cannot read polyhedra together with other cells, and rejects
-the versions that ParaView and PyVista write today. Polyhedra are written with outward faces in the order of the mesh,
-so they are restored exactly.
+the versions that ParaView and PyVista write today.
 """
 
 from __future__ import annotations

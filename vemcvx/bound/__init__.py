@@ -1,7 +1,6 @@
 """Guaranteed bounds on the error, by admissible stresses and admissible displacements.
 
-This page states the theorems with their proofs; the modules construct the fields. Norms of stresses are in C^-1, norms
-of displacements are |v|^2 = a(v, v) = |C eps(v)|^2.
+Norms of stresses are in C^-1, norms of displacements are |v|^2 = a(v, v) = |C eps(v)|^2.
 
 **The step.** u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) over the displacements that supports
 admit. The convex j contains friction with a given bound and the energy of compliant obstacles, and is infinite beyond
@@ -29,9 +28,6 @@ sigma, r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So
 proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps, J(v) - J(u) =
 (r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
-Without friction and contact, the third inequality is an equation: sigma is on the circle whose diameter connects
-sigma_0 + C eps(v) and tau.
-
 **Theorem 2** (lower bound). If w vanishes on supports and where friction and obstacles act, then |e| >= R(w) / |w| with
 the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) for u +
 w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
@@ -51,14 +47,7 @@ Proof, and the assumptions on the start: :mod:`.whole_history`.
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
 estimate, which its `kind` names (:mod:`.reading`).
 
-**No node is certain to stick or to slip.** The first inequality of theorem 1 gives h(u) - inf h <= A^2 / 4 + b. For
-friction, h(u) is the integral of g |s| - q s >= (g - |q|) |s|, with the slip s of u. Where |q| <= g - delta, the
-integral of |s| is at most (A^2 / 4 + b) / delta. This bounds the amount of slip, but not its place: an error in energy
-limits tractions only in the dual norm H^{-1/2}, which admits any value at a point.
-
-**In space** there is no bound yet. The theorems hold in any dimension; the construction of their fields does not. On a
-tetrahedron split at its centroid, symmetric stresses that are linear on the four parts have 42 dimensions (M. Krizek,
-Apl. Mat. 27 (1982)). Tractions on faces and divergences determine them, and the hybrid method of :mod:`.equilibrium`
-carries over with nine motions per face in place of four per edge. There is no displacement inside polyhedra yet that
-does not lock near nu = 1/2; linear functions lock.
+**In space** there is no bound yet. The theorems hold in any dimension. Stresses could be constructed on tetrahedra that
+are split at their centroids (M. Krizek, Apl. Mat. 27 (1982)). There is no displacement inside polyhedra yet that does
+not lock near nu = 1/2; linear functions lock.
 """

@@ -1,9 +1,8 @@
 """The conforming displacement inside polygons: an explicit replacement of virtual functions on the fan of each cell.
 
 The displacement is linear on the edges of the mesh, like the virtual function. Inside a cell it minimises the energy
-under the body force over continuous functions of degree 2 on the split fan. The divergences of these functions are
-general enough to avoid locking (Scott and Vogelius on the split of Alfeld). Functions of degree 1 on the fan lock: at
-lambda = 1e6 they gave the bound 22 for an error of .026.
+under the body force over continuous functions of degree 2 on the split fan, which do not lock (Scott and Vogelius on
+the split of Alfeld). Functions of degree 1 on the fan lock.
 
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
 middles between corner k and the centroid. The last four nodes are inside, and are condensed. Next the hub of the cell,
@@ -77,7 +76,7 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of the outer unknowns of triangles in a cell's vector of hub and outline."""
+    """Return the positions (n, 12) of outer unknowns of triangles in the vector of hub and outline of a cell."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
@@ -91,10 +90,7 @@ def displacement_form(fans: Fans) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class OutlineValues:
-    """A displacement on the outlines of cells, split into a linear part and a remainder.
-
-    The defect of :mod:`.hypercircle` depends on the remainder only: no digits cancel, although the defect is small.
-    """
+    """A displacement on the outlines of cells: a linear part, and a remainder on which alone the defect depends."""
 
     slopes: Floats
     """(c, 2, 2) gradient of the linear part, the mean over each cell"""
@@ -120,10 +116,7 @@ def split_slopes(fans: Fans, outline: Floats) -> OutlineValues:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return the matrix (4 n, 4 n) from values at vertices and middles to linear motions of outer edges.
-
-    Linear tractions do the same work on the values and on the motions.
-    """
+    """Return the matrix (4 n, 4 n) from an outline to linear motions of edges: linear tractions do equal work."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

@@ -7,13 +7,9 @@ the boundary, and have continuous tractions between cells. The minimiser of
 
 is determined by edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells
 on each edge cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
-matrix, positive definite up to rigid motions. (B. Fraeijs de Veubeke introduced equilibrium elements in 1965; on the
-split triangle they have no spurious motions.) The prestress sigma_0 acts as forces on edges: tau - sigma_0 is due to m.
-The unknown is x = m - L v, with the edge motions L v of the displacement v of the run. x is as small as the equilibrium
-residual of v, so x has small rounding errors. One solve per step suffices unless a body floats.
-
-No local problem needs compatible data. Of all admissible stresses on these fans, tau is nearest to the exact stress.
-(Tractions constructed vertex by vertex gave bounds up to a fifth larger.)
+matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). The prestress sigma_0 acts as forces on
+edges: tau - sigma_0 is due to m. The unknown is x = m - L v, with the edge motions L v of the displacement v of the
+run, because x has small rounding errors. Of all admissible stresses on these fans, tau is nearest to the exact stress.
 """
 
 from __future__ import annotations
@@ -88,15 +84,7 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Return the edge motions x = P y (4 E,) with P' forces(x) = P' given; `given` (4 E,) are forces.
-
-        Tolerances are relative to `largest`, the largest force.
-
-        Raises
-        ------
-        SceneError
-            Rounding errors make the forces of neighbouring cells differ too much.
-        """
+        """Return edge motions x = P y (4 E,) with P' forces(x) = P' given; tolerances are relative to `largest`."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
         # Correct x as long as this halves the residual: near nu = 1/2, each digit takes several corrections.
         while ROUNDING * largest < apart <= 0.5 * before:
@@ -120,15 +108,12 @@ class Equilibrium:
 
 
 def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, ...], boundary: Boundary) -> Equilibrium:
-    """Return the hybrid problem with the supports, springs and bonds of the boundary.
-
-    A floating body is anchored by a small multiple of the diagonal; balanced forces then need a few corrections.
-    """
+    """Return the hybrid problem with the supports, springs and bonds of the boundary."""
     P = _free_motions(edges, boundary)
     places = [*edges.places, edges.outer.reshape(-1, 4)]
     each = [*(one.expand(G) for one, G in zip(fans, stiffness, strict=True)), boundary.springs]
     K = sp.csr_matrix(P.T @ assemble(places, each, P.shape[0]) @ P)
-    # With this multiple, a correction reduces the error by a factor 1e-5 on a body of a thousand cells.
+    # A small multiple of the diagonal anchors a floating body; balanced forces then need a few corrections.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -31,10 +31,9 @@ log = logging.getLogger("vemcvx")
 class ErrorBound(Outlined):
     """The bounds on the distance |u - v|_a of the exact displacement u from the computed displacement v.
 
-    v is a conforming function with the nodal values of the history, linear on the edges of cells. Inside a cell, v has
-    the least energy among functions of degree two on a fine split. For a step, u is the exact solution of the step on
-    the continuum, given the displacement before the step. For a history, u is the exact history. It begins at v or,
-    with initial="equilibrium" or "settled", at rest under the loads like the run.
+    v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
+    step, u is the exact solution of the step, given the displacement before the step. For a history, u is the exact
+    history. It begins at v or, with initial="equilibrium" or "settled", at rest under the loads like the run.
 
     Attributes
     ----------
@@ -53,16 +52,13 @@ class ErrorBound(Outlined):
         Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
         the laws of friction and contact. "data": the estimate for data that are not linear on edges, in cells, or in
         time between instants; zero for linear data. "algebra": the certified error of the solver, which the other parts
-        contain. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`, due to mesh and steps.
+        contain. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
     bends : (k,)
-        For whole histories: instants inside steps at which data are not linear in time. More steps, or steps that end
-        at :func:`vemcvx.instants`, make the bound sharper.
+        For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str
-        "bound": a theorem, for data that are linear on edges and in cells at all examined points
-        (:mod:`vemcvx.bound.reading`). "bound for data as read at points" for other data: `upper`, `lower`, `energy` and
-        `potential` then contain the estimate "data". "bound for the given friction", or "... the given friction and
-        data as read at points", if the friction bound follows the computed pressure. "... data as read at
-        instants" for a history whose data are not linear in time within its steps.
+        "bound": a theorem, for data that are linear at all examined points (:mod:`vemcvx.bound.reading`). "bound for
+        data as read at points": the results contain the estimate "data". "... the given friction": the friction bound
+        follows the computed pressure. "... data as read at instants": data are not linear in time within steps.
     history : History
         The run.
 
@@ -111,21 +107,20 @@ class ErrorBound(Outlined):
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
-        return {**{name: float(np.atleast_1d(values)[k]) for name, values in each.items()}, "kind": self.kind}
+        return {name: float(np.atleast_1d(values)[k]) for name, values in each.items()} | {"kind": self.kind}
 
     def outline(self) -> Outline:
         """Return the outline for prompts and notebooks: the step with the largest bound."""
-        steps, upper, lower = (np.atleast_1d(one) for one in (self.steps, self.upper, self.lower))
-        k = int(np.argmax(upper))
-        parts = [(name, f"{np.atleast_1d(value)[k]:.3g}") for name, value in self.parts.items()]
+        worst, k = self.largest, int(np.argmax(self.upper))
         low, high = (np.atleast_1d(one)[k] for one in self.energy)
         lines = [
-            ("error", f"{lower[k]:.4g} ... {upper[k]:.4g} in the energy norm"),
+            ("error", f"{worst['lower']:.4g} ... {worst['upper']:.4g} in the energy norm"),
             ("energy", f"{low:.6g} ... {high:.6g}"),
-            *parts,
+            *((name, f"{np.atleast_1d(value)[k]:.3g}") for name, value in self.parts.items()),
             *(("inside a step", f"data are not linear at t = {t:.6g}") for t in self.bends[:5]),
         ]
-        return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} examined)", lines)
+        head = f"ErrorBound: {self.kind} at step {worst['step']:.0f} ({np.size(self.steps)} examined)"
+        return Outline(head, lines)
 
 
 @overload
@@ -149,8 +144,7 @@ def error_bound(
     step : int, optional
         A stored step whose predecessor was also stored; -1 is the last step; required with `of`. The default bounds the
         whole history. Then all steps must be stored, and only friction with a given bound may act (BilateralContact and
-        TrescaFriction). The bound is a theorem for data that are linear in time between the instants of the history.
-        For other data, it contains an estimate, and a warning lists instants at which data are not linear.
+        TrescaFriction). A warning lists instants at which data are not linear in time.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
         is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and
@@ -160,7 +154,6 @@ def error_bound(
     Returns
     -------
     ErrorBound, or with `of` QuantityBound
-        The docstrings of these classes say which error is bounded, and when the bounds are a theorem.
 
     Raises
     ------
@@ -168,10 +161,6 @@ def error_bound(
         The history was read from files, which do not contain its scene.
     SceneError
         A step was not stored, there is no bound for some effect, or a whole history begins at ``vx.projected(u_0)``.
-
-    Notes
-    -----
-    For the mathematics, and the reading of data at points, see :mod:`vemcvx.bound`.
 
     Examples
     --------
@@ -187,25 +176,15 @@ def error_bound(
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     if step is None:
         return _bound_history(posed, history)
-    circle = hypercircle(posed)
-    stepped = pairs_of(circle, history, [step])
-    if of is None:
-        return bound_steps(circle, history, stepped).at(0)
-    return quantity_bound(history, stepped[0].n, stepped[0].pair, of)
+    n = int(history.stored[history.row(step)])
+    pairs = pairs_of(hypercircle(posed), history, [n])
+    return bound_steps(history, [n], pairs).at(0) if of is None else quantity_bound(history, n, pairs[0], of)
 
 
-class Stepped(NamedTuple):
-    """The number of a step and its pair of displacement and stress."""
-
-    n: int
-    pair: Pair
-
-
-def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Stepped]:
+def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Pair]:
     """Return the pair (displacement and stress) of each stored step, given the step before it."""
     found = []
-    for step in steps:
-        n = int(history.stored[history.row(step)])
+    for n in steps:
         if n == 0:
             raise SceneError("error_bound: step 0 is the start of the run; the first step with a bound is 1.")
         if n - 1 not in history.stored:
@@ -214,13 +193,13 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
                 "with store='all'."
             )
         now, before = (instant(history, history.row(k)) for k in (n, n - 1))
-        found.append(Stepped(n, circle.pair(now, before)))
+        found.append(circle.pair(now, before))
     return found
 
 
-def bound_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> ErrorBound:
+def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -> ErrorBound:
     """Return the bounds of steps with these pairs."""
-    at, pairs = np.array([one.n for one in stepped]), [one.pair for one in stepped]
+    at, circle = np.array(steps), pairs[0].circle
     eta, misread = np.transpose([pair.allowances() for pair in pairs])
     names = "upper", "norm", "potential", "lower", "A2", "law_defect"
     upper, norm, potential, lower, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
@@ -246,7 +225,6 @@ def bound_steps(circle: Hypercircle, history: History, stepped: Sequence[Stepped
 
 
 def _kind(supposed: Mapping[str, bool | np.bool]) -> str:
-    """Return "bound", or "bound for ..." with the names of the assumptions that are made."""
     given = " and ".join(name for name, so in supposed.items() if so)
     return f"bound for {given}" if given else "bound"
 
@@ -287,21 +265,21 @@ def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
     circle = hypercircle(posed)
 
     def add_bounds(history: History) -> History:
-        stepped = pairs_of(circle, history, range(1, history.steps + 1))
-        bounds = bound_steps(circle, history, stepped).as_fields()
-        return replace(history, **bounds, **_bounds_of_force(circle, history, stepped))
+        steps = range(1, history.steps + 1)
+        pairs = pairs_of(circle, history, steps)
+        return replace(history, **bound_steps(history, steps, pairs).as_fields(), **_bounds_of_force(history, pairs))
 
     return add_bounds
 
 
-def _bounds_of_force(circle: Hypercircle, history: History, stepped: Sequence[Stepped]) -> dict[str, Any]:
+def _bounds_of_force(history: History, pairs: Sequence[Pair]) -> dict[str, Any]:
     """Return the fields of a history with bounds of the force that moves a boundary; none if no boundary moves."""
     if (loop := loop_of(history)) is None or loop.kind == "load":
         return {}
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
     try:
-        dual = Dual.from_effects(circle, moved)
-        found = np.array([(np.nan, np.nan), *(dual.interval(Fields(one.pair)) for one in stepped)])
+        dual = Dual.from_effects(pairs[0].circle, moved)
+        found = np.array([(np.nan, np.nan), *(dual.interval(Fields(pair)) for pair in pairs)])
     except SceneError as error:
         log.info("no bounds on the force that moves boundary %s: %s", loop.on, error)
         return {}

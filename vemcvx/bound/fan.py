@@ -5,8 +5,8 @@ x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangl
 are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
 A body force is linear in each cell: f = (1, x, y) a with six coefficients a, and x, y relative to the fan's centre.
-Stresses and displacements of least energy in a triangle depend on data on its edges and on F_k = int f lambda_k. After
-condensing its inner unknowns, a cell has a symmetric matrix with 4 n rows for its outline and 6 for a.
+A triangle depends on f by F_k = int f lambda_k. After condensing its inner unknowns, a cell has a symmetric matrix with
+4 n rows for its outline and 6 for a.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
-from vemcvx.meshes.quality import LEAST_STAR
 from vemcvx.vem import Space
 from vemcvx.vem.elasticity import distinct
 
@@ -136,7 +135,7 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The gradients (c, 2 n, 2) of the quadratic Lagrange functions of outline points, averaged over cells."""
+        """The means over cells of the gradients (c, 2 n, 2) of quadratic Lagrange functions of outline points."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         means: Floats = np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None])
         return means
@@ -184,19 +183,10 @@ def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Float
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """Return the fans of all cells, in chunks of cells with equally many vertices, given C (n_cells, 3, 3).
-
-    Raises
-    ------
-    SceneError
-        A cell is not star-shaped, or an edge is too short for its cell.
-    """
+    """Return the fans of all cells, in chunks of cells with equally many vertices, given C (n_cells, 3, 3)."""
     found = []
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
-        # Bounds are valid but large if triangles are flat, so cells with flat triangles get a better centre.
-        for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < LEAST_STAR):
-            centres[k] += _find_centre(chunk.corners[k] - centres[k], int(chunk.cells[k]))
         fans = Fans(
             cells=chunk.cells,
             nodes=chunk.nodes,
@@ -204,7 +194,7 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
             centres=space.mesh.points[chunk.nodes[:, 0]] + centres,
             C=C[chunk.cells],
         )
-        _refuse_short_edges(fans)
+        _refuse_cells(fans)
         found.append(fans)
     return tuple(found)
 
@@ -213,37 +203,9 @@ SHORTEST_EDGE = 1e-3
 """Smallest length of an edge relative to the radius of its cell; shorter edges are refused."""
 
 
-def _least_height(corners: Floats) -> Floats:
-    """Return the least height of the centre over an edge, (c,), relative to the root of the area."""
-    ahead = np.roll(corners, -1, axis=1)
-    doubled = cross(corners, ahead)
-    height = doubled / np.linalg.norm(ahead - corners, axis=2)
-    least: Floats = height.min(axis=1) / np.sqrt(0.5 * np.abs(doubled.sum(axis=1)))
-    return least
-
-
-def _find_centre(corners: Floats, cell: int) -> Floats:
-    """Return the point of a cell, with corners (n, 2), whose smallest distance to the lines of the edges is largest."""
-    # Few meshes need linprog, and its import takes a tenth of a second.
-    from scipy.optimize import linprog
-
-    along = np.roll(corners, -1, axis=0) - corners
-    inward = -right_of(along) / np.linalg.norm(along, axis=1)[:, None]
-    # Find the largest r with inward . (x - x_i) >= r.
-    rows = np.column_stack([-inward, np.ones(len(corners))])
-    limits = -np.einsum("ia,ia->i", inward, corners)
-    found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=limits, bounds=[(None, None), (None, None), (0.0, None)])
-    size = np.abs(corners).max()
-    if found.x is None or found.x[2] <= SINGLE_EPS * size:
-        raise SceneError(
-            f"error_bound: cell {cell} is not star-shaped: no point sees all of it. Refine the mesh there, or cut the "
-            "cell into star-shaped pieces."
-        )
-    return np.asarray(found.x[:2])
-
-
-def _refuse_short_edges(fans: Fans) -> None:
-    lengths = np.linalg.norm(np.roll(fans.corners, -1, axis=1) - fans.corners, axis=2)
+def _refuse_cells(fans: Fans) -> None:
+    """Raise SceneError if an edge is too short, or a cell is not star-shaped about its centroid."""
+    lengths = np.linalg.norm(fans.normals, axis=2)
     ratio = lengths.min(axis=1) / np.linalg.norm(fans.corners, axis=2).max(axis=1)
     if ratio.min() < SHORTEST_EDGE:
         worst = int(np.argmin(ratio))
@@ -252,4 +214,10 @@ def _refuse_short_edges(fans: Fans) -> None:
             f"error_bound: an edge of cell {cell}, from node {fans.nodes[worst, side]}, is {ratio[worst]:.2g} of "
             f"the cell's radius; bounds are useless if this ratio is below {SHORTEST_EDGE:g}. Merge the nodes of the "
             "edge, or refine the cell there."
+        )
+    dented = np.flatnonzero(fans.doubled_areas.min(axis=1) <= SINGLE_EPS * fans.areas)
+    if len(dented):
+        raise SceneError(
+            f"error_bound: cell {fans.cells[dented[0]]} is not star-shaped about its centroid; cut it into pieces "
+            "that are."
         )

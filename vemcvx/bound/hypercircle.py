@@ -1,7 +1,6 @@
 """The hypercircle: an admissible displacement and an admissible stress, with a bound on the distance to the exact ones.
 
-The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), for a step
-with
+The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), with
 
     j(v) = int g |v_t - d| + phi(v_n - gap),
 
@@ -161,13 +160,7 @@ class Hypercircle:
     """factor of S on these columns, if there are any"""
 
     def pair(self, now: Instant, before: Instant) -> Pair:
-        """Return the pair of an admissible displacement at the end of a step.
-
-        Raises
-        ------
-        SceneError
-            There is no bound for some effect of the scene.
-        """
+        """Return the pair of an admissible displacement at the end of a step, or raise SceneError."""
         boundary = self.boundary
         boundary.check_supports(now)
         if boundary.reader.varies_inside_cells(now.t):
@@ -314,13 +307,7 @@ class Hypercircle:
 
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
-    """Return the Hypercircle of a posed scene.
-
-    Raises
-    ------
-    SceneError
-        There is no bound for some effect of the scene.
-    """
+    """Return the Hypercircle of a posed scene, or raise SceneError."""
     check_bounded(posed)
     mesh = plane_mesh(posed.space.mesh, "error_bound")
     edges = skeleton(posed)

@@ -3,8 +3,8 @@
 A quantity is given as a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement
 u, plus the work of the forces of supports on a displacement -z_D given on supports. The dual solution z satisfies
 a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its pair is z_h and a stress tau_z in equilibrium with q.
-Let r, v, tau, b and A be as in :mod:`.hypercircle`, e = u - v, and r_z and A_z as r and A for the dual pair. Let T be
-the work of all forces in balance with tau, including friction and contact. Then
+Let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the dual pair, and e = u - v. Let T be the work of all forces in
+balance with tau, including friction and contact. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
@@ -15,17 +15,15 @@ computable number
 
     m  =  q(v) + T(z_h) - (sigma_0 + C eps(v), eps(z_h)) + (r_z, C^-1 r) / 2
 
-by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r_z| / 2. It is the best result over s of
-the parallelogram law for a(e + s e_z, e + s e_z) and a(e - s e_z, e - s e_z), both bounded by hypercircles (W. Prager
-and J. L. Synge, Quart. Appl. Math. 5 (1947); K. Washizu, J. Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A
-Posteriori Error Estimation* (2000), chapter 8). Springs to the ground contribute to A and A_z as in
-:mod:`.hypercircle`. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
+by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r_z| / 2 (K. Washizu, J. Math. Phys. 32
+(1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8). Springs to the ground
+contribute to A and A_z. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
 The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) contains the
 work on z_h of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are
-met if z_h vanishes on contact, and tau_z has no traction there, except normal ones where contact cannot open. Then the
-interval contains q(u) for any stick, slip and opening; but r_z does not decrease with the mesh size, and the width
-decreases like A. Where z_D moves an end of an edge with friction, friction work there is bounded by its largest value.
+met if z_h vanishes on contact, and tau_z has no traction there, except normal ones where contact cannot open. Then r_z
+does not decrease with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with friction,
+friction work there is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
@@ -68,11 +66,10 @@ class QuantityBound(Outlined):
     value : float
         The quantity q of the run. It may be outside the interval, whose middle is corrected by the dual solution.
     low, high : float
-        The interval. With Coulomb's law, it holds for the friction bound given by the pressure of the run. Friction and
-        one-sided contact make the interval wider; it holds for any stick, slip and opening.
+        The interval. With Coulomb's law, it holds for the friction bound given by the pressure of the run.
     reading : float
-        The estimated part of the half width, for loads and quantities that are not linear on edges and in cells; zero
-        if they are linear (:mod:`vemcvx.bound.reading`).
+        The estimated part of the half width; zero if loads and quantity are linear on edges and in cells
+        (:mod:`vemcvx.bound.reading`).
 
     Examples
     --------
@@ -108,13 +105,7 @@ class QuantityBound(Outlined):
 
 
 def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequence[Effect]) -> QuantityBound:
-    """Return the bound of q in a step with this pair.
-
-    Raises
-    ------
-    SceneError
-        `of` is no linear quantity, or there is no bound for it.
-    """
+    """Return the bound of the quantity `of` in a step with this pair, or raise SceneError."""
     dual, primal = Dual.from_effects(pair.circle, of, pair.t), Fields(pair)
     low, high = dual.interval(primal)
     plain = Fields(replace(pair, w=0.0 * pair.w))
@@ -141,9 +132,8 @@ class Dual:
         effects = tuple(of) if isinstance(of, (list, tuple)) and of else (of,)
         for effect in effects:
             parts = effect.contribute(circle.posed.space) if isinstance(effect, Effect) else Contribution()
-            moved = [support for support in parts.supports if support.value is not None]
-            others = vars(replace(parts, loads=(), supports=(), initial_stresses=())).values()
-            linear = not any(part is not None and (not isinstance(part, tuple) or part) for part in others)
+            moved = any(support.value is not None for support in parts.supports)
+            linear = replace(parts, loads=(), supports=(), initial_stresses=()) == Contribution()
             if not linear or not (parts.loads or moved or parts.initial_stresses):
                 raise SceneError(
                     f"error_bound: found of={brief(effect)}; a linear quantity is given as the load whose work it is: "

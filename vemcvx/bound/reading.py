@@ -2,16 +2,16 @@
 
 The effects of the scene contribute a second time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error
 bounds* use fits. Linear functions on every edge are fitted to mean tractions on pieces and to friction bounds at new
-nodes; in every cell, they are fitted to body forces. If these data are linear, and gaps and ground motions are linear
-between nodes, error bounds are theorems; else they are theorems for the fits, the data *as read*. The load minus its
-fit, the omitted load l_0(w), is a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
+nodes; in every cell, they are fitted to body forces. If these data, gaps and ground motions are linear, error bounds
+are theorems; else they are theorems for the fits, the data *as read*. The load minus its fit is the omitted load
+l_0(w), a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
     SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
     plus the root of the sum over cells of the energies (given below) of the remainders.
 
-The solutions for the data and for their fits differ by at most eta, also with friction and contact. With the exact u
-and the computed v, the minima of a step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the
-work of the pressure on the remainders of gaps. Features narrower than the distance of points may be missed.
+The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
+step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
+of gaps. Features narrower than the distance of points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
 
@@ -28,10 +28,8 @@ from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi 
 a cell; half of these energies is enough for functions orthogonal to linear ones. In a half space, a surface wave d of
 wave number kappa stores 2 mu kappa |d|^2, at most the energy in row "motions". The last equals the squared dual norm.
 
-These energies are local. Errors in the means of tractions and body forces are forces r on the whole body: two solutions
-for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space. The error of a traction wave as
-long as an edge, or of a body force in a strip between quadrature points, has one sign and moves the whole body. No
-factor that vanishes with the edge length bounds this motion (local energies alone gave .37 of the error).
+These energies are local. Errors in the means of tractions and body forces are forces r that move the whole body: two
+solutions for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space.
 """
 
 from __future__ import annotations
@@ -49,7 +47,6 @@ from vemcvx.bound.fine_boundary import SPACING, FineBoundary, SamplePoints, fine
 from vemcvx.bound.skeleton import Instant, Skeleton, pressures_at_ends
 from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Obstacle, Support
 from vemcvx.linear import Factor
-from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons import positions
 from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
 from vemcvx.vem import Space, elastic_matrix
@@ -57,8 +54,7 @@ from vemcvx.vem import Space, elastic_matrix
 SAFETY = 2.0
 """Safety factor of the difference between two readings."""
 POINCARE = 1.0 / 9.0
-"""Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus 10 % for rotations
-without strain. With 1 / pi^2, the estimate for waves of body force on 8 x 8 squares was .9964 of the error."""
+"""Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus 10 % for rotations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,16 +192,12 @@ class Reader:
     @cached_property
     def fine(self) -> FineBoundary:
         """The mesh with edges cut into pieces, on which effects contribute again."""
-        return fine_boundary(plane_mesh(self.posed.space.mesh, "error_bound"), self.edges)
+        return fine_boundary(self.edges.mesh, self.edges)
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """Contributions of all effects, even if their data are zero, to the fine mesh; materials use the old mesh."""
-        effects = self.posed.scene.canonical if self.effects is None else self.effects
-        others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
-        with suppress_scene_warnings():
-            found = contributions(others, Space(self.fine.mesh))
-        return [*(part for _, part in found), *self.posed.laws]
+        """Contributions of all effects, even if their data are zero, to the fine mesh."""
+        return list_parts(self.posed, Space(self.fine.mesh), self.effects)
 
     @property
     def frictions(self) -> list[Friction]:
@@ -249,7 +241,7 @@ class Reader:
     @cached_property
     def inside(self) -> SamplePoints:
         """The sample points in cells."""
-        return in_cells(plane_mesh(self.posed.space.mesh, "error_bound"))
+        return in_cells(self.edges.mesh)
 
     @cached_property
     def pieces(self) -> LocalFit:
@@ -267,7 +259,7 @@ class Reader:
     @cached_property
     def _coarse(self) -> tuple[SamplePoints, LocalFit]:
         """The coarser sample points in cells, for a second reading, and their fit."""
-        inside = in_cells(plane_mesh(self.posed.space.mesh, "error_bound"), 0.75 * SPACING)
+        inside = in_cells(self.edges.mesh, 0.75 * SPACING)
         return inside, self._about_centres(inside)
 
     def _about_centres(self, inside: SamplePoints) -> LocalFit:
@@ -459,6 +451,13 @@ class Reader:
         at = self.inside.x, self.inside.owner
         unit = np.ones((len(self.edges.areas), 3))
         return any(compare_stresses(self.posed, self.parts, at, t, strain)[0].any() for strain in (0.0 * unit, unit))
+
+
+def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None = None) -> list[Contribution]:
+    """Return the contributions of all effects in a space, even if their data are zero; materials use the old mesh."""
+    others = [effect for effect in effects or posed.scene.canonical if not isinstance(effect, MaterialLaw)]
+    with suppress_scene_warnings():
+        return [*(part for _, part in contributions(others, space)), *posed.laws]
 
 
 def compare_stresses(

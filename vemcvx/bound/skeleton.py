@@ -192,15 +192,6 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
     return at_ends(edges, posed.obstacles, (now.p / posed.obstacles.lengths)[:, None])[..., 0]
 
 
-def edge_loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
-    """Return the loads (b, 2) on the boundary edges."""
-    total = np.zeros((len(edges.outer), 2))
-    for load in posed.loads:
-        if not isinstance(load, InitialStresses) and load.edges is not None:
-            np.add.at(total, positions(load.edges, edges.outer_edges, posed.space.mesh.n_nodes), load.forces(t))
-    return total
-
-
 def body_forces(posed: PosedScene, t: float) -> Floats:
     """Return the loads (n_cells, dim) in the cells."""
     total = np.zeros((posed.space.mesh.n_cells, posed.space.dim))

@@ -68,10 +68,9 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
 
 @cache
 def reference() -> Floats:
-    """Return the matrix (54, 18) from 12 tractions and 6 forces to stresses at stations of the reference triangle.
+    """Return the matrix (54, 18) from tractions (12) and forces (6) to stresses at stations of the reference triangle.
 
-    Tractions are int tau n phi at both ends of the edges from corner k to corner k + 1, forces are int f lambda_k. If
-    they are in balance, the stress is in equilibrium with them.
+    Tractions are int tau n phi at both ends of the edges from corner k to corner k + 1, forces are int f lambda_k.
     """
     outer, jumps, inside = _conditions(2)
     middles = np.zeros((3, 3, 3, 3, 6, 3))

@@ -261,15 +261,7 @@ class Boundary:
     # Forces.
 
     def at(self, now: Instant, before: Instant, read: Reading, body: Floats) -> Surface:
-        """Return the surface at the end of a step that began in the state `before`.
-
-        `body` (j,) is the work of body forces on `motions`.
-
-        Raises
-        ------
-        SceneError
-            There is no bound for some effect.
-        """
+        """Return the surface at the end of a step; `body` (j,) is the work of body forces on `motions`."""
         tangents, units, lengths = self.edges.tangents, self.edges.units, self.edges.lengths
         g, slip, loads = self._friction_bound(now, read), self._slip(now, before), self.forces_of(read.tractions)
         q, rigid, soft = self._friction(now, g), self._pressing(now, False), self._pressing(now, True)

@@ -11,21 +11,19 @@ Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 
 C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. v may be replaced by v + w of
-:mod:`.hypercircle`, which is richer inside the body and equals v on contact. Then r is smaller. Only the last term
-|r_n|^2 is still computed from v_n itself, because X is orthogonal to C eps(w).
+:mod:`.hypercircle`, which equals v on contact; then r is smaller. Only the last term |r_n|^2 is still computed from
+v_n, because X is orthogonal to C eps(w).
 
 **The start.** If u(0) = v_0, then y_0 = |r_0|, with v_0 in place of v_0 + w. A run with initial="equilibrium" or
 "settled" begins with a step from zero, and so does the exact history. By theorem 1 of :mod:`vemcvx.bound`, |X|^2 +
 |u - v_0|^2 <= |r_0|^2 + 2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run
 from vx.projected(u_0) is refused: its exact history begins at u_0, and the stress of u_0 is not available.
 
-**Sharpness.** y never decreases. It grows by the same amount in each load cycle, although the error does not grow. The
-growth is due to changes of r under the load, to the defect in the law of friction within steps, and to long steps.
+y never decreases. It grows by the same amount in each load cycle, although the error does not grow.
 
 **Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
 steps. The largest energy norm of the difference between the two runs up to an instant, times SAFETY, is added to the
-bound there; this is an estimate. (A guaranteed term would be the total variation of the omitted load in the energy norm
-of the elastic response, which is too large over load cycles.)
+bound there; this is an estimate.
 """
 
 from __future__ import annotations
@@ -80,7 +78,7 @@ def check_history(posed: PosedScene, history: History) -> None:
 
 
 def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
-    """Return the terms (N + 1, 7) of the bounds at the instants of a run.
+    """Return seven terms of the bounds at the instants of a run, (N + 1, 7).
 
     These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates for data between points and between
     instants. Also return |r|^2 (n_cells,) at the instant of the largest y, and instants at which data are not linear.
@@ -108,16 +106,15 @@ def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats
 def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     """Return the estimated error (N + 1,) between the instants of a run, and instants where data are not linear."""
     times = history.trajectory.times
-    nothing = np.zeros(len(times))
     if len(times) < 2:
-        return nothing, nothing[:0]
+        return np.zeros(1), times[:0]
     with suppress_scene_warnings():
         # Pose all effects: a run omits a load that acts only within a step, although such a load changes friction.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))
     if not len(off):
-        return nothing, off
+        return np.zeros(len(times)), off
     found = bends if len(bends) else off
     log.warning(
         f"error_bound: data bend, turn or jump inside steps, or are not linear there, at t = "

@@ -7,10 +7,9 @@ A pass refines the smallest set of cells that contains a given part theta of the
 convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If a smaller set is predicted to
 reach the target, the pass refines that set; refinement is assumed to divide the squared indicator of a cell by 4.
 
-The time error is measured at the instants of the run, so the estimate would miss a load that acts only between two
-instants. Therefore each bend, extremum and jump of the data becomes an instant before the first pass
-(:mod:`vemcvx.stepping.course` finds events longer than 1/256 of the run). Then each pass splits the smallest set of
-steps that contains a given part of the time error.
+The time error is measured at the instants of the run. So each bend, extremum and jump of the data becomes an instant
+before the first pass (:mod:`vemcvx.stepping.course`). Then each pass splits the smallest set of steps that contains a
+given part of the time error.
 
 If the target is friction work, work or wear, two more runs per pass estimate the mesh and time errors of this quantity
 (:mod:`.quantities`). Cells are still marked by energy indicators, scaled to this error.
@@ -55,6 +54,7 @@ SOLVER_FRACTION = 0.01
 TIME_FRACTION = 0.3
 """Allowed time error as a fraction of the target."""
 THETA = 0.6
+"""Part of the squared error in the cells that a pass refines."""
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
@@ -99,14 +99,11 @@ class StepLoss:
 
 
 def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
-    """Split the steps that contribute most to the error if it exceeds `allowed`; return the new instants of the run.
-
-    For smooth loads, the error is O(k^2) in the step k. So steps are cut into three if the error is more than four
-    times the allowed error.
-    """
+    """Split the steps that contribute most to the error if it exceeds `allowed`; return the new instants of the run."""
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), lost.squares, 0.0)
     if lost.error <= allowed or not squares.any():
         return times
+    # For smooth loads, the error is O(k^2) in the step k.
     parts = 2 if lost.error <= 4.0 * allowed else 3
     new = [times]
     # Split the fewest steps that contribute .8 of the sum of `squares`.
@@ -119,10 +116,7 @@ def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One pass: sizes, the parts of its estimated relative error, and its duration in seconds.
-
-    `space` and `time` are errors of the target quantity; `algebra` is certified in the energy norm.
-    """
+    """One pass: sizes, the parts of its estimated relative error, and its duration in seconds."""
 
     cells: int
     unknowns: int
@@ -142,8 +136,6 @@ class Pass:
 
 def has_stalled(passes: Sequence[Pass]) -> bool:
     """Return True if the mesh error no longer falls."""
-    # If there is a limit, a pass that refines cells with half of the squared error removes at least a fifth of the
-    # error.
     return len(passes) > STALL and passes[-1].space > 0.9 * min(one.space for one in passes[:-STALL])
 
 
@@ -224,7 +216,6 @@ def adapt(
     solver: Solver | Solves | None = None,
     initial: ArrayLike | str | Projected | None = None,
     most_unknowns: int = 400_000,
-    theta: float = THETA,
     progress: Callable[[Pass], None] | None = None,
     estimate: str = "residual",
 ) -> Adapted:
@@ -243,24 +234,20 @@ def adapt(
         jump (:class:`vemcvx.estimate.budget.ErrorBudget`), for other quantities `of` at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
-        largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. For the last three,
-        each pass needs two more runs, one with all cells refined; the run ends if four passes hardly lower the error.
+        largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. The last three need
+        two more runs per pass; the run ends if four passes hardly lower the error.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
         No pass begins that is expected to have more unknowns, even if the target is not met.
-    theta : float
-        Fraction of the squared error in the cells that a pass refines, in (0, 1).
     progress : callable, optional
         Called with each finished :class:`Pass`.
     estimate : {"residual", "bound"}
-        The measure of the mesh error. "residual" is quick, and is an estimate. "bound" is a guaranteed bound on the
-        error of a step, given the step before (:func:`vemcvx.error_bound`). It takes longer, and is nearer to the
-        error of the conforming displacement of :class:`ErrorBound`. The error of stresses in cells may be larger: up to
-        1.9 times the bound in 40 random scenes (target 8 %). With "bound", the history also stores the step before each
-        examined step. The time error is estimated in either case.
+        The measure of the mesh error: an estimate, or a guaranteed bound on the error of a step, given the step before
+        (:func:`vemcvx.error_bound`). The bound takes longer, and is for displacements: the error of stresses in cells
+        may be larger. The time error is estimated in either case.
 
     Returns
     -------
@@ -291,11 +278,19 @@ def adapt(
     check_kinds(scene, mesh)
     if isinstance(mesh, PolyhedralMesh):
         check_tetrahedra(mesh, "adapt")
-    _check(target, of, theta=theta, most=most_unknowns, progress=progress)
+    _check(target, of, most_unknowns, progress)
+    if not (initial is None or isinstance(initial, (str, Projected))):
+        raise SceneError(
+            "adapt: found an array of initial displacements, which fits one mesh only; give None, 'equilibrium', "
+            "'settled' or vx.projected(u_0)."
+        )
     bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
     if bounded and of != "energy":
         raise SceneError(f"adapt: found estimate='bound' and of={of!r}; bounds exist for the energy norm only.")
-    aim = _Aim(target, of, bounded, _check_initial(initial), _check_instants(times), solver=_relax(solver, target))
+    wanted = check_times(times)
+    if len(wanted) < 2:
+        raise SceneError("adapt: found one instant; give at least the first and the last, such as [0, 1].")
+    aim = _Aim(target, of, bounded, initial, wanted, solver=_relax(solver, target))
     passes, start = list[Pass](), time.perf_counter()
     aim, instants = _begin(scene, mesh, aim)
     while True:
@@ -313,7 +308,7 @@ def adapt(
         )
         passes.append(now)
         _tell(passes, budget, progress)
-        marked, split = _next(now, indicators, (instants, lost), target, theta)
+        marked, split = _next(now, indicators, (instants, lost), target)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         done = done or (of != "energy" and has_stalled(passes))
         # A refined cell becomes four cells; in space it is bisected together with about three neighbours.
@@ -343,10 +338,7 @@ class _Aim:
         return np.union1d(self.wanted, self.turns)
 
     def steps(self, instants: Floats) -> Ints:
-        """Return steps at which the mesh error is estimated: given instants and instants at which data turn.
-
-        A load that acts only between two given instants is largest where it turns.
-        """
+        """Return steps at which the mesh error is estimated: given instants and instants at which data turn."""
         # Each instant costs a back-substitution per pass, so at most eight of each kind are examined.
         judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)
@@ -356,22 +348,6 @@ def _choose_evenly(instants: Floats, most: int) -> Floats:
     """Return at most `most` of the instants, evenly chosen between the first and the last."""
     few = len(instants) <= most
     return instants if few else instants[np.linspace(0, len(instants) - 1, most).round().astype(int)]
-
-
-def _check_initial(initial: ArrayLike | str | Projected | None) -> str | Projected | None:
-    if initial is None or isinstance(initial, (str, Projected)):
-        return initial
-    raise SceneError(
-        "adapt: found an array of initial displacements, which fits one mesh only; give None, 'equilibrium', 'settled' "
-        "or vx.projected(u_0)."
-    )
-
-
-def _check_instants(times: ArrayLike) -> Floats:
-    wanted = check_times(times)
-    if len(wanted) < 2:
-        raise SceneError("adapt: found one instant; give at least the first and the last, such as [0, 1].")
-    return wanted
 
 
 def _simulate_pass(
@@ -387,7 +363,7 @@ def _simulate_pass(
     history = History.from_results(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
     if circle is None:
         return posed, history, None
-    return posed, history, bound_steps(circle, history, pairs_of(circle, history, steps.tolist()))
+    return posed, history, bound_steps(history, steps.tolist(), pairs_of(circle, history, steps.tolist()))
 
 
 def _measure_pass(
@@ -414,15 +390,12 @@ def _make_result(
 ) -> Adapted:
     """Return the result of the last pass; its budget is in the energy norm for any target quantity."""
     budget, bound = judged
-    target, known = (
-        {"target": aim.target} if aim.of == "energy" else {},
-        {} if bound is None else bound.as_fields(),
-    )
+    target = {"target": aim.target} if aim.of == "energy" else {}
+    known = {} if bound is None else bound.as_fields()
     history = replace(history, errors={**budget.largest, **target}, growth=_growth(passes), **known)
     warn_of_lost_work(history.trajectory)
     warn_of_large_strains(posed, history)
-    passes = tuple(passes)
-    return Adapted(history=history, budget=budget, passes=passes, target=aim.target, of=aim.of, bound=bound)
+    return Adapted(history=history, budget=budget, passes=tuple(passes), target=aim.target, of=aim.of, bound=bound)
 
 
 def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:
@@ -436,6 +409,7 @@ def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass]
 
 
 def _extremes(history: History) -> dict[str, tuple[float, float]]:
+    """Return the local cell size and the value of extremes that may grow without limit."""
     mesh, found = history.mesh, {}
     for one, *_ in largest_values(history):
         if one.key in SINGULAR:
@@ -462,24 +436,21 @@ def _budget(posed: PosedScene, history: History, bound: ErrorBound | None, aim: 
     return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
 
 
-def _next(
-    now: Pass, squares: Floats, steps: tuple[Floats, StepLoss], target: float, theta: float
-) -> tuple[Bools, Floats]:
+def _next(now: Pass, squares: Floats, steps: tuple[Floats, StepLoss], target: float) -> tuple[Bools, Floats]:
     """Return cells to refine and the instants of the next pass; steps are split when the mesh is nearly good enough."""
     # The allowed mesh error is the target minus the errors of algebra and steps, but at least half the target.
     for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
-    marked = cells_to_refine(squares, for_space**2, theta)
+    marked = cells_to_refine(squares, for_space**2, THETA)
     # Split steps only if the mesh error is at most 1.5 times its allowed value.
     if now.space > 1.5 * for_space or now.time <= TIME_FRACTION * target:
         return marked, steps[0]
     return marked, split_steps(*steps, TIME_FRACTION * target)
 
 
-def _check(target: object, of: object, theta: object, most: object, progress: object) -> None:
+def _check(target: object, of: object, most: object, progress: object) -> None:
     part(target, "adapt", "target", "a relative error,", "0.02")
     if not (isinstance(of, str) and of in QUANTITIES):
         raise SceneError(f"adapt: found of = {brief(of)}; choose one of {', '.join(map(repr, QUANTITIES))}.")
-    part(theta, "adapt", "theta", "a part,", "0.6")
     if not (is_real(most) and 1 <= most <= float(np.finfo(float).max)):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
@@ -490,7 +461,6 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     """Return the aim with the instants at which data turn, and instants with a small time error on the coarse mesh.
 
-    The instants contain every bend, extremum and jump of the data, since the time error is estimated at instants only.
     The posed scene includes effects that are zero at the given instants, because they may act between them.
     """
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
@@ -529,4 +499,4 @@ def _relax(given: Solver | Solves | None, target: float) -> Solver | None:
         return None
     solver = as_solver(given)
     solver.check_accuracy()
-    return solver if solver.accuracy >= SOLVER_FRACTION * target else solver.with_accuracy(SOLVER_FRACTION * target)
+    return solver.with_accuracy(max(solver.accuracy, SOLVER_FRACTION * target))

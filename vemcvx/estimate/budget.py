@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -21,20 +20,16 @@ from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.skeleton import check_estimable, instant
 from vemcvx.estimate.finer_steps import Finer, compare_finer_steps
-from vemcvx.estimate.quantities import quantities
 from vemcvx.estimate.residual import Residuals
 from vemcvx.history import History, scene_of
-from vemcvx.results import Quantity, displacement
+from vemcvx.results import displacement
 from vemcvx.scene import PosedScene, pose_scene
 from vemcvx.stepping import Trajectory, prepare
 from vemcvx.vem import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:
-    """Raise SceneError if stiffness and material yield different energies of the displacements u (n_nodes, dim).
-
-    The stiffness and the material of a user's effect may disagree.
-    """
+    """Raise SceneError if stiffness and material yield different energies of the displacements u (n_nodes, dim)."""
     posed.space.refuse_revolution("error estimates")
     stiffness = posed.A if posed.springs is None else posed.A - posed.springs
     about = u - u.mean(axis=0)
@@ -68,15 +63,12 @@ class ErrorBudget(Outlined):
         "pressure". space^2 is the sum of their squares.
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the examined steps.
-    added : (N,)
-        The time error that each step adds: the energy norm of the change of the error.
     jumps : tuple of str
         A sentence for each instant at which data jump.
     scale : float
-        The largest energy norm of the run, in units of sqrt(force * length). It includes the energy of springs
-        (ElasticFoundation). All errors are relative to `scale`. Measured errors (:class:`.measures.Measured`) are
-        relative to the strain norm of the reference at one instant. So estimated and measured errors have different
-        denominators if there are springs, or if the load is not at its largest.
+        The largest energy norm of the run, in units of sqrt(force * length), to which all errors are relative. It
+        includes the energy of springs (ElasticFoundation). Measured errors (:class:`.measures.Measured`) are relative
+        to the strain norm of the reference at one instant.
     history : History
         The run.
 
@@ -96,15 +88,9 @@ class ErrorBudget(Outlined):
     time: Floats
     parts: dict[str, Floats]
     cells: Floats
-    added: Floats
     jumps: tuple[str, ...]
     scale: float
     history: History
-
-    @cached_property
-    def quantities(self) -> dict[str, Quantity]:
-        """The friction work, work and wear with estimated errors, by two more runs: :func:`vemcvx.quantities`."""
-        return quantities(self.history)
 
     def outline(self) -> Outline:
         """Return the outline for prompts and notebooks: the parts at the step with the largest sum."""
@@ -189,7 +175,6 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
         time=time / unit,
         parts={name: values / unit for name, values in parts.items()},
         cells=np.sqrt(np.max([np.sum(list(part.values()), axis=0) for part in squares], axis=0)) / unit,
-        added=finer.added / unit,
         jumps=finer.jumps,
         scale=scale,
         history=history,
@@ -197,12 +182,10 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
 
 
 def estimate_time_error(posed: PosedScene, run: Trajectory) -> Finer:
-    """Compare a run of a posed scene with a run in finer steps.
-
-    The finer run includes effects that are zero at the instants of the run, because they may act between instants.
-    """
+    """Compare a run of a posed scene with a run in finer steps."""
     if run.initial is None:
         raise HistoryError("error_budget: this run has no initial state; simulate the scene again.")
+    # Effects that are zero at the instants of the run may act between instants.
     whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:

@@ -24,8 +24,7 @@ from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER, TO_EXACT = 4, 1.25
-"""FINER is the number of finer steps per step. TO_EXACT replaces 1 / (1 - 1/FINER): on the 40 random scenes of the slow
-tests the estimate is 1 to 5 times the error."""
+"""FINER is the number of finer steps per step; TO_EXACT replaces 1 / (1 - 1/FINER)."""
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,12 @@ the same scene estimate the errors of Q due to k and to the mesh size h:
     steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
     mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
 
-For wear, the difference is the largest over the contact nodes that both runs have, because the largest wear of both
-runs may agree by chance.
+For wear, the difference is the largest over the contact nodes that both runs have.
 
-The finer run has an error, too. This error is half the error of the run if the order is one: at singular corners, where
-friction rotates in space, or where a reversal is missed. It is a quarter if the solution is smooth. The estimate for
-steps has an extra factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is
-underestimated. At the majority of corners of contact, the pressure is singular. Then the largest wear has no limit,
-which is reported (:mod:`vemcvx.results.corners`), and its mesh error is twice its change by refinement.
-
-Values are of second order in the steps if the states are. In space, friction rotates with the slip, and the states of
-backward Euler and the values are of first order there; the estimate includes this.
-
-:func:`vemcvx.adapt` splits the steps in which the runs with k and k/2 differ most, and refines the cells with the
-largest energy errors, until the target quantity is as accurate as requested.
+The error of the finer run is half the error of the run if the order is one: at singular corners, where friction rotates
+in space, or where a reversal is missed. It is a quarter if the solution is smooth. The estimate for steps has an extra
+factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is underestimated. Where the
+pressure is singular, the largest wear has no limit, which is reported (:mod:`vemcvx.results.corners`).
 """
 
 from __future__ import annotations

@@ -20,20 +20,18 @@ on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
-The condition holds if the mesh is fine where the solution changes fast. In the estimate, d is replaced by d_e,
-the mean width of both cells along n_e. h_K is the longest side of the box with the second moments of the cell.
+In the estimate, d is replaced by d_e, the mean width of both cells along n_e. h_K is the longest side of the box with
+the second moments of the cell.
 
-Jumps of tractions miss errors of eps_ss, the strain along an edge. eps_ss(u) is the same in both cells at the edge, but
-eps_ss(Pi u) is not. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the variation of strain that causes no jumps, and the
-stabilisation has too small a weight for it on stretched cells. Let l_e be the width of the cell along the edge; then
-|K| / l_e is the cross-section of the cell. The sum over the parallel edges, two of a rectangle and four of a box, is
-the energy of a bar with the modulus E and a strain that is linear between these edges.
+Jumps of tractions miss errors of eps_ss, the strain along an edge. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the
+variation of strain that causes no jumps, and the stabilisation has too small a weight for it on stretched cells. Let
+l_e be the width of the cell along the edge; then |K| / l_e is the cross-section of the cell. The sum over parallel
+edges is the energy of a bar with the modulus E and a strain that is linear between these edges.
 
 In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
 because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises
-the sum over all cells by least squares. Any q is admissible: the residual of sigma is the residual of sigma + q I plus
-(q, div v), and (q, div v) is at most the C^{-1} norm of q I times the energy norm of v. In nearly incompressible
-bodies, q makes the estimate sharper: there pressure does almost no work on displacements of moderate energy.
+the sum over all cells by least squares. Any q is admissible: it changes the residual by (q, div v), which is at most
+the C^{-1} norm of q I times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
@@ -51,10 +49,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats, Ints, totals
-from vemcvx.bound.reading import POINCARE
+from vemcvx.bound.reading import POINCARE, list_parts
 from vemcvx.bound.skeleton import Instant, Joints, body_forces, extents, skeleton
 from vemcvx.effects import Contribution, Load
-from vemcvx.estimate.unseen import DataErrors, all_contributions, stress_squares
+from vemcvx.estimate.unseen import DataErrors, stress_squares
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, right_of, rows_in_order, spans
@@ -281,18 +279,16 @@ class Residuals:
 
     @cached_property
     def _parts(self) -> list[Contribution]:
-        return all_contributions(self.posed)
+        return list_parts(self.posed, self.posed.space)
 
     def data(self, now: Instant, strain: Floats) -> Floats:
         """Return the part (n_cells,) of eta_K^2 due to data that are not constant on sides and in cells."""
         if self.posed.space.in_plane:
-            return self._unseen.squares(now, strain)
+            return self._unseen.squares(now, strain, self._tractions(now.t))
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
         # Integrals over cells are approximated by |K| / 3 times the mean over vertices.
-        owner, weights = (
-            cell_of_corner(offsets),
-            np.repeat(self.mesh.measures / 3.0 / np.diff(offsets), np.diff(offsets)),
-        )
+        owner = cell_of_corner(offsets)
+        weights = (self.mesh.measures / 3.0 / np.diff(offsets))[owner]
         found = stress_squares(self.posed, self._parts, (x, owner, weights), now.t, strain)
         for load in (load for load in self._loads if callable(load.value)):
             if load.edges is not None:

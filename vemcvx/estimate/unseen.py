@@ -5,9 +5,8 @@ differences are tractions minus their assembled mean t_e, body forces minus the 
 g minus g_h, which is linear between nodes. g - g_h counts where friction is at its bound, or where a node has slipped;
 elsewhere only where g is less than the friction. The means of these differences act as forces on the whole body.
 
-In space, tractions are evaluated at quadrature points. Body forces and stresses at zero strain are evaluated at
-vertices. The estimate ignores how friction laws and springs vary between nodes. In space, it also ignores how friction
-bounds, gaps and supports vary between nodes.
+In space, tractions are evaluated at quadrature points, body forces and stresses at vertices. The estimate ignores how
+friction laws and springs (in space also friction bounds, gaps and supports) vary between nodes.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ import numpy as np
 from vemcvx.base.arrays import Bools, Floats, Ints, totals
 from vemcvx.bound.fine_boundary import without_rounding
 from vemcvx.bound.reading import Reader, compare_stresses
-from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads
-from vemcvx.effects import Contribution, Friction, MaterialLaw, Support
-from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
+from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces
+from vemcvx.effects import Contribution, Friction, Support
+from vemcvx.scene import PosedScene
 
 
 @dataclass(frozen=True)
@@ -37,12 +36,10 @@ class DataErrors:
         """The reader of the data at points of edges and cells."""
         return Reader(self.posed, self.edges, self.edges.mesh.centroids)
 
-    def squares(self, now: Instant, strain: Floats) -> Floats:
-        """Return the squared energy norms (n_cells,) of the differences."""
+    def squares(self, now: Instant, strain: Floats, forces: Floats) -> Floats:
+        """Return the squared energy norms (n_cells,) of the differences; `forces` (b, 2) are loads on edges."""
         reader, edges, posed, t = self.reader, self.edges, self.posed, now.t
-        traction, on_pieces = reader.pieces.compare_means(
-            reader.on_pieces(t), edge_loads(posed, edges, t) / edges.lengths[:, None]
-        )
+        traction, on_pieces = reader.pieces.compare_means(reader.on_pieces(t), forces / edges.lengths[:, None])
         body, in_cells = np.zeros((len(edges.areas), 2)), np.zeros((0, 2))
         if any(callable(load.value) for load in reader.body_loads):
             body, in_cells = reader.cells.compare_means(
@@ -86,8 +83,7 @@ class DataErrors:
         values = np.column_stack([np.linalg.norm(acting, axis=1), now.weights, (now.worn > 0) * terms.lengths, acting])
         read = at_ends(edges, terms, values / terms.lengths[:, None])
         size, bound, worn = np.moveaxis(read[..., :3], 2, 0)
-        ways = (np.einsum("bed,bd->b", each, edges.tangents) for each in (read[..., 3:], edges.jumps(now.u)))
-        acts, goes = ways
+        acts, goes = (np.einsum("bed,bd->b", each, edges.tangents) for each in (read[..., 3:], edges.jumps(now.u)))
         return size, bound, worn > 0, np.sign(np.where(acts != 0.0, acts, goes))
 
     def _support(self, support: Support, now: Instant) -> Floats:
@@ -111,13 +107,5 @@ def stress_squares(
         return np.zeros(len(strain))
     x, owner, weights = at
     apart, C = compare_stresses(posed, parts, (x, owner), t, strain)
-    return totals(
-        owner, weights * np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[..., None])[..., 0]), len(strain)
-    )
-
-
-def all_contributions(posed: PosedScene) -> list[Contribution]:
-    """Return the contributions of all effects, including zero effects; materials come without their stiffness."""
-    others = [effect for effect in posed.scene.canonical if not isinstance(effect, MaterialLaw)]
-    with suppress_scene_warnings():
-        return [*(part for _, part in contributions(others, posed.space)), *posed.laws]
+    squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[..., None])[..., 0])
+    return totals(owner, weights * squares, len(strain))

@@ -96,16 +96,11 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
     return sizes, values
 
 
-# Errors of Pi u_h against a known displacement u.
+# Errors of Pi u_h against a known displacement u, by quadrature of degree 5 (in space: of degree 2 on tetrahedra). A
+# rule of low degree would hide errors, because computed strains superconverge at the centroids of squares.
 #
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
-#
-# by quadrature of degree 5 (in space: of degree 2 on tetrahedra); Pi is defined in :mod:`vemcvx.vem.projection`. Under
-# (3.28) of the paper, the energy error is O(h + k).
-#
-# A rule of low degree would hide errors, because computed strains superconverge at the centroids of squares. So each
-# triangle of a cell has Radon's seven points.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
@@ -129,8 +124,6 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     ------
     SceneError
         The step was not stored, or the strain has a wrong shape or is not finite.
-    HistoryError
-        `history` is neither a history nor a field.
 
     Examples
     --------
@@ -169,8 +162,6 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     ------
     SceneError
         The step was not stored, or the displacement has a wrong shape or is not finite.
-    HistoryError
-        `history` is neither a history nor a field.
 
     Examples
     --------
@@ -297,11 +288,11 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
             raise HistoryError(f"convergence_table: found the name {brief(word)}; wanted words.")
     if not given:
         raise HistoryError("convergence_table: found no errors; give a sequence, or a mapping of names to sequences.")
-    columns = {word: check_runs(h, raw, f"convergence_table: {word}", missing=True) for word, raw in given.items()}
-    sizes = next(iter(columns.values()))[0]
-    values = {word: column for word, (_, column) in columns.items()}
-    rates = {word: np.diff(np.log(column)) / np.diff(np.log(sizes)) for word, column in values.items()}
-    return ConvergenceTable(name, sizes, values, {word: np.append(np.nan, rate) for word, rate in rates.items()})
+    values, rates = {}, {}
+    for word, raw in given.items():
+        sizes, values[word] = check_runs(h, raw, f"convergence_table: {word}", missing=True)
+        rates[word] = np.append(np.nan, np.diff(np.log(values[word])) / np.diff(np.log(sizes)))
+    return ConvergenceTable(name, sizes, values, rates)
 
 
 def _fraction(size: float) -> str:

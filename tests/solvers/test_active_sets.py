@@ -61,6 +61,17 @@ def test_dependent_bounds_are_obeyed(order):
     assert error <= max(history.certificate[-1], 1e-14)
 
 
+def test_newton_needs_few_systems_where_all_terms_slip_and_their_signs_alternate():
+    """A long strip that is pushed at its end, solved without a guess of multipliers."""
+    push = vx.Traction(lambda x, t: [10.0 * t, 0.0], on="left")
+    floor = vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom")
+    scene = vx.Scene(vx.Elasticity(20000.0, 0.0), vx.Clamp(on="right"), push, *floor)
+    (program,) = vx.programs(scene, vx.meshes.squares(2, box=((0, 50), (0, 1))), [0.0, 1.0])
+    answer = vx.Newton().prepare(program.operators).solve(program, 1e-16, np.zeros_like(program.answer.lam))
+    assert (answer.status, answer.safeguards) == ("converged", 1)
+    assert answer.iterations <= 15
+
+
 @pytest.mark.arithmetic
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1143, 1234])

@@ -53,7 +53,7 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_244, "solvers": 1_485, "stepping": 1_830, "linear": 939, "scene": 2_055, "effects": 2_547}
+LINES = {"program": 2_251, "solvers": 1_487, "stepping": 1_832, "linear": 939, "scene": 2_055, "effects": 2_547}
 LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
 LINES |= {"bound": 3_275, "results": 2_926, "estimate": 2_288, "plots": 2_112}
 LINES |= {"limit_analysis": 423}

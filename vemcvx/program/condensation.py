@@ -191,11 +191,18 @@ class Condensation:
 
     def _solve_shape(self, phi: Floats) -> Shape:
         """Compute the shape of a force (n,)."""
-        c, xi, kernel, N = self.retained, self.solve_interior(phi), self.system.kernel, self.operators.kernel
-        tau = phi[c] - self._K[c] @ xi
-        if kernel is not None and N is not None:  # Correct tau such that tau and phi do the same work on the kernel.
-            tau = tau + N @ (np.linalg.solve(kernel.modes[c].T @ N, kernel.modes.T @ phi) - N.T @ tau)
+        xi = self.solve_interior(phi)
+        tau = self.balance(phi[self.retained] - self._K[self.retained] @ xi, phi)
         return Shape(phi, xi, tau, self.operators.factor.solve(tau))
+
+    def balance(self, tau: Floats, phi: Floats) -> Floats:
+        """Return tau (m,), corrected to do the work of phi (n,) on K's kernel; no work if that is only rounding."""
+        kernel, N = self.system.kernel, self.operators.kernel
+        if kernel is None or N is None:
+            return tau
+        work, size = kernel.modes.T @ phi, np.abs(kernel.modes).T @ np.abs(phi)
+        work = np.where(np.abs(work) <= ROUNDED * size, 0.0, work)
+        return tau + N @ (np.linalg.solve(kernel.modes[self.retained].T @ N, work) - N.T @ tau)
 
     def solve_interior(self, phi: Floats) -> Floats:
         """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns.

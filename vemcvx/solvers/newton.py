@@ -121,7 +121,8 @@ class ActiveSets:
     @property
     def key(self) -> bytes:
         """The sets as bytes; in the plane with the signs of slips."""
-        return self.held.tobytes() + ((self.direction > 0).tobytes() if self.direction.shape[1] == 1 else b"")
+        signs = (self.direction > 0) & ~self.stick[:, None]
+        return self.held.tobytes() + (signs.tobytes() if self.direction.shape[1] == 1 else b"")
 
     def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
         """Return x_law (N,): w along `direction` on slipping terms, zero on open limits, and x elsewhere."""
@@ -242,7 +243,7 @@ class Search:
             ends = self.count >= self.most or self.safeguards > MAX_SAFEGUARDS
             if error <= STEP_TOLERANCE or (error <= STALL_TOLERANCE and error > 0.5 * last) or ends:
                 return point, replace(system, sets=sets), error
-            again = sets.key in seen and not np.array_equal(sets.held, system.sets.held)
+            again = sets.key in seen and sets.key != system.sets.key
             cycles += again
             seen.add(sets.key)
             starts = self.delassus.operators.block > 1 and swept is None
@@ -268,7 +269,7 @@ class Search:
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
         """Solve by corrections on the factors of a system; return the point, its sets and the error of the law.
 
-        The error is infinite if the sets do not hold a floating body.
+        If the sets do not hold a floating body, the error is zero for a body without forces, else infinite.
         """
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
@@ -278,7 +279,8 @@ class Search:
             push = point.off - delassus.W @ dx - np.append(np.where(old.stick[:, None], 0.0, s), limits)
             z = system.solve(np.append(system.P @ push, point.rest - delassus.R.T @ dx))
             if not np.isfinite(z).all():
-                return point, ActiveSets.at(delassus, point, self.law, s), np.inf
+                new = ActiveSets.at(delassus, point, self.law, s)
+                return point, new, 0.0 if new.law_error(point) <= STEP_TOLERANCE * least else np.inf
             count = system.P.shape[0]
             point = delassus.move(point, dx + system.Q @ z[:count], z[count:])
             s = delassus.split(point.off)[0]

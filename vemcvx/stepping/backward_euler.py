@@ -220,6 +220,8 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
+    if run.system.kernel is not None:  # K y does no work on the kernel: remove the rounding of earlier forces.
+        g = run.condensation.balance(g, now.force.phi)
     if damping is not None and damping.motion is not None and k > 0:
         g = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
     e = now.remaining_gap - run.operators.D @ before.y

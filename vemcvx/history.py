@@ -1,7 +1,6 @@
 """The results of a simulation, with a summary, tables, probes and files.
 
-Stresses are positive in tension, contact pressures in compression. `contact.traction` is the friction force per length
-on the body; reactions act on the body.
+Stresses are positive in tension, contact pressures in compression. Friction and reactions act on the body.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class History(Results, Outlined):
         Nodal displacements.
     forces : (S, n_nodes, dim)
         Nodal forces of supports, contact and friction on the body: A u - f. With viscosity, A u + A_1 u' - f, except at
-        the initial instant, where no step ends and u' is unknown.
+        the initial instant.
     contact : Contact
     acting : BoundaryForces
         The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
@@ -59,15 +58,14 @@ class History(Results, Outlined):
     seconds : dict
         The times of "assemble", "prepare" and "solve" in seconds.
     prestress : (S, n_cells, 3, 4 or 6) or None
-        Stresses at zero strain, caused by eigenstrains and prestress; None if the scene has neither.
+        Stresses at zero strain, caused by eigenstrains and prestress.
     out_of_plane : (n_cells, 3) or None
-        Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy. Zero in plane stress; None in space, or if the
-        material does not define zz.
+        Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy; None in space, or if a material lacks zz.
     out_of_plane_prestress : (S, n_cells) or None
-        The part of zz that eigenstrains cause; None if the scene has no eigenstrains.
+        The part of zz that eigenstrains cause.
     inactive : tuple of str
-        A sentence for each effect of the scene that has no influence on this run, because it was dropped or never
-        active; and one on the mean motion if nothing holds the body.
+        A sentence for each effect of the scene that has no influence on this run; and one on the mean motion if nothing
+        holds the body.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
     sides : Sides or None
@@ -84,22 +82,20 @@ class History(Results, Outlined):
         bound; "relative" is "upper" divided by the largest energy norm of the run. "reading" is the part of "upper"
         that is only estimated, for nonlinear data. "kind" is, for example, "bound for the given friction".
     energy_bounds : (N + 1, 2) or None
-        With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN where an
-        adaptive run computed no bound.
+        With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
         With `bound`: bounds on the force of a support that moves a boundary, along the axis on which it moves most; NaN
-        at the initial instant, and where no bound is known.
+        if unknown.
     bounded_force : dict or None
-        The boundary and the axis of `force_bounds`: its name -> the number of the axis, such as {"top": 0}.
+        The boundary and the axis of `force_bounds`, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
         The stabilisation S_K of a^h; None if the history was read from files that do not keep its class.
     units : dict of str to str, or None
         Names of units, such as {"length": "mm"}: UNITS of the problem file (:mod:`vemcvx.plots.style`).
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
-        The kind of `initial`: nodal values, "equilibrium", "settled", vx.projected(u_0), or the end of another run.
-        Files do not keep it.
+        The kind of `initial`; "given" for nodal values. Files do not keep it.
 
     Examples
     --------
@@ -166,8 +162,8 @@ class History(Results, Outlined):
         -------
         Section
             ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
-            (S, 3), that the part ahead exerts on the part behind. On every mesh, this force and moment balance all
-            other forces on either side up to rounding. The loads of a cut cell act at the nodes of this cell.
+            (S, 3), that the part ahead exerts on the part behind. On every mesh, they balance all other forces on
+            either side. The loads of a cut cell act at the nodes of this cell.
 
         Raises
         ------
@@ -193,10 +189,10 @@ class History(Results, Outlined):
 
         Parameters
         ----------
-        field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            The mean displacement is the mean of Pi u.
+        field : str
+            As for `along`; the mean displacement is the mean of Pi u.
         on : str or sequence of str, optional
-            Names of cell data, such as names of bodies: the mean is over the cells where one of them is nonzero.
+            As for `section`: names of cell data.
 
         Raises
         ------
@@ -213,17 +209,17 @@ class History(Results, Outlined):
         name : {"steps", "contact", "probes"}
             "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
             :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of contact and
-            the arc length "s" on it (:mod:`vemcvx.results.arc`). "probes": displacements of every point at every stored
-            step. Components of vectors are separate columns, such as "slip_x".
+            the arc length "s" on it (:mod:`vemcvx.results.arc`). "probes": displacements of points at stored steps.
+            Components of vectors are separate columns, such as "slip_x".
         points : (p, dim) points of the body
-            The points of the table "probes", as for `probe`.
+            The points of the table "probes".
 
         Raises
         ------
         HistoryError
             There is no such table.
         SceneError
-            A point lies outside the body, or `points` is no array of points.
+            As for `probe`.
         """
         return table(self, name, points)
 
@@ -241,7 +237,7 @@ class History(Results, Outlined):
         """Return all arrays as one labelled dataset, by the names that they have in ``history.npz``.
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
-        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have "units" and a "long_name".
+        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have "units".
 
         Raises
         ------
@@ -253,8 +249,7 @@ class History(Results, Outlined):
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
         """Return the convex program of step `n` as it was solved, with the solution and its certificate.
 
-        The program is assembled again from the stored states before and after the step. :func:`vemcvx.programs` yields
-        the programs of all steps with one factorisation.
+        :func:`vemcvx.programs` yields the programs of all steps with one factorisation.
 
         Parameters
         ----------
@@ -332,9 +327,9 @@ def read_history(folder: str | Path) -> History:
 def joined(histories: Sequence[History]) -> History:
     """Return stages as one history, with tables, pictures, films and files like any other.
 
-    A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Effects
-    of all stages are listed; each acts in its own stage only. Steps are numbered consecutively. Slip, wear, work and
-    losses add up over the stages. Bounds and estimated errors of stages are left out; `scene` is None.
+    A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Steps
+    are numbered consecutively. Slip, wear, work and losses add up over the stages. Bounds and estimated errors of
+    stages are left out; `scene` is None.
 
     Parameters
     ----------
@@ -348,8 +343,7 @@ def joined(histories: Sequence[History]) -> History:
     Raises
     ------
     HistoryError
-        An item is no history, or does not continue the one before: its mesh, material or contact nodes are different,
-        or it begins at another instant, in another state, or with other losses.
+        An item is no history, or does not continue the history before it.
 
     Examples
     --------

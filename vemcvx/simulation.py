@@ -36,7 +36,7 @@ from vemcvx.stepping import (
     march,
     programs_of_march,
 )
-from vemcvx.stepping.course import inside_steps, sample_course
+from vemcvx.stepping.course import Course, inside_steps, sample_course
 from vemcvx.vem import mean_strains, stress_load, stresses
 
 log = logging.getLogger("vemcvx")
@@ -80,18 +80,17 @@ def simulate(
     condense : bool
         True: eliminate the unknowns without friction and contact, except with Viscosity or dashpots. False: keep all.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the number of unknowns and on the
-        installed packages.
+        SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the size and the installed packages.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
         A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
-        interrupted. Only one run at a time may write there; other files in it are not changed.
+        interrupted. Other files in it are not changed.
     resume : bool
         True: continue the run in the folder `stream` from its last stored step. False: replace that run.
     bound : bool
-        Compute guaranteed lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`);
-        `history.bound` has the bounds of the step with the largest upper bound. All steps must be stored.
+        Compute guaranteed lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`), for
+        `history.bound`. All steps must be stored.
 
     Returns
     -------
@@ -124,20 +123,9 @@ def simulate(
     given = check_times(times)
     start = time.perf_counter()
     posed = _pose(scene, mesh, given)
-    bounded = None
-    if flag(bound, "bound"):
-        if not (isinstance(store, str) and store == "all"):
-            raise SceneError("bound: the bound of each step needs the step before; set store='all'.")
-        from vemcvx.bound.error_bound import bounds_of_runs
-
-        bounded = bounds_of_runs(posed)
+    add_bounds = _prepare_bounds(posed, store) if flag(bound, "bound") else None
     assembled = time.perf_counter() - start
-    if flag(resume, "resume") and stream is None:
-        raise SceneError("resume: give stream=, the folder of the run to resume.")
-    rows: AbstractContextManager[Memory | Folder] = (
-        nullcontext(stream or Memory()) if stream is None or isinstance(stream, Folder) else Folder(stream, resume)
-    )
-    with rows as storage:
+    with _open_storage(stream, flag(resume, "resume")) as storage:
         trajectory = march(
             posed.system,
             given,
@@ -150,13 +138,31 @@ def simulate(
             progress=_log if progress is True else progress or None,
             storage=storage,
         )
-        warn_of_lost_work(trajectory)
         results = record(posed, trajectory, assembled, storage)
+        warn_of_lost_work(trajectory)
         warn_of_large_strains(posed, results)
         for words in describe_penetrations(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
             log.warning("%s", words)
         history = History.from_results(results, begins(initial))
-        return history if bounded is None or history.steps == 0 else bounded(history)
+        return history if add_bounds is None or history.steps == 0 else add_bounds(history)
+
+
+def _prepare_bounds(posed: PosedScene, store: str | int | Sequence[int]) -> Callable[[History], History]:
+    """Return the function that adds guaranteed bounds to the history of a posed scene."""
+    if not (isinstance(store, str) and store == "all"):
+        raise SceneError("bound: the bound of each step needs the step before; set store='all'.")
+    from vemcvx.bound.error_bound import bounds_of_runs
+
+    return bounds_of_runs(posed)
+
+
+def _open_storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Memory | Folder]:
+    """Return the storage of a run; a folder opened here is closed at the end of the run."""
+    if stream is None:
+        if resume:
+            raise SceneError("resume: give stream=, the folder of the run to resume.")
+        return nullcontext(Memory())
+    return nullcontext(stream) if isinstance(stream, Folder) else Folder(stream, resume)
 
 
 def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
@@ -175,9 +181,9 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     """Return `times` together with the instants inside steps at which data bend, turn or jump.
 
-    Backward Euler evaluates data at the ends of steps. If a load reverses inside a step, backward Euler misses its
-    extreme value, and with friction all later results are wrong. Data are sampled at least 256 times per run, and in
-    the middle of each step. A change that begins and ends between two samples is not found.
+    Backward Euler misses the extreme value of a load that reverses inside a step, and with friction all later results
+    are wrong. Data are sampled at least 256 times per run, and in the middle of each step. A change that begins and
+    ends between two samples is not found.
 
     Parameters
     ----------
@@ -200,18 +206,19 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     given = check_times(times)
     if len(given) < 2:
         return given
+    return np.union1d(given, inside_steps(given, _sample_data(scene, mesh, given).bends))
+
+
+def _sample_data(scene: Scene, mesh: Mesh, times: Floats) -> Course:
     with suppress_scene_warnings():
-        bends = sample_course(pose_scene(scene, mesh, between=given.tolist()).system, given).bends
-    return np.union1d(given, inside_steps(given, bends))
+        return sample_course(pose_scene(scene, mesh, between=times.tolist()).system, times)
 
 
 def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
     """Log a warning that names the instants inside steps at which data bend, turn or jump."""
     if len(times) < 2:
         return
-    with suppress_scene_warnings():
-        posed = pose_scene(scene, mesh, between=times.tolist())
-        missed = sample_course(posed.system, times).find_missed(times)
+    missed = _sample_data(scene, mesh, times).find_missed(times)
     if not len(missed):
         return
     apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]
@@ -301,8 +308,8 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     This is (2.11) and (3.26) of the paper. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
 
     If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). One step
-    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. A warning is issued if the norm of this
-    step exceeds three projection errors plus 5 % of the state's norm: u_0 violates (2.1), or the mesh is too coarse.
+    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. A warning is issued if this step is
+    large: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------

@@ -50,9 +50,3 @@ def test_the_return_mapping_of_pure_shear_is_a_play():
     p = play(lesson.RADIUS, np.sqrt(2) * shear)[:, 0] / lesson.HARDENING
     assert np.abs(p).max() > 0
     assert eps[:, 2] == pytest.approx(shear / lesson.MU + np.sqrt(2) * p, rel=1e-12, abs=1e-15)
-
-
-def test_osqp_refuses_second_order_cones():
-    system = lesson.block(vx.meshes.squares(2), lesson.spiral()).system
-    with pytest.raises(vx.NotAccepted, match="second-order cones"):
-        vx.march(system, [0.0, 1.0], solver=vx.OSQP())

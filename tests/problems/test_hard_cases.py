@@ -53,16 +53,10 @@ def test_the_table_reports_every_kind_of_fault():
         return lambda: Setting(block(), mesh, times, exact)
 
     newton = (vx.Newton(),)
+    misspelt = Case("otherwise", lambda: Setting(block(clamp="no"), mesh, times), "refuse with an error", "floats")
     for case, complaint in (
-        (
-            Case("refused", setting(), must="refuse with an error", solvers=newton),
-            "must refuse with an error",
-        ),
-        (Case("silent", lambda: Setting(block(clamp="rihgt"), mesh, times)), "must answer, but: refuse"),
-        (
-            Case("otherwise", lambda: Setting(block(clamp="no"), mesh, times), "refuse with an error", "floats"),
-            "does not say 'floats'",
-        ),
+        (Case("refused", setting(), must="refuse with an error", solvers=newton), "must refuse with an error"),
+        (misspelt, "does not say 'floats'"),
         (Case("wrong reference", setting(zero), solvers=newton), "true error .* above certificate"),
         (Case("claim", setting(), holds=lambda setting, history: "it does not", solvers=newton), "it does not"),
     ):
@@ -79,16 +73,3 @@ def test_the_table_reports_an_answer_with_a_false_certificate():
     shifted = vx.simulate(block(bound=3.9), mesh, times, solver=vx.Clarabel())
     wrong = Finding("Clarabel", "answer", allowed=1e-6, history=shifted)
     assert "differs from Newton by" in compare_findings(case.make(), findings[0], wrong)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "polish"), [("no clamp, friction holds", False), ("no clamp, friction just holds", True)]
-)
-def test_clarabel_reaches_1e_6_on_bodies_without_supports(name, polish):
-    case = next(case for _, case in hard_cases.CASES if case.name == name)
-    setting = case.make()
-    solver = vx.Clarabel(accuracy=1e-6, polish=polish)
-    with pytest.warns(vx.SceneWarning):
-        history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver)
-    assert history.certificate.max() <= 1e-6

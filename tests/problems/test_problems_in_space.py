@@ -53,11 +53,6 @@ def test_circular_hysteresis_is_exact_step_by_step(family):
     assert history.dissipated == pytest.approx(circles.BOUND * 2.0 * path, rel=FLOOR)
 
 
-def test_steps_of_circular_hysteresis_take_one_iteration():
-    history = vx.simulate(circles.scene(), circles.mesh(3), circles.times(24))
-    assert history.iterations.max() == 1
-
-
 def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
     """The loss of a turn in N steps differs from the loss of continuous motion by O(1 / N)."""
     for steps in (20, 80):

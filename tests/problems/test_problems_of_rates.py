@@ -93,23 +93,9 @@ def test_a_run_with_friction_by_speed_goes_on_where_another_one_ended(contact):
     assert second.dissipated[-1] == pytest.approx(whole.dissipated[-1], rel=1e-9)
 
 
-@pytest.mark.parametrize(("problem", "effect"), [(brake, "SpeedFriction on bottom"), (support, "VelocityContact")])
-def test_there_is_no_error_budget_of_rates(problem, effect):
-    run = vx.simulate(problem.scene(), problem.mesh(2), problem.times(5), initial=getattr(problem, "initial", None))
-    for ask in (vx.error_budget, lambda history: vx.error_bound(history, step=-1)):
-        with pytest.raises(vx.SceneError, match=f"there is no estimate for .*{effect}"):
-            ask(run)
-
-
 def test_a_bound_that_rises_and_falls_again_is_refused_if_no_softening_is_given():
     """The bound is .8 at rest, rises to 1.3 at the speed .4, and falls to .42 at the speed 1 of the disc."""
     scene = brake.scene().without(vx.SpeedFriction)
     humps = vx.SpeedFriction(lambda speed: 0.8 + 0.5 * np.sin(4 * speed), on="bottom", ground=lambda x, t: (t, 0.0))
     with pytest.raises(vx.SceneError, match="the slip rate .* changes the weight from"):
         vx.simulate(scene.with_(humps), brake.mesh(2), brake.times(20), initial="settled")
-
-
-def test_friction_by_speed_in_the_air_is_reported():
-    scene = brake.scene().without(vx.BilateralContact, vx.Pressure).with_(vx.UnilateralContact(on="bottom", gap=1.0))
-    with pytest.warns(vx.SceneWarning, match="SpeedFriction on bottom: .* is done in the air"):
-        vx.simulate(scene, brake.mesh(2), brake.times(20), initial="settled")

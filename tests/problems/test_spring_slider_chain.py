@@ -1,4 +1,4 @@
-"""Springs and sliders against plays and stops: states, multipliers, loops, memory and congruency."""
+"""Springs and sliders against plays and stops: states, multipliers, loops and memory."""
 
 from __future__ import annotations
 
@@ -69,21 +69,6 @@ def test_the_chain_remembers_turning_points_until_a_loop_closes(marched):
     direct = lesson.course((0, 6, -6, 6, -6))
     short = lesson.march(lesson.chain(direct), direct)
     assert (np.abs(short.state[-1] - trajectory.state[-1]) <= allowed[-1]).all()
-
-
-@pytest.mark.long
-def test_closed_loops_between_the_same_forces_are_congruent():
-    loops, starts = [], []
-    for history in ((0, 6, -1), (0, -6, 2, -1), (0, 3, -1)):
-        force = lesson.course((*history, 2, -1, 2, -1))
-        loop = lesson.march(lesson.chain(force), force).state[-13:, 0]
-        assert loop[0] == pytest.approx(loop[-1], abs=1e-12)
-        loops.append(loop - loop[0])
-        starts.append(loop[0])
-    assert np.ptp(starts) > 1.0
-    assert np.abs(np.array(loops) - loops[0]).max() < 1e-12
-    thresholds = np.append(0.0, np.cumsum(lesson.BOUNDS))
-    assert loops[0].max() == pytest.approx(np.maximum(3 - 2 * thresholds, 0) @ (1 / lesson.SPRINGS), rel=1e-12)
 
 
 @pytest.mark.long

@@ -161,12 +161,3 @@ def test_point_loads_are_marked(dim):
     coarse, fine = ({one.key: one for one in history.extremes} for history in found.values())
     assert {fine[key].unbounded for key in ("von_mises", "smallest_principal_stress", "displacement")} == {LOADED}
     assert fine["von_mises"].value / coarse["von_mises"].value == pytest.approx(2 ** (dim - 1), rel=0.15)
-
-
-@pytest.mark.parametrize("friction", [vx.CoulombFriction(0.3, on="bottom"), vx.TrescaFriction(0.05, on="bottom")])
-def test_friction_at_a_point_load_is_marked_if_it_follows_pressure(friction):
-    load = vx.PointLoad((0.5, -1.0), at=(0.5, 0.0))
-    contact = vx.UnilateralContact(on="bottom")
-    told = marks(run_settled(vx.meshes.squares(8), STEEL, vx.Clamp(on="top"), contact, load, friction))
-    assert told["pressure"] == LOADED
-    assert (told["friction"] == LOADED) == isinstance(friction, vx.CoulombFriction)

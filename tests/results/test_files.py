@@ -16,7 +16,6 @@ from scenes import cyclic, mostly_long, paper_load, small
 
 import vemcvx as vx
 from vemcvx.base.errors import HistoryError
-from vemcvx.base.owned_files import Owned
 from vemcvx.history import read_history
 from vemcvx.results.files import Origin, write_results
 from vemcvx.vem import Space, strains
@@ -61,25 +60,23 @@ def test_a_history_is_read_back_to_the_bit(history, store, tmp_path):
 
 
 @pytest.mark.long
-def test_histories_without_contact_or_steps_are_read_back(tmp_path):
-    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction(paper_load(cyclic), on="left"))
-    for times in (TIMES, [0.0]):
-        history = vx.simulate(scene, small("squares", 3), times)
+def test_histories_without_contact_or_steps_and_in_space_are_read_back(tmp_path):
+    plane, solid = small("squares", 3), vx.meshes.prisms(2)
+    solid = solid.with_cell_data("zone", np.arange(solid.n_cells))
+    heated = vx.Elasticity(200.0, 0.3), vx.Clamp(on="top"), vx.ThermalStrain(1e-4, lambda x, t: t * x[:, -1])
+    contact = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.01, on="bottom")
+    for times, mesh, more in ((TIMES, plane, ()), ([0.0], plane, ()), (TIMES, solid, contact)):
+        history = vx.simulate(vx.Scene(*heated, *more), mesh, times)
         history.write(tmp_path)
         assert_same(history, read_history(tmp_path))
 
 
-def test_a_history_with_constant_data_is_pickled_with_its_scene():
+def test_a_history_with_constant_data_is_pickled_and_copied_with_its_scene():
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, 1.0), on="right"))
     history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
     again = pickle.loads(pickle.dumps(history))
     assert np.array_equal(again.displacement, history.displacement)
     assert [effect.describe() for effect in again.scene] == [effect.describe() for effect in history.scene]
-
-
-def test_a_history_is_pickled_without_its_scene_and_copied_with_it(history):
-    bare = pickle.loads(pickle.dumps(dataclasses.replace(history, scene=None)))
-    assert np.array_equal(bare.displacement, history.displacement)
     assert copy.copy(history).scene is history.scene
     assert not np.shares_memory(copy.deepcopy(history).displacement, history.displacement)
 
@@ -114,14 +111,6 @@ def test_cell_fields_are_in_the_order_of_the_cells(history, tmp_path):
     # 1/2 (lam tr(eps)^2 + 2 mu eps : eps); the third column of e is 2 e_xy.
     density = 0.5 * lam * (e[:, 0] + e[:, 1]) ** 2 + mu * (e[:, 0] ** 2 + e[:, 1] ** 2 + 0.5 * e[:, 2] ** 2)
     assert energy == pytest.approx(density, rel=1e-12, abs=1e-15 * density.max())
-
-
-def test_out_of_plane_stresses_are_left_out_if_they_are_unknown(history, tmp_path):
-    dataclasses.replace(history, out_of_plane=None, out_of_plane_prestress=None).write(tmp_path)
-    names = set(meshio.read(tmp_path / "step_0005.vtu").cell_data)
-    assert "principal_stresses" in names
-    assert not {"von_mises", "out_of_plane_stress"} & names
-    assert read_history(tmp_path).out_of_plane is None
 
 
 def test_the_summary_has_the_public_keys(history, tmp_path):
@@ -163,12 +152,8 @@ def test_the_summary_writes_an_infinite_error_as_null(history, tmp_path):
 
 def test_folders_without_a_history_are_refused(history, tmp_path):
     (tmp_path / "mesh.vtu").write_text("")
-    for folder, says in (
-        ("nowhere", "there is no such folder"),
-        ("", r"found mesh\.vtu"),
-        ("mesh.vtu", "not a folder"),
-    ):
-        with pytest.raises(HistoryError, match=says):
+    for folder in ("nowhere", "", "mesh.vtu"):
+        with pytest.raises(HistoryError, match=r"found no history\.npz there"):
             read_history(tmp_path / folder)
     with pytest.raises(HistoryError, match=r"mesh\.vtu: cannot be used as a folder"):
         history.write(tmp_path / "mesh.vtu")
@@ -200,14 +185,3 @@ def test_foreign_files_of_the_same_names_are_not_replaced(history, name, tmp_pat
         history.write(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == '{"a": "thesis"}'
-
-
-def test_files_of_a_process_killed_while_writing_are_removed(history, tmp_path):
-    held = Owned(tmp_path / ".vemcvx-writing")
-    held.take("step_0000.vtu").write_text("half")
-    with pytest.raises(HistoryError, match="another run"):
-        history.write(tmp_path)
-    held.close()
-    history.write(tmp_path)
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-    assert_same(history, read_history(tmp_path))

@@ -37,23 +37,6 @@ def test_foreign_files_are_neither_written_nor_deleted(tmp_path, name):
     assert contents(tmp_path)[name] == b"a thesis"
 
 
-@pytest.mark.long
-def test_a_second_run_in_the_folder_is_refused_until_the_first_ends(tmp_path):
-    steps = []
-
-    def start_another(n, _):
-        steps.append(n)
-        with pytest.raises(vx.HistoryError, match=BUSY):
-            run(tmp_path, resume=n == 2)
-
-    first = run(tmp_path, progress=start_another)
-    assert len(steps) == len(TIMES) - 1
-    assert np.array_equal(first.displacement, vx.simulate(first.scene, first.mesh, TIMES).displacement)
-    with pytest.raises(ZeroDivisionError):
-        run(tmp_path, progress=lambda *_: 1 / 0)
-    run(tmp_path)
-
-
 HOLD = """
 import sys
 from vemcvx.stepping.trajectory import Folder

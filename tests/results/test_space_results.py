@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from identical import same
 from solids import SOLIDS, solid
 
 import block_in_space as block
@@ -14,7 +11,6 @@ import circular_hysteresis as circles
 import vemcvx as vx
 from vemcvx.meshes.io.vtu import TYPES
 from vemcvx.results import places
-from vemcvx.results.files import read_archive, write_archive
 from vemcvx.vem import equivalent
 
 STEEL = vx.Elasticity(circles.YOUNG, circles.POISSON)
@@ -24,31 +20,6 @@ FLOOR = vx.BilateralContact(on="bottom"), vx.TrescaFriction(circles.BOUND, on="b
 @pytest.fixture(scope="module")
 def history():
     return vx.simulate(circles.scene(steps=12), circles.mesh(2, family="prisms"), circles.times(12))
-
-
-def test_tables_have_a_column_for_each_axis(history):
-    table = history.table("contact")
-    count = len(history.stored) * len(history.contact.nodes)
-    for name in ("slip", "traction", "normal"):
-        assert [len(table[f"{name}_{axis}"]) for axis in "xyz"] == [count] * 3
-    assert np.array_equal(table["slip_z"], history.contact.slip[:, :, 2].ravel())
-
-
-@pytest.mark.long
-def test_an_archive_in_space_is_read_back_to_the_bit(history, tmp_path):
-    scene = vx.Scene(STEEL, vx.Clamp(on="top"), *FLOOR, vx.ThermalStrain(1e-4, lambda x, t: t * x[:, 2]))
-    run = vx.simulate(scene, history.mesh.with_cell_data("zone", np.arange(history.mesh.n_cells)), [0.0, 1.0])
-    write_archive(run, tmp_path / "history.npz")
-    read = read_archive(tmp_path / "history.npz")
-    for name in run.mesh.ARRAYS:
-        assert np.array_equal(getattr(read.mesh, name), getattr(run.mesh, name)), name
-    assert same(dict(read.mesh.boundaries), dict(run.mesh.boundaries))
-    assert same(read.mesh.cell_data, run.mesh.cell_data)
-    for field in dataclasses.fields(read):
-        if field.name not in ("mesh", "scene"):
-            assert same(getattr(read, field.name), getattr(run, field.name)), field.name
-    assert np.array_equal(read.stress(-1), run.stress(-1))
-    assert np.array_equal(read.reaction("top"), run.reaction("top"))
 
 
 def test_pyvista_reads_the_series_and_the_package_reads_the_mesh(tmp_path):

@@ -6,9 +6,7 @@ import csv
 import dataclasses
 import json
 import sys
-from typing import Annotated
 
-import meshio
 import numpy as np
 import pytest
 from scenes import cyclic, paper_scene, small
@@ -146,7 +144,6 @@ def test_a_dataset_of_xarray_has_every_array_of_the_archive(history, tmp_path):
     assert set(found.data_vars) == set(kept)
     for name, values in kept.items():
         assert np.array_equal(found[name].values, values, equal_nan=values.dtype.kind == "f")
-        assert found[name].attrs["long_name"]
     slip = found["contact.slip"]
     assert slip.dims == ("step", "contact", "axis")
     assert slip.attrs["units"] == "length"
@@ -154,36 +151,6 @@ def test_a_dataset_of_xarray_has_every_array_of_the_archive(history, tmp_path):
     assert found["displacement"].dims == ("step", "node", "axis")
     assert found["time"].values.tolist() == history.times.tolist()
     assert found["trajectory.energy"].sel(instant=1.0) == history.energy[-1]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class Warm(vx.Contact):
-    """Contact with one more quantity.
-
-    Attributes
-    ----------
-    heat : (S, m)
-        Heat per length since the initial instant.
-    """
-
-    heat: Annotated[np.ndarray, "S m", "energy/length"]
-
-
-def test_a_further_field_of_contact_is_written_everywhere(history, tmp_path):
-    contact = Warm(**vars(history.contact), heat=0.9 * history.contact.wear)
-    warm = dataclasses.replace(history, contact=contact)
-    assert np.array_equal(warm.table("contact")["heat"], contact.heat.ravel())
-    warm.write(tmp_path)
-    assert np.array_equal(read(tmp_path / "contact.csv")["heat"], contact.heat.ravel())
-    with np.load(tmp_path / "history.npz") as file:
-        assert np.array_equal(file["contact.heat"], contact.heat)
-    step = meshio.read(tmp_path / "step_0004.vtu")
-    assert np.array_equal(step.point_data["heat"][contact.nodes], contact.heat[1])
-    pytest.importorskip("xarray")
-    assert warm.to_xarray()["contact.heat"].attrs == {
-        "units": "energy/length",
-        "long_name": "Heat per length since the initial instant.",
-    }
 
 
 @pytest.mark.parametrize("name", ["pandas", "xarray"])

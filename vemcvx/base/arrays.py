@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import numbers
-import re
 import reprlib
 import sys
 from collections.abc import Callable, Sequence
@@ -158,28 +157,24 @@ def shape_in_words(array: Floats) -> str:
 
 
 class ArrayField(NamedTuple):
-    """The description of an array in a record: names of its sizes, NumPy's letter for its kind, unit, and meaning."""
+    """The description of an array in a record: names of its sizes, NumPy's letter for its kind, and unit."""
 
     sizes: tuple[str, ...]
     kind: str
     unit: str
-    meaning: str
 
 
 def array_fields(record: type) -> dict[str, ArrayField]:
     """Return descriptions of the array fields of a record by name, for files, tables and datasets.
 
-    Sizes and units come from annotations such as ``stress: Annotated[Floats, "S cells 3", "force/length2"]``, meanings
-    from the Attributes section of the docstring.
+    Sizes and units come from annotations such as ``stress: Annotated[Floats, "S cells 3", "force/length2"]``.
     """
-    entries = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)*)", inspect.getdoc(record) or "", flags=re.MULTILINE)
-    meaning = {name: " ".join(words.split()) for names, words in entries for name in names.split(", ")}
     found = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         if hasattr(hint, "__metadata__"):
             (sizes, unit), arrays = hint.__metadata__, (hint.__origin__, *get_args(hint.__origin__))
             kind = "b" if Bools in arrays else "i" if Ints in arrays else "f"
-            found[name] = ArrayField(tuple(sizes.split()), kind, unit, meaning.get(name, ""))
+            found[name] = ArrayField(tuple(sizes.split()), kind, unit)
     return found
 
 

@@ -41,7 +41,6 @@ EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
 UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
 FORCES = {"contact": "contact force", "friction": "friction", "none": ""}
 CLOSED = "closed contact bold or hatched"
-NO_GAPS = "initial gaps given as data are not drawn: contact is open where not bold"
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
 
 
@@ -141,9 +140,9 @@ def stressed_body(
     -------
     matplotlib Figure
         The title gives the magnification of displacements and the largest force per length on the body. Arrows beyond
-        1.5 times the 90 % quantile are cut, with a note in the title. The boundary is bold where contact is closed. If
-        magnified displacements draw the sides of closed contact apart or overlapping, the area between is hatched. A
-        pointed end of the colour bar stands for stresses beyond it, in at most one cell in a hundred.
+        1.5 times the 90 % quantile are cut, with a note in the title. Closed contact is bold, or hatched where
+        magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of the colour bar
+        stands for stresses beyond it, in at most one cell in a hundred.
 
     Raises
     ------
@@ -226,7 +225,6 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
         title += f", {words} at most {style.amount(largest, 'force per length', units)}"
     notes = [*marks, *[CLOSED] * bool(touching), *[f"arrows cut at {cut:.3g}"] * (largest > cut)]
     title += "\n" * bool(notes) + "; ".join(notes)
-    title += f"\n{NO_GAPS}" * _gaps_not_drawn(history, row, factor)
     ax.tick_params(labelsize="small")
     ax.locator_params(nbins=6)
     if window is None:
@@ -264,8 +262,7 @@ def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
     """Return a colour map for the stresses of all steps and its ends: symmetric about zero, or from zero to one side.
 
-    Colours cover 99 of 100 cells, because stress at the corner of a clamp is unbounded. The map has one sign if
-    stresses of the other sign stay below a tenth of the largest stress.
+    Colours cover 99 of 100 cells, because stress at the corner of a clamp is unbounded.
     """
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
@@ -282,8 +279,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
     """Return outlines (k, 2) of the areas between the sides of closed contact, with the nodes at `places`.
 
-    Gaps and interferences are no part of the mesh, and bodies rotate and slip. With magnified displacements,
-    bodies in contact are therefore drawn apart or overlapping. Outlines are degenerate where the drawn bodies touch.
+    With magnified displacements, bodies in contact may be drawn apart or overlapping.
     """
     contact = history.contact
     if not contact.closed[row].any():
@@ -293,15 +289,6 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
     near, far = places[nodes], places[np.where(partners < 0, nodes, partners)]
     parts = np.split(np.arange(len(nodes)), np.union1d(line.gaps, 1 + np.flatnonzero(closed[1:] != closed[:-1])))
     return [np.concatenate([near[part], far[part[::-1]]]) for part in parts if closed[part[0]]]
-
-
-def _gaps_not_drawn(history: Results, row: int, factor: float) -> bool:
-    """Return True if open contact is drawn closed or overlapping, because initial gaps are no part of the mesh."""
-    contact, u = history.contact, history.displacement[row]
-    between = np.flatnonzero((contact.partners >= 0) & ~contact.closed[row])
-    apart = u[contact.nodes[between]] - u[contact.partners[between]]
-    nearer = np.einsum("md,md->m", apart, contact.normals[between])
-    return bool((factor * nearer > 1e-3 * _size(history.mesh.points)).any())
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import plane_mesh
 from vemcvx.plots import style
-from vemcvx.plots.style import Units, amount, instant, is_idle, label, label_axes, units_of, value_range
+from vemcvx.plots.style import Units, amount, instant, is_idle, label, label_axes, units_of
 from vemcvx.results import Contact, Results, contact_path
 
 if TYPE_CHECKING:
@@ -111,7 +110,6 @@ def friction_traction(
     step: int | None = None,
     *,
     ax: Axes | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the friction traction on the body and its bound +-g at a stored step: nodes slip at g, and stick below.
@@ -123,8 +121,6 @@ def friction_traction(
         A stored step; negative numbers count from the end. By default `history.peak`, the step of the largest energy.
     ax : Axes, optional
         Where to draw; by default on a new figure.
-    limits : (low, high), optional
-        Ends of the axis of forces; by default the same for all steps.
     units : mapping of str to str, optional
         Names of units: see :mod:`vemcvx.plots.style`. By default `history.units`.
 
@@ -158,8 +154,7 @@ def friction_traction(
             # Hatching shows in grey print.
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
     top, bound, far = _reach(contact), contact.bound[row, line.order], ""
-    ends = value_range(limits, (-top, top))
-    if bound.min() > min(-ends[0], ends[1]):
+    if bound.min() > top:
         far = f" off the axis, {amount(bound.min(), 'force per length', units)}" + " or more" * bool(np.ptp(bound) > 0)
     for side, name in ((bound, f"bound $\\pm g${far}"), (-bound, None)):
         ax.plot(*line.interrupt(side), color="black", linestyle="--", linewidth=1.2, label=name)
@@ -177,7 +172,7 @@ def friction_traction(
     )
     title = f"{instant(history.times[row], units)}: {did}{gone}"
     words = label("friction on the body\n", "force per length", units)
-    return line.finish(ax, words, title, units, ends, size="large")
+    return line.finish(ax, words, title, units, (-top, top), size="large")
 
 
 def _reach(contact: Contact) -> float:
@@ -254,8 +249,7 @@ def list_steps(history: Results, picture: str) -> Ints:
 def directions(history: Results, line: ContactLine) -> Floats:
     """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0.
 
-    Open contact without friction is NaN. The direction is opposite to friction, so the step before is not needed. If
-    there is no friction, it is the direction of the slip since the last stored step.
+    Open contact without friction is NaN. Slip is opposite to friction; without friction, it is the change of slip.
     """
     contact = history.contact
     against = line.along(contact.traction)
@@ -266,10 +260,7 @@ def directions(history: Results, line: ContactLine) -> Floats:
 
 
 def pressures(history: Results) -> Floats:
-    """Return the contact pressure (S, m) for pictures, without the ripple of nodal forces.
-
-    Pressures that are rounding errors relative to the stresses are set to zero, so that no axis shows 1e-14.
-    """
+    """Return the contact pressure (S, m), set to zero if it is a rounding error relative to the stresses."""
     found, keys = history.contact.pressure_recovered, ("largest_principal_stress", "smallest_principal_stress")
     stress = max((abs(one.value) for one in history.extremes if one.key in keys), default=0.0)
     return found if np.abs(found).max(initial=0.0) > 1e-10 * stress else np.zeros_like(found)
@@ -296,7 +287,6 @@ def along_contact(
     steps: int | Iterable[int] | None = None,
     *,
     ax: Axes | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the contact pressure, the slip or the wear along the contact boundary at some steps.
@@ -307,10 +297,7 @@ def along_contact(
     show : {"pressure", "slip", "wear"}
         Pressure or slip at the instants of the steps, or the friction work per length up to these instants.
     steps : int or sequence of int, optional
-        Stored steps, at most four; by default ``history.telling(4)``: the peak, the first and the latest turns of the
-        motion, and the last step; evenly spaced steps if the motion never reverses.
-    limits : (low, high), optional
-        Ends of the axis of values; by default the axis shows 0 and the values of all steps.
+        Stored steps, at most four; by default ``history.telling(4)``: the peak, turns of the motion, and the last step.
 
     Returns
     -------
@@ -344,7 +331,7 @@ def along_contact(
         drawn.set(label=instant(history.times[row], units), markevery=max(1, len(line.order) // 30))
     low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
     canvas.light_grid(ax)
-    ends = value_range(limits, (1.05 * low, 1.05 * high if high > low else 1.0))
+    ends = 1.05 * low, 1.05 * high if high > low else 1.0
     return line.finish(ax, label(f"{words.format(line.symbol)}\n", quantity, units), title, units, ends)
 
 
@@ -353,14 +340,13 @@ def wear(
     steps: int | Iterable[int] | None = None,
     *,
     ax: Axes | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the friction work up to some steps along contact: wear is proportional to it (Archard 1953).
 
     Parameters
     ----------
-    history, steps, ax, limits, units : as for `along_contact`
+    history, steps, ax, units : as for `along_contact`
 
     Returns
     -------
@@ -374,4 +360,4 @@ def wear(
     >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.wear(history)
     """
-    return along_contact(history, "wear", steps, ax=ax, limits=limits, units=units)
+    return along_contact(history, "wear", steps, ax=ax, units=units)

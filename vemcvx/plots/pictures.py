@@ -24,7 +24,7 @@ from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import along_contact, pressures, slips, wear
-from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, units_of, value_range
+from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, units_of
 from vemcvx.results import Results, loop_of
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ def energy_ledger(
     history: Results,
     *,
     ax: Axes | Sequence[Axes] | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the energies of every step, and the certificates of the steps on a logarithmic axis.
@@ -46,8 +45,6 @@ def energy_ledger(
     history, units : as for `friction_traction`
     ax : Axes, or two of them, optional
         Where to draw the energies, and the certificates if there are two; by default on a new figure.
-    limits : (low, high), optional
-        Ends of the axis of energies.
 
     Returns
     -------
@@ -72,8 +69,6 @@ def energy_ledger(
     energy = unit(units, "energy")
     words = "energy" if energy == "energy" else f"energy ({energy})" + ", per thickness" * _is_plane(history)
     _energies(panels[0], history, words)
-    if limits is not None:
-        panels[0].set_ylim(value_range(limits, ()))
     for second in panels[1:]:
         _certificates(second, history)
     for panel in panels:
@@ -110,8 +105,7 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
 
-    The colour shows sqrt(b / area) on a logarithmic scale, where b is what the cell contributes to the squared bound.
-    Refining the darkest cells gains most.
+    The colour shows sqrt(b / area), where b is the contribution of the cell to the squared bound.
 
     Parameters
     ----------
@@ -167,13 +161,11 @@ def hysteresis_loop(
     on: str | None = None,
     *,
     ax: Axes | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the force on a driven boundary against its mean motion, along the axis on which its path is longest.
 
-    The force is the reaction of a boundary that a support moves, or else the total of a load. If all nodes of the
-    boundary move alike, the area enclosed by a cycle is the work of the force.
+    The force is the reaction of a boundary that a support moves, or else the total of a load.
 
     Parameters
     ----------
@@ -181,8 +173,6 @@ def hysteresis_loop(
     on : str, optional
         The boundary; by default the one whose prescribed displacement has the longest path, or else the boundary of
         the load whose total changes most along an axis.
-    limits : (low, high), optional
-        Ends of the axis of forces.
 
     Returns
     -------
@@ -215,8 +205,6 @@ def hysteresis_loop(
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)
     canvas.light_grid(ax)
     ax.locator_params(axis="x", nbins=6)  # Small motions have long labels.
-    if limits is not None:
-        ax.set_ylim(value_range(limits, ()))
     canvas.legend_below(ax)
     x = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units)
     y = label(loop.kind, "force", units) + ", per thickness" * _is_plane(history)

@@ -18,8 +18,7 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""Cosine between normals above which an edge or face at a contact node belongs to contact: the cosine of half of
-`CURVE_ANGLE`. A flatter corner counts as straight; pictures are then wrong by half an edge."""
+"""Cosine between normals above which an edge or face at a contact node belongs to contact."""
 
 
 @dataclass(frozen=True)

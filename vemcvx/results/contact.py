@@ -7,12 +7,10 @@ the hat function of the node. At corners, forces and edges of both sides count.
 - Tractions are minus the multipliers of friction.
 - Pressures are the forces p_j of one-sided contact. In bilateral contact, they are -g . R with the forces
   R = A u - f + B'lam + D'p of supports and bilateral contact; :mod:`vemcvx.scene.contact` defines g.
-- Wear is friction work, the sum over all steps of w_i |s_i|: the worn depth is proportional to it (Archard 1953).
+- Wear is friction work, the sum over all steps of w_i |s_i|; the worn depth is proportional to it (Archard 1953).
 
 A one-sided contact is closed if p_j + c_j z_j >= 0, with z_j the excess over the gap and c_j = n'An at the node. The
-solver chooses active sets by the same rule, which separates small pressures from small distances in any units.
-
-Recovered pressures and tractions are means of nodal values: :mod:`vemcvx.results.contact_tiles`.
+solver chooses active sets by the same rule.
 """
 
 from __future__ import annotations
@@ -37,56 +35,48 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    Nodes of the boundary are contact nodes unless a support other than contact fixes their normal component. A node
-    whose tangent a support fixes (on the axis of a half model) is a contact node. So is every node that a prescribed
-    displacement moves along the boundary against friction. The forces of such supports are neither traction nor
-    pressure. The friction that they work against is traction; it is set to 0 in a step in which the support stands
-    still, although any value up to the bound would be admissible.
+    A node of the boundary is a contact node unless another support fixes its normal component. A support may hold or
+    move contact nodes along the boundary; its force is neither traction nor pressure. The friction against this support
+    is traction. It is 0 in a step in which the support stands still, although any value up to the bound is admissible.
 
-    In space, lengths are areas. At a node with one normal, slip and traction are vectors in the tangent plane, and the
-    wear of a step is minus traction times slip. At edges and corners of contact, friction acts in the tangent plane of
-    every normal: traction is the sum, slip is orthogonal to the mean of the normals, and the wear of a step is minus
-    traction times the whole displacement, normal parts included.
+    In space, lengths are areas, and slip and traction are vectors in the tangent plane. At edges of contact, traction
+    is the sum over all normals, and slip is orthogonal to the mean normal.
 
     Attributes
     ----------
     nodes : (m,) int
         Node numbers.
     partners : (m,) int
-        The nodes of the other body at the same places; slip, traction and pressure are those of `nodes` against
-        `partners`. -1 for contact with an obstacle.
+        The nodes of the other body at the same places; -1 for contact with an obstacle.
     points : (m, dim)
         Coordinates.
     normals : (m, dim)
         Outward unit normals, averaged by length at corners.
     slip : (S, m, dim)
-        Tangential displacement relative to the partner; on moving ground, relative to the motion of the ground since
-        the initial instant (to the mean motion where several frictions meet).
+        Tangential displacement relative to the partner, or to the ground if it moves.
     traction : (S, m, dim)
-        Friction force on the body of `nodes`, per length of the edges with friction: the negative multiplier.
+        Friction force on the body of `nodes`, per length of the edges with friction.
     bound : (S, m)
-        Friction bound per length, w_i / int phi_i, or the mean bound where several frictions meet; 0 without
-        friction. A bound that depends on direction is given for the direction of the friction force, or along
-        the `direction` of the friction if this force is zero.
+        Friction bound per length, w_i / int phi_i; 0 without friction. A bound that depends on direction is given for
+        the direction of the friction force, or along the `direction` of the friction if this force is zero.
     pressure : (S, m)
         Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact. A
         support that moves a node along the contact normal is a moving obstacle: its force is pressure.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
-        Friction and pressure without the ripple of order h on interfaces of meshes that do not match: means over a
-        cell and a half with the same resultants, exact for constants. Elsewhere they are `traction` and `pressure`.
-        Quote and draw the recovered fields; but laws and bounds of friction hold for `traction` and `pressure` at every
-        node. The means smooth the ends of contact over 1.5 cells. See :mod:`vemcvx.results.contact_tiles`.
+        Friction and pressure to quote and draw. On interfaces of meshes that do not match, they are means over 1.5
+        cells, without ripple (:mod:`vemcvx.results.contact_tiles`); elsewhere they are `traction` and `pressure`.
+        Laws of friction hold for `traction` and `pressure` at every node.
     sticking : (S, m) bool
         True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)
-        Friction work since the initial instant, in all steps, stored or not, per length with friction: the energy
-        dissipated by friction is ``wear @ friction_lengths``. 0 without friction.
+        Friction work since the initial instant, in all steps, per length with friction: the energy dissipated by
+        friction is ``wear @ friction_lengths``.
     wear_second_order : (S, m)
         `wear` to second order in the step, from the mean of the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
-        Length of the slip path since the initial instant, to and fro, in all steps, stored or not; where several
-        frictions meet, the largest length. Laws of friction may depend on it. If the bound depends on direction, slip
-        across the `direction` of the friction is multiplied by the ratio of the bound across it to the bound along it.
+        Length of the slip path since the initial instant, to and fro, in all steps; where several frictions meet, the
+        largest length. If the bound depends on direction, slip across the `direction` of the friction is multiplied by
+        the ratio of the bound across it to the bound along it.
     closed : (S, m) bool
         True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
     lengths : (m,)
@@ -136,7 +126,7 @@ class Contact(ArrayRecord):
 
     @property
     def stick_count(self) -> Ints:
-        """The number (S,) of nodes that touch and stick; `stick_count + slip_count + open_count` is m."""
+        """The number (S,) of nodes that touch and stick."""
         return (self.closed & self.sticking).sum(axis=1)
 
     @property
@@ -244,7 +234,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
-    tiles = whole if np.array_equal(length, surface.lengths) else ContactTiles.from_rows(terms, at, surface, mesh)
+    tiles = ContactTiles.from_rows(terms, at, surface, mesh)
     safe, rubs = np.where(length > 0, length, 1.0), closed & (length > 0)
     along = traction.transpose(2, 0, 1)  # friction along each axis
     friction = tiles.average((along * safe).reshape(-1, len(safe)), safe, np.tile(rubs, (len(along), 1)))

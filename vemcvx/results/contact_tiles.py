@@ -1,20 +1,18 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
 `Contact.pressure` is R_i / |phi_i|, with R_i the force on node i and |phi_i| the integral of its hat function. On
-interfaces of meshes that do not match, it has a ripple of order h or more. Where nodes of both bodies alternate, so do
-large and small forces: sides bend at hanging nodes although cells have constant strain. In space, where edges of both
-bodies cross, some nodes have small areas but usual stiffness. Means are better: sum R_i v(x_i) is near int p v for
-smooth v. On every interface on which a cell of either body has several sides, recovered values are means over nodes,
+interfaces of meshes that do not match, it has a ripple of order h or more, but means are accurate: sum R_i v(x_i) is
+near int p v for smooth v. On every interface on which a cell of either body has several sides, recovered values are
+means over nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
 where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
 (2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
-exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact, which is
-smoothed over 1.5 h. The length h is the total length of one cell's sides on the surface (in space, the root of their
-area); the larger value of the two bodies counts. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more.
-Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|. If meshes match, forces have no ripple and means
-would only blur them: then the recovered values are the nodal values.
+exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact. The
+length h is the total length of one cell's sides on the surface (in space, the root of their area); the larger value of
+the two bodies counts. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more. Nodes at corners (in space,
+also edges) of the body keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import faces_of
-from vemcvx.meshes.polygons import cell_of_corner, next_vertex, offsets_of, rows_in_order, spans
+from vemcvx.meshes.polygons import cell_of_corner, find_in, next_vertex, offsets_of, rows_in_order, spans
 from vemcvx.scene.contact import Surface
 from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.vem.boundary import CURVE_ANGLE
@@ -39,7 +37,7 @@ CELLS = 1.5
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The m contact nodes, and which of them share a side (in space, a face); nodes at corners share none."""
+    """The contact nodes, and which of them share a side (in space, a face); nodes at corners share none."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
@@ -73,11 +71,11 @@ class ContactTiles:
 
         Means are taken over the `closed` (k, m) nodes of each row; other nodes keep their values.
         """
-        found, rows_of = forces / lengths, dict[bytes, list[int]]()
-        for row, pattern in enumerate(closed):
-            rows_of.setdefault(pattern.tobytes(), []).append(row)
-        for rows in rows_of.values():
-            found[rows] = self._means(forces[rows], lengths, closed[rows[0]])
+        found = forces / lengths
+        patterns, number = np.unique(closed, axis=0, return_inverse=True)
+        for k, pattern in enumerate(patterns):
+            rows = number.ravel() == k
+            found[rows] = self._means(forces[rows], lengths, pattern)
         return found
 
     def _means(self, forces: Floats, lengths: Floats, among: Bools) -> Floats:
@@ -155,7 +153,6 @@ def _boundary_sides(mesh: Mesh) -> tuple[Ints, Ints, Ints, Floats]:
         return offsets, vertices, mesh.face_cells[sides, 0], mesh.face_areas[sides]
     offsets, vertices = mesh.cell_nodes
     every = pair_numbers(vertices, next_vertex(offsets, vertices), mesh.n_nodes)
-    order = np.argsort(every)
-    at = order[np.searchsorted(every[order], pair_numbers(sides[:, 0], sides[:, 1], mesh.n_nodes))]
+    at = find_in(every, pair_numbers(sides[:, 0], sides[:, 1], mesh.n_nodes))
     lengths = np.linalg.norm(mesh.points[sides[:, 1]] - mesh.points[sides[:, 0]], axis=1)
     return offsets_of(np.full(len(sides), 2)), sides.ravel(), cell_of_corner(offsets)[at], lengths

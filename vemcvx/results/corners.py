@@ -10,8 +10,8 @@ singularities resulting from various boundary conditions in angular corners of p
 - if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
 
 Whether stress grows also depends on the load, and on whether contact with friction slips. Where bodies meet in a
-corner, their angles add up. Where contact opens along a smooth side, stress is bounded and there is no warning. Corners
-between materials, jumps of loads or displacements, and edges and corners in space are not examined.
+corner, their angles add up. Corners between materials, jumps of loads or displacements, and edges and corners in space
+are not examined.
 """
 
 from __future__ import annotations

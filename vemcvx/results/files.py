@@ -14,9 +14,9 @@ contact, except `sticking` and `closed`: 1 or 0 at contact nodes and NaN elsewhe
 interface, both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
 the fields of `History.on_cells`.
 
-All files are written to a folder inside the target folder and then moved, first the archive, last the summary. The
-archive marks the folder as a history. If the process dies before the move, an older history remains unchanged. Files
-with these names that do not belong to a history are not replaced.
+All files are written to a temporary folder inside the target folder and then moved, first the archive, last the
+summary. If writing fails, an older history remains unchanged. Files with these names that do not belong to a history
+are not replaced.
 
 The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
 and all other data as JSON in the array `about`.
@@ -44,7 +44,7 @@ from numpy.typing import ArrayLike
 from vemcvx.base.archives import Arrays, read_arrays, record_of
 from vemcvx.base.arrays import Floats, array_fields
 from vemcvx.base.errors import HistoryError, MeshError
-from vemcvx.base.owned_files import Owned, path_of
+from vemcvx.base.owned_files import path_of
 from vemcvx.base.version import __version__
 from vemcvx.meshes import Interface, Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interfaces import pad_rows
@@ -66,12 +66,11 @@ PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "g
 """Attributes of a history that are not arrays and go into JSON unchanged."""
 WEIGHTS = "stabilisation.tau"  # The factors tau of the stabilisation S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
-WRITING = ".vemcvx-writing"
 STEP = r"step_[0-9]+\.vtu"
 
 
 def write_archive(history: Results, path: Path) -> None:
-    """Write every array of a history, its mesh with boundaries and cell data, and its other data."""
+    """Write a history to an archive, without its scene."""
     mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
     about = {
         "format": FORMAT,
@@ -214,7 +213,6 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
 
 
 def _force_bounds(history: Results) -> dict[str, Any] | None:
-    """Return the bounds on a reaction for JSON; None if there are none."""
     if history.force_bounds is None or history.bounded_force is None:
         return None
     ((on, axis),), (low, high) = history.bounded_force.items(), map(finite_or_none, history.force_bounds[-1])
@@ -222,25 +220,22 @@ def _force_bounds(history: Results) -> dict[str, Any] | None:
 
 
 def _quantity(one: Quantity) -> dict[str, Any]:
-    """Return a quantity and its estimated errors for JSON."""
     numbers = {key: finite_or_none(getattr(one, key)) for key in ("value", "steps", "mesh", "error")}
     return {**numbers, "unit": one.unit, "unbounded": one.unbounded or None}
 
 
 def _extreme(one: Extreme) -> dict[str, Any]:
-    """Return an extreme, its place and its instant for JSON."""
     where = {"value": finite_or_none(one.value), "place": one.place.tolist(), "t": one.time, "step": one.step}
     return {**where, "unit": one.unit, "unbounded": one.unbounded or None}
 
 
 def _largest(history: Results, forces: Floats) -> dict[str, Any]:
-    """Return the largest of forces (S, dim) and its instant for JSON."""
     row = largest(forces)
     return {"value": forces[row].tolist(), "t": float(history.times[row]), "step": int(history.stored[row])}
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """Return a finite number as it is, and None otherwise: JSON has neither infinity nor NaN."""
+    """Return a finite number, or None, because JSON has neither infinity nor NaN."""
     return float(value) if value is not None and np.isfinite(value) else None
 
 
@@ -271,7 +266,7 @@ def write_results(
 
     `origin` gives problem and mesh for the summary. Displacements at `probes`, points (p, dim) of the body, are also
     written. `progress(written, stored)` is called after every step. Raise HistoryError if the folder cannot be written
-    to, another process writes there, or other files have these names; SceneError if a probe is outside the body.
+    to, or if other files have these names; SceneError if a probe is outside the body.
     """
     strange = np.argwhere(~np.isfinite(history.displacement))
     if len(strange):
@@ -283,47 +278,44 @@ def write_results(
         )
     folder, start = writable_folder(folder), time.perf_counter()
     try:
-        with Owned(folder / WRITING) as made:
-            made.clear()  # A process that died may have left files.
-            try:
-                # The energy of displacements beyond 1e154 overflows, and is written as infinite.
-                with np.errstate(over="ignore", invalid="ignore"):
-                    _write_series(history, made.take, progress or (lambda *_: None))
-                write_archive(history, made.take(ARCHIVE))
-                tables = write_tables(history, made.take, probes)
-                contents = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
-                made.write(SUMMARY, json.dumps(contents, indent=2, allow_nan=False) + "\n")
-                check_replaceable(folder, set(made.names))
-                _move(made, folder)
-            finally:
-                made.clear()
+        with tempfile.TemporaryDirectory(prefix=".vemcvx-", dir=folder) as temporary:
+            made = Path(temporary)
+            # The energy of displacements beyond 1e154 overflows, and is written as infinite.
+            with np.errstate(over="ignore", invalid="ignore"):
+                _write_series(history, made, progress or (lambda *_: None))
+            write_archive(history, made / ARCHIVE)
+            tables = write_tables(history, made, probes)
+            contents = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
+            (made / SUMMARY).write_text(json.dumps(contents, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            _move(made, folder)
     except (OSError, MeshError) as error:
         raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     return folder
 
 
-def _move(made: Owned, folder: Path) -> None:
+def _move(made: Path, folder: Path) -> None:
     """Replace the files of an older history by the new files. The archive comes first: histories are read from it."""
-    older = _files_of_history(folder)
+    names, older = set(os.listdir(made)), _files_of_history(folder)
+    check_replaceable(folder, names)
     order = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
-    for name in sorted(made.names, key=lambda name: (order.get(name, 1), name)):
-        os.replace(made.path / name, folder / name)
-    for name in older - set(made.names):
+    for name in sorted(names, key=lambda name: order.get(name, 1)):
+        os.replace(made / name, folder / name)
+    for name in older - names:
         (folder / name).unlink(missing_ok=True)
 
 
-def _write_series(history: Results, place: Callable[[str], Path], progress: Callable[[int, int], None]) -> None:
+def _write_series(history: Results, folder: Path, progress: Callable[[int, int], None]) -> None:
     """Write the PVD file and the steps beside it."""
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
     digits, packed = max(4, len(str(history.steps))), pack_cells(history.mesh)
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
-        write_cells(place(name), packed, _at_nodes(history, row), history.on_cells(int(step)))
+        write_cells(folder / name, packed, _at_nodes(history, row), history.on_cells(int(step)))
         progress(row + 1, len(history.stored))
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
-    ET.ElementTree(root).write(place(SERIES), encoding="utf-8", xml_declaration=True)
+    ET.ElementTree(root).write(folder / SERIES, encoding="utf-8", xml_declaration=True)
 
 
 def _list_steps(path: Path) -> set[str]:
@@ -392,12 +384,6 @@ def writable_folder(folder: str | Path) -> Path:
 def read_results(folder: str | Path) -> Results:
     """Read the results in a folder: see :func:`vemcvx.read_history`."""
     where = path_of(folder, "read_history")
-    if os.path.isfile(where / ARCHIVE):
-        return read_archive(where / ARCHIVE)
-    found = "found a file, not a folder" if os.path.exists(where) else "there is no such folder"
-    if os.path.isdir(where):
-        try:
-            found = f"found {', '.join(sorted(os.listdir(where))[:5]) or 'nothing'}"
-        except OSError as error:
-            found = f"found a folder that cannot be read ({error})"
-    raise HistoryError(f"{where}: {found}; a history is a folder that contains {ARCHIVE}.")
+    if not os.path.isfile(where / ARCHIVE):
+        raise HistoryError(f"{where}: found no {ARCHIVE} there; a history is a folder that contains this file.")
+    return read_archive(where / ARCHIVE)

@@ -1,19 +1,18 @@
 """The forces on the boundary, by the effect that causes them.
 
 Let A be the stiffness over all nodal values, f the loads, and B^ and D^ the rows of friction and of obstacles with the
-forces lam and p. The forces of a step on the nodes are
+forces lam and p. The forces on the nodes are
 
     R = A u - f  (with a viscosity matrix A_1, A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
 
-where A_s are the rows of supports and bilateral contact, and mu their forces. Free unknowns are in balance, P'R +
-P'(B^' lam + D^' p) = 0, so that mu = H'(R + B^' lam + D^' p), with P and H as in :mod:`vemcvx.scene.supports`. Springs
-to the ground are part of A: their forces are -K_s u. If two supports hold the same direction of a node, the first takes
-the force.
+where A_s are the rows of supports and bilateral contact, and mu their forces. Free unknowns are in balance, so that
+mu = H'(R + B^' lam + D^' p), with H as in :mod:`vemcvx.scene.supports`. Springs to the ground are part of A: their
+forces are -K_s u. If two supports hold the same direction of a node, the first takes the force.
 
 A force on a node acts through the sides (in space, faces) of its effect that meet there. The force of a contact row is
-divided among the row's ends (`vemcvx.scene.rows`) in proportion to their lengths. The force of a support is
-distributed, in proportion to integrals of hat functions, over the sides to which its direction is normal, or over all
-sides if there are none. So the force of each effect is divided among boundaries, and the parts add up to it.
+divided among the row's ends (`vemcvx.scene.rows`) in proportion to their lengths. The force of a support is divided, in
+proportion to integrals of hat functions, among the sides to which its direction is normal, or else among all sides. So
+the force of each effect is divided among boundaries, and the parts add up to it.
 """
 
 from __future__ import annotations
@@ -21,7 +20,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, Protocol
+from functools import cached_property
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,12 +30,14 @@ from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, sum_column
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import ContactSurface, Effect, MaterialLaw
+from vemcvx.meshes import Mesh
 from vemcvx.meshes.polygons import find_all_in
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows
 from vemcvx.stepping import Trajectory
 from vemcvx.vem import Space, rigid_modes
+from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
@@ -239,74 +241,146 @@ def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
     return np.concatenate(found)
 
 
-class Acting(Protocol):
-    """The part of a history that contains its forces."""
-
-    @property
-    def _space(self) -> Space:
-        """The space of its mesh, which caches parts of the boundary."""
-
-    @property
-    def scene(self) -> Scene | None:
-        """The scene, or None if it is unknown."""
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """The effects in words."""
-
-    @property
-    def acting(self) -> BoundaryForces:
-        """The forces of effects on the boundary."""
-
-
 Cause = str | Effect | type[Effect]
 
 
-def reaction(history: Acting, name: str) -> Floats:
-    """Return the force of supports on a boundary: see :meth:`vemcvx.History.reaction`."""
-    acting, through = history.acting, _through(history, name, "reaction")
-    held = through & acting.held
-    if through.any() and not held.any():
-        log.warning("reaction: 0, because no support acts on %r; history.force(%r) is the contact force.", name, name)
-    return _total(acting.force[:, held])
+class ActingForces:
+    """The part of a history that computes forces on boundaries, and of effects."""
 
+    mesh: Mesh
+    scene: Scene | None
+    effects: tuple[str, ...]
+    acting: BoundaryForces
+    moduli: Floats
 
-def force(history: Acting, of: Cause) -> Floats:
-    """Return the force of an effect, or of contact, friction and springs on a boundary: see `History.force`."""
-    acting = history.acting
-    if isinstance(of, str):
-        return _total(acting.force[:, _through(history, of, "force") & ~acting.held])
-    causes = _numbers(history, of, "force")
-    loads = np.isin(acting.load_causes, causes)
-    return _total(acting.force[:, _rows_of_effects(history, causes, "force")]) + _total(acting.loads[:, loads])
+    @property
+    def is_axisymmetric(self) -> bool:
+        """True for a body of revolution; its forces, works and energies are values of the full turn."""
+        return len(self.moduli) == AXISYMMETRIC
 
+    @cached_property
+    def _space(self) -> Space:
+        return Space(self.mesh, axisymmetric=self.is_axisymmetric)
 
-def moment(history: Acting, of: Cause, about: ArrayLike | None = None) -> Floats:
-    """Return the moment of an effect; or, on a boundary, of all effects except loads: see `History.moment`."""
-    history._space.refuse_revolution("moment")
-    acting, points = history.acting, history._space.mesh.points
-    centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")
-    if isinstance(of, str):
-        rows = _through(history, of, "moment")
-    else:
-        causes = _numbers(history, of, "moment")
-        rows = _rows_of_effects(history, causes, "moment")
-        if np.isin(acting.load_causes, causes).any():
-            raise SceneError("moment: found a load, whose distribution is unknown; history.force returns its total.")
-    return moments(points[acting.ends[rows, 0]] - centre, acting.force[:, rows])
+    def reaction(self, name: str) -> Floats:
+        """Return the total force (S, dim) of supports on a boundary of the body.
 
+        Forces belong to the effect that causes them. If a block is pulled by its side over a floor, the reaction of
+        that side balances the friction, which is the `force` of the floor. If one support holds a node on two
+        boundaries, each boundary has a part of the force: see :mod:`vemcvx.results.forces`.
 
-def resultants(history: Acting) -> dict[str, Floats]:
-    """Return the forces (S, dim) on every named boundary with a force, by names such as "reaction of right"."""
-    acting, found = history.acting, {}
-    for name, sides in history._space.mesh.boundaries.items():
-        if name == "boundary" or not len(sides):
-            continue
-        through = _through(history, name, "force")
-        for words, rows in (("reaction", through & acting.held), ("force", through & ~acting.held)):
-            if acting.force[:, rows].any():
-                found[f"{words} of {name}"] = _total(acting.force[:, rows])
-    return found
+        Raises
+        ------
+        SceneError
+            The mesh has no such boundary.
+        """
+        through = self._through(name, "reaction")
+        held = through & self.acting.held
+        if through.any() and not held.any():
+            words = "reaction: 0, because no support acts on %r; history.force(%r) is the contact force."
+            log.warning(words, name, name)
+        return _total(self.acting.force[:, held])
+
+    def force(self, of: Cause) -> Floats:
+        """Return the total force (S, dim) on the body: of an effect, or of contact, friction and springs on a boundary.
+
+        Parameters
+        ----------
+        of : str, effect or class of effects
+            The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, also
+            a load; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface, the result
+            is the force on the body named first.
+
+        Raises
+        ------
+        SceneError
+            There is no such boundary or effect, or two effects act on the same sides and their forces are not separate.
+        """
+        if isinstance(of, str):
+            return _total(self.acting.force[:, self._through(of, "force") & ~self.acting.held])
+        causes = self._numbers(of, "force")
+        loads = np.isin(self.acting.load_causes, causes)
+        rows = self._rows_of_effects(causes, "force")
+        return _total(self.acting.force[:, rows]) + _total(self.acting.loads[:, loads])
+
+    def moment(self, of: Cause, about: ArrayLike | None = None) -> Floats:
+        """Return the moment (S,), in space (S, 3), of an effect; or, on a boundary, of all effects except loads.
+
+        Parameters
+        ----------
+        of : str, effect or class of effects
+            As for `force`; on a boundary the moment of supports is included.
+        about : (dim,) point, optional
+            By default the origin. Moments are positive counter-clockwise.
+
+        Raises
+        ------
+        SceneError
+            As for `force`, or the effect is a load.
+        """
+        self._space.refuse_revolution("moment")
+        points = self.mesh.points
+        centre = 0.0 if about is None else one_point(about, points.shape[1], "moment: about")
+        if isinstance(of, str):
+            rows = self._through(of, "moment")
+        else:
+            causes = self._numbers(of, "moment")
+            rows = self._rows_of_effects(causes, "moment")
+            if np.isin(self.acting.load_causes, causes).any():
+                raise SceneError(
+                    "moment: found a load, whose distribution is unknown; history.force returns its total."
+                )
+        return moments(points[self.acting.ends[rows, 0]] - centre, self.acting.force[:, rows])
+
+    @cached_property
+    def resultants(self) -> dict[str, Floats]:
+        """The forces (S, dim) on every named boundary with a force, under names such as "reaction of right"."""
+        acting, found = self.acting, {}
+        for name, sides in self.mesh.boundaries.items():
+            if name == "boundary" or not len(sides):
+                continue
+            through = self._through(name, "force")
+            for words, rows in (("reaction", through & acting.held), ("force", through & ~acting.held)):
+                if acting.force[:, rows].any():
+                    found[f"{words} of {name}"] = _total(acting.force[:, rows])
+        return found
+
+    def _through(self, name: str, subject: str) -> Bools:
+        """Return True (q,) for rows that act through the sides of a boundary."""
+        return self.acting.through(self._space.part(name, subject, contact=True).names)
+
+    def _rows_of_effects(self, causes: Ints, subject: str) -> Bools:
+        """Return True (q,) for rows of these effects; at interfaces, only for forces on the body named first."""
+        acting = self.acting
+        mine = np.isin(acting.causes, causes)
+        apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)
+        if apart.any():
+            one, other = (self.effects[i] for i in acting.causes[np.argmax(apart)])
+            raise SceneError(
+                f"{subject}: two effects share the force on some sides: {one}; and {other}. Give the name of the "
+                "boundary."
+            )
+        return mine.any(axis=1) & (acting.ends[:, 1] != ACROSS)
+
+    def _numbers(self, of: Effect | type[Effect], subject: str) -> Ints:
+        """Return the numbers of an effect, or of all effects of a class."""
+        if isinstance(of, Effect):
+            words = of.describe_body(self._space.in_plane)
+            known = self.scene.canonical if self.scene else ()
+            found = [i for i, effect in enumerate(known) if effect is of or effect == of]
+            found = found or [i for i, effect in enumerate(self.effects) if effect == words]
+        elif isinstance(of, type) and issubclass(of, Effect) and self.scene is not None:
+            found = [i for i, effect in enumerate(self.scene.canonical) if isinstance(effect, of)]
+        else:
+            raise SceneError(
+                f"{subject}: found {brief(of)}; wanted the name of a boundary, an effect, or a class of effects. A "
+                "class needs the scene, which files do not keep."
+            )
+        if not found:
+            raise SceneError(
+                f"{subject}: found {brief(of)}; the effects of this history are {'; '.join(self.effects)}."
+            )
+        return np.array(found)
 
 
 def largest(forces: Floats) -> int:
@@ -323,39 +397,3 @@ def moments(arms: Floats, forces: Floats) -> Floats:
 def _total(forces: Floats) -> Floats:
     total: Floats = forces.sum(axis=1)
     return total
-
-
-def _through(history: Acting, name: str, subject: str) -> Bools:
-    """Return True (q,) for rows that act through the sides of a boundary."""
-    return history.acting.through(history._space.part(name, subject, contact=True).names)
-
-
-def _rows_of_effects(history: Acting, causes: Ints, subject: str) -> Bools:
-    """Return True (q,) for rows of these effects; at interfaces, only for forces on the body named first."""
-    acting = history.acting
-    mine = np.isin(acting.causes, causes)
-    apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)
-    if apart.any():
-        one, other = (history.effects[i] for i in acting.causes[np.argmax(apart)])
-        raise SceneError(
-            f"{subject}: two effects share the force on some sides: {one}; and {other}. Give the name of the boundary."
-        )
-    return mine.any(axis=1) & (acting.ends[:, 1] != ACROSS)
-
-
-def _numbers(history: Acting, of: Effect | type[Effect], subject: str) -> Ints:
-    """Return the numbers of an effect, or of all effects of a class."""
-    if isinstance(of, Effect):
-        words, own = of.describe_body(history._space.in_plane), history.scene
-        found = [i for i, effect in enumerate(own.canonical if own else ()) if effect is of or effect == of]
-        found = found or [i for i, effect in enumerate(history.effects) if effect == words]
-    elif isinstance(of, type) and issubclass(of, Effect) and history.scene is not None:
-        found = [i for i, effect in enumerate(history.scene.canonical) if isinstance(effect, of)]
-    else:
-        raise SceneError(
-            f"{subject}: found {brief(of)}; wanted the name of a boundary, an effect, or a class of effects. A class "
-            "needs the scene, which files do not keep."
-        )
-    if not found:
-        raise SceneError(f"{subject}: found {brief(of)}; the effects of this history are {'; '.join(history.effects)}.")
-    return np.array(found)

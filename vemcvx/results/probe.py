@@ -2,10 +2,7 @@
 
 On an edge, u_h is linear between the nodes of the edge. On faces of polyhedra, u_h is piecewise linear. Inside a cell
 u_h is unknown, and its projection Pi u_h, (3.11), replaces it. Fields that are constant on cells are averaged over all
-cells that contain the point, so that mirrored bodies have mirrored values.
-
-In the plane, Shapely finds the cells that contain a point. A point within rounding of a side lies on it, and is in all
-cells there.
+cells that contain the point. In the plane, a point within rounding of a side lies on it.
 """
 
 from __future__ import annotations

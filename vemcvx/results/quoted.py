@@ -53,9 +53,8 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
 
-    `values` and the `sizes` of cells at their places are given from the coarsest to the finest mesh. The last value is
-    compared with the value on the finest mesh whose cells are at least 1.5 times as large. It has grown if it increased
-    faster than h^-.05.
+    `values` and the `sizes` of cells at their places are given from the coarsest to the finest mesh. The last value has
+    grown if it increased faster than h^-.05 since the finest mesh whose cells are at least 1.5 times as large.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:

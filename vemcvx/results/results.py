@@ -13,17 +13,16 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import CHUNK_SIZE, SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole, sum_columns
+from vemcvx.base.arrays import SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole, sum_columns
 from vemcvx.base.errors import WARNING_FRACTION, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
-from vemcvx.effects import Effect
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import cell_of_corner
 from vemcvx.program import SolvedProgram
 from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
 from vemcvx.results.corners import Corners, Sides, find_sides
-from vemcvx.results.forces import BoundaryForces, boundary_forces, force, moment, reaction, resultants
+from vemcvx.results.forces import ActingForces, BoundaryForces, boundary_forces
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, distinct_pairs
@@ -39,7 +38,6 @@ from vemcvx.vem import (
     strains,
     stresses,
 )
-from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 
@@ -48,7 +46,7 @@ SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Results:
+class Results(ActingForces):
     """The arrays of a simulation, which :class:`vemcvx.History` documents and extends by methods."""
 
     mesh: Mesh
@@ -108,9 +106,8 @@ class Results:
     def work(self) -> Floats:
         """The work (S,) since the initial instant: in each step, the increment times the final forces and reactions.
 
-        It includes the work of obstacles with changing gaps and of moving ground. `work` minus the change of `energy`
-        minus `dissipated` is never negative: it is the sum over steps of 1/2 a^h(du, du), where du is the increment,
-        and of pressures at the end of the step times gaps at its beginning.
+        It includes the work of moving obstacles and ground. `work` minus the change of `energy` minus `dissipated` is
+        never negative: the loss of time stepping.
         """
         return self.trajectory.work[self.stored]
 
@@ -119,8 +116,8 @@ class Results:
         """The energy (S,) lost since the initial instant, of second order: with friction bounds at both ends of steps.
 
         Quote `dissipated_second_order` and `work_second_order`. `dissipated` and `work` form the energy balance of
-        backward Euler, and are of first order in the step even if the states at the instants are exact. With dashpots,
-        and where slip changes its direction in space, the states are of first order, and so is this energy.
+        backward Euler, and are of first order. With dashpots, and where slip changes its direction in space, this
+        energy is of first order, too.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -136,10 +133,10 @@ class Results:
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction" if friction depends on the answer.
+        """The kind of `certificate`: "bound", or "for the given friction".
 
-        Under Coulomb's law and laws of slip, `certificate` bounds the distance to the solution of a program with given
-        friction bounds, which are computed from the pressure and slip of the answer.
+        Under Coulomb's law and laws of slip, `certificate` bounds the distance to the solution of a program whose
+        friction bounds are those of the answer.
         """
         return self.trajectory.certificate_kind
 
@@ -179,66 +176,9 @@ class Results:
         return self.trajectory.solver
 
     @property
-    def is_axisymmetric(self) -> bool:
-        """True for a body of revolution; its forces, works and energies are values of the full turn."""
-        return len(self.moduli) == AXISYMMETRIC
-
-    @property
     def spread(self) -> tuple[str, str]:
         """The measure (length or area) by which contact forces are divided, and the unit of the quotient."""
         return SPREAD[3 if self.is_axisymmetric else self.mesh.points.shape[1]]
-
-    @cached_property
-    def _space(self) -> Space:
-        return Space(self.mesh, axisymmetric=self.is_axisymmetric)
-
-    def reaction(self, name: str) -> Floats:
-        """Return the total force (S, dim) of supports on a boundary of the body.
-
-        Forces belong to the effect that causes them. If a block is pulled by its side over a floor, the reaction of
-        that side balances the friction, which is the `force` of the floor. If one support holds a node on two
-        boundaries, each boundary has a part of the force: see :mod:`vemcvx.results.forces`.
-
-        Raises
-        ------
-        SceneError
-            The mesh has no such boundary.
-        """
-        return reaction(self, name)
-
-    def force(self, of: str | Effect | type[Effect]) -> Floats:
-        """Return the total force (S, dim) on the body: of an effect, or of contact, friction and springs on a boundary.
-
-        Parameters
-        ----------
-        of : str, effect or class of effects
-            The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, also
-            a load; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface, the result
-            is the force on the body named first.
-
-        Raises
-        ------
-        SceneError
-            There is no such boundary or effect, or two effects act on the same sides and their forces are not separate.
-        """
-        return force(self, of)
-
-    def moment(self, of: str | Effect | type[Effect], about: ArrayLike | None = None) -> Floats:
-        """Return the moment (S,), in space (S, 3), of an effect; or, on a boundary, of all effects except loads.
-
-        Parameters
-        ----------
-        of : str, effect or class of effects
-            As for `force`; on a boundary the moment of supports is included.
-        about : (dim,) point, optional
-            By default the origin. Moments are positive counter-clockwise.
-
-        Raises
-        ------
-        SceneError
-            As for `force`, or the effect is a load.
-        """
-        return moment(self, of, about)
 
     def stress(self, step: int) -> Floats:
         """Return the stresses (n_cells, 3) of Pi u at a stored step: xx, yy, xy, tension positive.
@@ -255,9 +195,9 @@ class Results:
     def out_of_plane_stress(self, step: int) -> Floats:
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        It is 0 in plane stress. In plane strain, it is lam (e_xx + e_yy) = nu (xx + yy); in an orthotropic material it
-        follows from E3, nu13 and nu23. The stress of blocked eigenstrains is subtracted (E alpha theta if the body is
-        free in the plane). A Prestress has no component zz. In a body of revolution, zz is the hoop stress.
+        It is 0 in plane stress. In plane strain, it is nu (xx + yy) minus the stress of blocked eigenstrains; in an
+        orthotropic material it follows from E3, nu13 and nu23. A Prestress has no component zz. In a body of
+        revolution, zz is the hoop stress.
 
         Raises
         ------
@@ -276,7 +216,7 @@ class Results:
     def von_mises(self, step: int) -> Floats:
         """Return von Mises' equivalent stress (n_cells,) at a stored step, with the stress normal to the plane.
 
-        See :mod:`vemcvx.vem.tensors` for the formula, and `out_of_plane_stress` for this component and errors raised.
+        Errors are those of `out_of_plane_stress`; :mod:`vemcvx.vem.tensors` has the formula.
         """
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
@@ -328,11 +268,9 @@ class Results:
     def extremes(self) -> tuple[quoted.Extreme, ...]:
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
-        Displacements are taken at nodes; stresses (of Pi u) at centroids of cells; slip, friction and pressure (raw and
-        recovered) at contact nodes. The smallest principal stress is the largest compression. `Extreme.unbounded` warns
-        of values at corners and point loads that may grow without limit as the mesh is refined
-        (:mod:`vemcvx.results.corners`). `unbounded` is empty if half of the field is within a percent of the value, as
-        such a field has no peak at a corner. The extremes are computed at the first access.
+        Displacements are taken at nodes, stresses at centroids of cells, and slip, friction and pressure at contact
+        nodes. `Extreme.unbounded` warns of values at corners and point loads that may grow without limit as the mesh is
+        refined (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -343,11 +281,6 @@ class Results:
             words = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
             found.append(replace(one, unbounded="; ".join(filter(None, (words, grew.get(one.key, ""))))))
         return tuple(found)
-
-    @cached_property
-    def resultants(self) -> dict[str, Floats]:
-        """The forces (S, dim) on every named boundary with a force, under names such as "reaction of right"."""
-        return resultants(self)
 
     @cached_property
     def peak(self) -> int:
@@ -559,21 +492,16 @@ def warn_of_lost_work(run: Trajectory) -> None:
 
 
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
-    """Log a warning with the largest principal strain and its place if strains are not small.
-
-    About CHUNK_SIZE cells are examined, at the stored instant of the largest energy.
-    """
+    """Log a warning if principal strains are not small at the stored instant of the largest energy."""
     space, row = posed.space, int(np.argmax(results.energy))
-    groups = [group.part(slice(None, None, 1 + space.mesh.n_cells // CHUNK_SIZE)) for group in space.groups]
-    cells, mesh = np.concatenate([group.cells for group in groups]), space.mesh
     count = space.components - space.axisymmetric
-    tensor, hoop = np.split(strains(space, results.displacement[row], groups)[cells], [count], axis=1)
+    tensor, hoop = np.split(strains(space, results.displacement[row]), [count], axis=1)
     tensor[:, space.dim :] *= 0.5
     size = np.abs(np.hstack([principal(tensor), hoop])).max(axis=1)
-    k, volumes = int(np.argmax(size)), mesh.measures[cells]
+    k, volumes = int(np.argmax(size)), space.mesh.measures
     # At a singular corner, some strain is large on any fine mesh.
     if volumes[size > WARNING_FRACTION].sum() > 0.01 * volumes.sum():
-        place, t = coordinates(mesh.centroids[cells[k]]), float(results.times[row])
+        place, t = coordinates(space.mesh.centroids[k]), float(results.times[row])
         log.warning(
             f"strains are not small: found {size[k]:.2g} at {place}, t = {t:.6g}. "
             "The linear model does not hold there; compare the units of stiffness, loads, supports and mesh."

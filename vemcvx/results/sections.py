@@ -3,10 +3,7 @@
 Stresses act on nodes with the forces q = A u + T sigma_0, where A is the stiffness without springs and T sigma_0 the
 virtual work of stresses at zero strain. Let w be a translation or a rotation, and chi be 1 at the nodes ahead of a
 plane, 0 at all other nodes. The sum of q . w over the nodes ahead is the virtual work of the stresses in chi w: the
-force or moment that the part ahead exerts on the part behind. Only cells cut by the plane contribute. On every mesh,
-the sum balances all other forces on either side; loads on cut cells act at the nodes of these cells.
-
-The mean displacement of cells is the mean of Pi u, exact for linear u.
+force or moment that the part ahead exerts on the part behind. It balances all other forces on either side.
 """
 
 from __future__ import annotations

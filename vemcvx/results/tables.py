@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,7 +99,7 @@ def _by_axis(name: str, values: Floats | Ints) -> Columns:
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
 
 
-def write_tables(history: Results, place: Callable[[str], Path], points: ArrayLike | None) -> list[str]:
+def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> list[str]:
     """Write the nonempty tables as CSV files, booleans as 1 and 0; return the names of the files."""
     wanted = {"steps": True, "contact": len(history.contact.nodes) > 0, "probes": points is not None}
     names = [name for name, has_rows in wanted.items() if has_rows]
@@ -108,7 +107,7 @@ def write_tables(history: Results, place: Callable[[str], Path], points: ArrayLi
         columns = table(history, name, points if name == "probes" else None)
         plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
         text = Table(list(columns), list(zip(*plain, strict=True))).csv()
-        place(FILES[name]).write_text(text, encoding="utf-8")
+        (folder / FILES[name]).write_text(text, encoding="utf-8")
     return [FILES[name] for name in names]
 
 
@@ -130,7 +129,7 @@ def dataset(history: Results) -> Dataset:
     arrays = {}
     for name, values, of in list_arrays(history):
         sizes = [f"of_{size}" if size.isdecimal() else DIMENSIONS.get(size, size) for size in of.sizes]
-        arrays[name] = sizes, values, {"units": of.unit, "long_name": of.meaning}
+        arrays[name] = sizes, values, {"units": of.unit}
     axes = list("xyz")[: history.mesh.points.shape[1]]
     coordinates = {"step": history.stored, "instant": history.trajectory.times, "axis": axes}
     return Dataset(arrays, {**coordinates, "time": ("step", history.times)}, {"solver": history.solver})

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from same_mesh import measure_part
 
 import vemcvx as vx
 
@@ -15,8 +16,8 @@ def test_both_parts_have_the_area_the_names_and_the_data_of_the_whole(family, no
     parts = vx.meshes.cut(mesh, point, normal)
     assert sum(part.areas.sum() for part in parts) == pytest.approx(1.0, abs=1e-14)
     for name in ("left", "bottom", "top", "low left"):
-        whole = measure_length(mesh, name)
-        assert sum(measure_length(part, name) for part in parts if name in part.boundaries) == pytest.approx(
+        whole = measure_part(mesh, name)
+        assert sum(measure_part(part, name) for part in parts if name in part.boundaries) == pytest.approx(
             whole, abs=1e-14
         )
     for sign, part in zip((-1, 1), parts, strict=True):
@@ -26,12 +27,7 @@ def test_both_parts_have_the_area_the_names_and_the_data_of_the_whole(family, no
         assert np.linalg.norm(part.centroids - old, axis=1).max() < mesh.h
     joined = vx.meshes.bodies({"behind": parts[0], "ahead": parts[1]})
     across = np.linalg.norm(np.array([-normal[1], normal[0]])) / np.abs(normal[1])
-    assert measure_length(joined, "behind|ahead") == pytest.approx(across, abs=1e-12)
-
-
-def measure_length(mesh, name):
-    ends = mesh.points[mesh.boundaries[name]]
-    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
+    assert measure_part(joined, "behind|ahead") == pytest.approx(across, abs=1e-12)
 
 
 def test_in_space_the_plane_must_run_along_faces():

@@ -8,6 +8,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from counted import calls
+from same_mesh import measure_part
 from scenes import mostly_long, small
 
 import vemcvx as vx
@@ -33,11 +34,6 @@ def measure_slenderness(mesh):
 def measure_edges(mesh):
     ends = np.concatenate([np.roll(cell, -1) for cell in mesh.cells])
     return np.hypot(*(mesh.points[ends] - mesh.points[mesh.vertices]).T)
-
-
-def measure_length(mesh, name):
-    ends = mesh.points[mesh.boundaries[name]]
-    return np.hypot(*(ends[:, 1] - ends[:, 0]).T).sum()
 
 
 def count_hanging_nodes(mesh):
@@ -79,18 +75,6 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, passes):
         edge = (measure_edges(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
         assert edge > min(0.49 * short, 0.08)
     assert measure_slenderness(mesh) < FATTEST[family]
-
-
-@mostly_long("family", vx.meshes.FAMILIES, "voronoi", "nonconvex", "hanging")
-def test_uniform_passes_keep_the_shapes_of_cells(family):
-    mesh = small(family, 2, seed=3)
-    start = measure_slenderness(mesh)
-    for _ in range(4):
-        h, mesh = mesh.h, mesh.refine()
-        assert mesh.h < 0.81 * h
-        assert measure_slenderness(mesh) < max(FATTEST[family], start)
-    PolygonMesh(mesh.points, mesh.cells)
-    assert mesh.areas.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
 
 
 @pytest.mark.long
@@ -164,10 +148,6 @@ def test_prolongation_averages_the_values_of_edges_faces_and_cells():
         assert new[0.5, 0.0, *height] == 0.5 * (values[0] + values[1])
         assert new[0.5, 0.5, *height] == pytest.approx(values[:4].mean(), rel=1e-14)
         assert new[(0.5,) * mesh.points.shape[1]] == pytest.approx(values.mean(), rel=1e-14)
-
-
-def measure_part(mesh, name):
-    return measure_length(mesh, name) if isinstance(mesh, PolygonMesh) else mesh.face_areas[mesh.boundaries[name]].sum()
 
 
 @mostly_long("family", EVERY, "hanging", "nonconvex", "cubes", "tetrahedra")

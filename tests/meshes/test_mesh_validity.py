@@ -129,10 +129,11 @@ def test_cells_may_be_lists_tuples_or_arrays():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["voronoi", "nonconvex", "hanging"])
-def test_sixteen_times_the_cells_take_few_more_calls(name):
-    small, large = (vx.meshes.FAMILIES[name](n) for n in (10, 40))
-    count = [calls(lambda mesh=mesh: PolygonMesh(mesh.points, mesh.cells)) for mesh in (small, large)]
-    # The search for pairs of edges is a loop over rows of a grid, so calls grow like the root of the number of cells.
-    assert large.n_cells >= 15 * small.n_cells
+@pytest.mark.parametrize("name", ["voronoi", "hanging", "cubes", "voronoi3"])
+def test_many_more_cells_take_few_more_calls(name):
+    """The search for pairs of edges is a loop over rows of a grid: calls grow like the root of the number of cells."""
+    make = (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[name]
+    meshes = [make(n) for n in ((10, 40) if name in vx.meshes.FAMILIES else (2, 6))]
+    count = [calls(lambda mesh=mesh: type(mesh)(mesh.points, mesh.cells)) for mesh in meshes]
+    assert meshes[1].n_cells >= 15 * meshes[0].n_cells
     assert count[1] < 5 * count[0]

@@ -1,8 +1,11 @@
-"""Comparison of meshes to the bit: arrays, names, data and interfaces."""
+"""Comparison of meshes to the bit; measures of parts of the boundary; checks of interfaces."""
 
 from __future__ import annotations
 
 import numpy as np
+
+import vemcvx as vx
+from vemcvx.meshes.interfaces import faces_of
 
 
 def assert_same(one, other, *, arrays=None, parts=("boundaries", "cell_data")):
@@ -22,3 +25,23 @@ def assert_same(one, other, *, arrays=None, parts=("boundaries", "cell_data")):
     for name, found in one.interfaces.items():
         np.testing.assert_array_equal(found.edges, other.interfaces[name].edges)
         np.testing.assert_array_equal(found.partners, other.interfaces[name].partners)
+
+
+def measure_part(mesh, name):
+    """Return the length, in space the area, of a named part of the boundary."""
+    if not isinstance(mesh, vx.PolygonMesh):
+        return mesh.face_areas[mesh.boundaries[name]].sum()
+    ends = mesh.points[mesh.boundaries[name]]
+    return np.hypot(*(ends[:, 1] - ends[:, 0]).T).sum()
+
+
+def assert_matched(mesh):
+    """Check that both sides of each interface coincide and belong to its bodies, and that the mesh is valid."""
+    for found in mesh.interfaces.values():
+        there = found.edges >= 0
+        np.testing.assert_array_equal(mesh.points[found.edges[there]], mesh.points[found.partners[there]])
+        assert not np.isin(found.edges[there], found.partners[there]).any()
+        for side, body in zip((found.edges, found.partners), found.bodies, strict=True):
+            owners = mesh._owners[faces_of(side, mesh._outlines)]
+            assert (mesh.cell_data[body][owners] == 1).all()
+    assert_same(type(mesh)(mesh.points, mesh.cells, interfaces=mesh.interfaces), mesh, parts=())

@@ -116,21 +116,6 @@ SAMPLES = {
         data={"force": 3},
         others={"force": weigh, "at": [(0.0, 1.0, 1.0), (0.0, 0.0, 1.0)]},
     ),
-    "TrescaFriction on a belt": EffectSample(
-        vx.TrescaFriction(uneven, on="bottom", ground=belt),
-        (STEEL, HELD, PULLED, TOUCHING),
-        (vx.TrescaFriction(uneven, on="bottom"),),
-        {"bound": 1, "ground": 3},
-        {
-            "bound": 0.5,
-            "on": "left",
-            "quadrature": "integral",
-            "while_closed": UNPRESSED,
-            "ground": slide,
-            "direction": Other((1.0, 0.0, 0.0), {"across": less}),
-            "across": Other(less, {"direction": (1.0, 0.0, 0.0)}),
-        },
-    ),
     "TrescaFriction by direction": EffectSample(
         vx.TrescaFriction(uneven, on="bottom", direction=around, across=less),
         (STEEL, HELD, SHAKEN, TOUCHING),

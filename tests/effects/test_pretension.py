@@ -52,12 +52,8 @@ def test_the_bolt_follows_the_joint_diagram(solver, near):
     shorter = TENSION * 3.0 / 300.0 * (1 / BOLT + 1 / SLEEVE)
     assert jump == pytest.approx(shorter * np.minimum(TIMES, 1.0), abs=near)
     # The cut of the bolt has no contact nodes.
-    assert np.array_equal(history.contact.nodes, joint_nodes(history))
-
-
-def joint_nodes(history):
-    names = "head|cap", "sleeve|cap"
-    return np.unique(np.concatenate([history.mesh.boundaries[name].ravel() for name in names]))
+    edges = [history.mesh.boundaries[name].ravel() for name in ("head|cap", "sleeve|cap")]
+    assert np.array_equal(history.contact.nodes, np.unique(np.concatenate(edges)))
 
 
 def test_files_keep_the_forces_of_a_bolt_but_not_programs_with_infinite_weights(tmp_path):

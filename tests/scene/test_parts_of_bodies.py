@@ -50,10 +50,8 @@ def down(depth, on):
 
 FLAT = {
     "rigid": (vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.02 * x[:, 0] ** 2),),
-    "soft": (vx.NormalCompliance(2000.0, on="bottom", gap=lambda x, t: 0.02 * x[:, 0] ** 2),),
     "bilateral": (vx.BilateralContact(on="bottom"),),
     "Tresca": (vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.4, on="bottom")),
-    "Tresca, bilateral": (vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.4, on="bottom")),
     "Coulomb": (vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.2, on="bottom")),
 }
 
@@ -180,7 +178,7 @@ def test_a_wedge_on_a_line_of_symmetry_has_the_normals_of_the_whole_body(degrees
         assert np.array_equal(normal, normal_at_the_end(slope(degrees)))
 
 
-@mostly_long("angle", [0.0, 0.3, 0.7, 2.0], 2)
+@pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_straight_sides_across_a_line_of_symmetry_keep_their_normals_bit_for_bit(angle):
     mesh = moved(vx.meshes.squares(4), rotation(angle))
     assert np.array_equal(normal_at_the_end(mesh, vx.Symmetry(on=["left", "right"])), normal_at_the_end(mesh))

@@ -230,7 +230,6 @@ INTERNALS = {
     "cli/test_cli_space.py",
     "cli/test_cli_supplied.py",
     "cost/test_cost.py",
-    "effects/test_absence.py",
     "plots/test_animation.py",
 }
 """Files outside `tests/unit` that still use internals: remove some, add none."""

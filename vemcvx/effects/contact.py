@@ -35,8 +35,7 @@ class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`, the first line of (3.6).
 
     At a corner, u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
-    degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence at nodes that
-    they share with contact.
+    degrees form a curve, along which nodes slide. At shared nodes, clamps and prescribed displacements take precedence.
 
     Parameters
     ----------
@@ -54,8 +53,8 @@ class BilateralContact(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "BilateralContact", contact=True).node_normals
-        held = "BilateralContact", rows.nodes, rows.normals, space.mesh.points[rows.nodes]
-        support = Support(*held, contact=True, partners=rows.partners)
+        points = space.mesh.points[rows.nodes]
+        support = Support("BilateralContact", rows.nodes, rows.normals, points, contact=True, partners=rows.partners)
         surface, curves = ContactSurface.from_rows(rows, self._subject), (self._subject,) if rows.curved else ()
         return Contribution(supports=(support,), surfaces=(surface,), curves=curves)
 
@@ -68,24 +67,18 @@ class PrescribedSlip(Effect):
     """Given slip of a fault that stays closed: the jump of u is `value` along an interface and 0 across it.
 
     The jump is the displacement of the first body relative to the second; on a boundary, of the body relative to the
-    ground. Slip is 0 at the tip of a crack, which is one node. `history.reaction(on)` is the force along the fault that
-    causes the slip, and `history.force(on)` the force across it. TrescaFriction on the same interface acts against the
-    slip. CoulombFriction needs the pressure of one-sided contact, so it is refused there.
+    ground. Slip is 0 at the tip of a crack. `history.reaction(on)` is the force along the fault that causes the slip,
+    and `history.force(on)` the force across it. TrescaFriction on the same interface acts against the slip;
+    CoulombFriction is refused there, because it needs one-sided contact.
 
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
         The slip along the tangent (n rotated by +90 degrees), length, evaluated at t_n. Positive slip is right-lateral:
-        seen from either side, the other side moves to the right. So the sign does not depend on which body is first. In
-        space, `value` is a vector, (3,) or f(x, t) -> (m, 3); only its part along the surface counts.
+        seen from either side, the other side moves to the right. In space, `value` is a vector, (3,) or
+        f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact. At shared nodes, the slips of parts must agree.
-
-    Raises
-    ------
-    SceneError
-        Raised by `contribute` or in a run: `value` has a wrong shape, is not finite, or contradicts other supports (for
-        example around a corner of the fault).
 
     Examples
     --------
@@ -134,9 +127,9 @@ class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the outward normal n of the undeformed
-    boundary and the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). Clamps and
-    prescribed displacements take precedence at nodes that they share with contact. Where obstacles with the same normal
-    meet at a node, the smaller gap counts. `history.work` includes the work of an obstacle whose gap changes.
+    boundary and the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). At shared nodes,
+    clamps and prescribed displacements take precedence, and the smaller of two gaps counts. `history.work` includes the
+    work of an obstacle whose gap changes.
 
     Parameters
     ----------
@@ -183,8 +176,8 @@ class NormalCompliance(Effect):
     """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
 
     The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
-    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. Clamps and prescribed displacements take
-    precedence at nodes whose normal displacement they prescribe.
+    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. Where a clamp or a prescribed displacement
+    holds the normal component of a node, it takes precedence.
 
     Parameters
     ----------
@@ -223,9 +216,8 @@ class VelocityContact(Effect):
 
     Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
     pressure is the normal damped response p = damping (u'.n)_+ (Han and Sofonea, *Quasistatic Contact Problems in
-    Viscoelasticity and Viscoplasticity*, 2002). In a step of length k, u' is (u - u_prev) / k. So the response is a
-    compliant limit on the increment, with the compliance k / damping. `history.dissipated` includes the work of the
-    dashpots. With `damping`, every initial state is admissible, as with Viscosity.
+    Viscoelasticity and Viscoplasticity*, 2002). In a step of length k, u' is (u - u_prev) / k. `history.dissipated`
+    includes the work of the dashpots. With `damping`, every initial state is admissible, as with Viscosity.
 
     Parameters
     ----------
@@ -272,17 +264,56 @@ BOUND_RULE = "a friction bound is a force per length and must be >= 0"
 STEEPNESS = 1e6
 
 
+class _Friction(Effect):
+    """An effect of friction, whose ground may move, and which in space may have a direction."""
+
+    on: str | Sequence[str]
+    ground: data.Datum | None = None
+    direction: data.Constant | None = None
+    across: data.Datum | None = None
+
+    def _rub(self, space: Space, rows: BoundaryRows, name: str = "", read: Any = None, **acts: Any) -> Contribution:
+        """Return the contribution of friction with the weights or the law `acts` on rows.
+
+        For friction by direction, `name` is the field of the bound, and `read` maps a field's name and a time to (m,).
+        """
+        points, subject, ground, ellipse = space.mesh.points[rows.nodes], self._subject, None, None
+        if self.ground is not None:
+            if (rows.partners >= 0).any():
+                raise SceneError(
+                    f"{subject}: found ground= on an interface, where the body rubs on another body; prescribe the "
+                    "motion of that body instead."
+                )
+            ground = Ground(f"{subject}: ground", points, self.ground)
+        if (self.direction is None) != (self.across is None):
+            raise SceneError(f"{subject}: friction by direction takes both direction= and across=; found one of them.")
+        if self.direction is not None:
+            ellipse = Ellipse(
+                subject=subject,
+                points=points,
+                direction=self._read("direction", data.At(points)),
+                bounds=lambda t: (read(name, t), read("across", t)),
+                names=(name, "across"),
+            )
+        return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, ellipse=ellipse, **acts),))
+
+    def _describe(self, bound: str, rest: str = "") -> str:
+        along, across = amount(self.direction, "x"), amount(self.across)
+        by_direction = "" if self.direction is None else f" along {along}, {across} across it,"
+        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
+        return f"{type(self).__name__}: |friction| <= {bound}{by_direction} on {where(self.on)}{rest}{moved}"
+
+
 @dataclass(frozen=True)
-class TrescaFriction(Effect):
+class TrescaFriction(_Friction):
     """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
 
     The bound does not depend on pressure. With UnilateralContact or NormalCompliance, friction therefore also acts
-    where contact is open, and a warning is issued if that happens. ``while_closed=True`` restricts friction to closed
-    contact.
+    where contact is open, and a warning is issued if that happens (see `while_closed`).
 
     Where two parts of the boundary meet at a node, each part has the bound of its own edges; bounds of overlapping
     parts add up. If a prescribed displacement moves nodes along the obstacle, friction g acts against their slip, and
-    the support carries this friction. In a step without such a motion, friction at these nodes is taken as 0.
+    the support carries it. In a step without such a motion, friction at these nodes is taken as 0.
 
     Parameters
     ----------
@@ -295,16 +326,16 @@ class TrescaFriction(Effect):
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
         then depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes
-        without it, the solver alternates, and the step may be refused. False: g everywhere. None (default): g
-        everywhere, with a warning if friction acts where contact is open.
+        without it, the step may be refused. False: g everywhere. None (default): g everywhere, with a warning if
+        friction acts where contact is open.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
-        Friction acts against the slip of the body relative to the obstacle. Only the motion of the obstacle
-        along the boundary counts. For an obstacle that moves along the normal, use a `gap` that changes in time.
+        Friction acts against the slip relative to the obstacle. Only the motion of the obstacle along the boundary
+        counts; for its motion along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` limits friction along this vector, and `across` limits friction
-        perpendicular to it. Only the part of the vector along the surface counts. Friction lies in the ellipse with
-        these two semi-axes, and slip is normal to the ellipse (:mod:`vemcvx.effects.effect`).
+        Friction by direction, in space: `bound` limits friction along this vector (along its part in the surface), and
+        `across` limits friction perpendicular to it. Friction lies in the ellipse with these two semi-axes, and slip is
+        normal to the ellipse (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 
@@ -339,10 +370,10 @@ class TrescaFriction(Effect):
         if not closed:
             steady, in_the_air = not varies(self.bound), self.while_closed is None
             acts = {"weights": lambda t: integrate(t), "steady": steady, "in_the_air": in_the_air}
-        return _contribute(self, space, rows, "bound", lambda name, t: integrate(t, name) / rows.lengths, **acts)
+        return self._rub(space, rows, "bound", lambda name, t: integrate(t, name) / rows.lengths, **acts)
 
     def describe(self) -> str:
-        return _describe(self, amount(self.bound), " where it is closed" if self.while_closed else "")
+        return self._describe(amount(self.bound), " where it is closed" if self.while_closed else "")
 
 
 def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
@@ -358,54 +389,18 @@ def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Call
     return Law(weights, pressed=True, slope=slope, slips=False)
 
 
-def _contribute(
-    effect: TrescaFriction | CoulombFriction,
-    space: Space,
-    rows: BoundaryRows,
-    name: str,
-    read: Callable[[str, float], Floats],
-    **acts: Any,
-) -> Contribution:
-    """Return the contribution of friction on rows, with the ground and the direction of the effect.
-
-    `name` is the field of the bound along the direction. `read` maps the name of a field and a time to values (m,).
-    `acts` are the weights or the law of the friction.
-    """
-    points, subject, ellipse = space.mesh.points[rows.nodes], effect._subject, None
-    ground = read_ground(effect, rows, points)
-    if (effect.direction is None) != (effect.across is None):
-        raise SceneError(f"{subject}: friction by direction takes both direction= and across=; found one of them.")
-    if effect.direction is not None:
-        ellipse = Ellipse(
-            subject=subject,
-            points=points,
-            direction=effect._read("direction", data.At(points)),
-            bounds=lambda t: (read(name, t), read("across", t)),
-            names=(name, "across"),
-        )
-    return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, ellipse=ellipse, **acts),))
-
-
-def _describe(effect: TrescaFriction | CoulombFriction, bound: str, rest: str) -> str:
-    along, across, ground = amount(effect.direction, "x"), amount(effect.across), amount(effect.ground)
-    by_direction = "" if effect.direction is None else f" along {along}, {across} across it,"
-    moved = "" if effect.ground is None else f", ground moved by {ground}"
-    return f"{type(effect).__name__}: |friction| <= {bound}{by_direction} on {where(effect.on)}{rest}{moved}"
-
-
 @dataclass(frozen=True)
-class CoulombFriction(Effect):
+class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    Nodes stick below the bound; at the bound, friction acts against the slip. The effect needs UnilateralContact or
-    NormalCompliance on the same boundary. The solution of a step minimises no energy. It solves the convex Tresca
-    problem with the weights coefficient * nodal pressure, for the pressures of this solution (Necas, Jarusek and
-    Haslinger 1980; Licht, Pratt and Raous 1991). The certificate is "for the given friction": it bounds the error in
-    the Tresca problem with the computed pressures. A solution exists, and is unique for small coefficients.
+    The effect needs UnilateralContact or NormalCompliance on the same boundary. The solution of a step minimises no
+    energy. It solves the convex Tresca problem with the weights coefficient * nodal pressure, for the pressures of this
+    solution (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). The certificate is "for the given
+    friction": it bounds the error in this Tresca problem. A solution exists, and is unique for small coefficients.
 
     Where two parts of the boundary meet at a node, the nodal force is divided among the edges, and friction of each
     part is proportional to its fraction. Where a prescribed displacement moves nodes along the obstacle, friction acts
-    as with TrescaFriction. There the normal component must not be prescribed, because the pressure would be unknown.
+    as with TrescaFriction; there the normal component must be free, or the pressure is unknown.
 
     Parameters
     ----------
@@ -448,15 +443,15 @@ class CoulombFriction(Effect):
             return np.full(len(rows.nodes), np.inf) if self.cap is None else rows.lengths * read("cap", t)
 
         law = _limit_by_pressure(partial(read, "coefficient"), cap)
-        return _contribute(self, space, rows, "coefficient", read, law=law)
+        return self._rub(space, rows, "coefficient", read, law=law)
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)}"
-        return _describe(self, f"{amount(self.coefficient)} times the pressure", cap)
+        return self._describe(f"{amount(self.coefficient)} times the pressure", cap)
 
 
 @dataclass(frozen=True)
-class SpeedFriction(Effect):
+class SpeedFriction(_Friction):
     """Friction whose bound depends on the speed of slip: |friction| <= bound(|s| / k) in a step of length k.
 
     If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
@@ -499,24 +494,7 @@ class SpeedFriction(Effect):
             return rows.lengths * data.read_numbers(found, len(rate), f"{subject}: bound")
 
         law = Law(weights, softening=falls * rows.lengths, rates=True)
-        ground = read_ground(self, rows, space.mesh.points[rows.nodes])
-        friction = Friction.from_rows(rows, subject, ground=ground, law=law, in_the_air=True)
-        return Contribution(frictions=(friction,))
+        return self._rub(space, rows, law=law, in_the_air=True)
 
     def describe(self) -> str:
-        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
-        return f"SpeedFriction: |friction| <= {amount(self.bound, 'speed')} on {where(self.on)}{moved}"
-
-
-def read_ground(
-    effect: TrescaFriction | CoulombFriction | SpeedFriction, rows: BoundaryRows, points: Floats
-) -> Ground | None:
-    """Return the moving ground of an effect, if it has one; raise SceneError on interfaces."""
-    if effect.ground is None:
-        return None
-    if (rows.partners >= 0).any():
-        raise SceneError(
-            f"{effect._subject}: found ground= on an interface, where the body rubs on another body; prescribe the "
-            "motion of that body instead."
-        )
-    return Ground(f"{effect._subject}: ground", points, effect.ground)
+        return self._describe(amount(self.bound, "speed"))

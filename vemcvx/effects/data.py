@@ -63,8 +63,9 @@ class Tabulated:
         """Return the value at time t, the same for all points."""
         first, last = self.times[0], self.times[-1]
         if not first <= t <= last:
-            covers = f"the table covers times from {first:.6g} to {last:.6g}. Add rows to it"
-            raise SceneError(f"Tabulated: found t = {t:.6g}; {covers}.")
+            raise SceneError(
+                f"Tabulated: found t = {t:.6g}; the table covers times from {first:.6g} to {last:.6g}. Add rows to it."
+            )
         if self.values.ndim == 1:
             return float(np.interp(t, self.times, self.values))
         return np.array([np.interp(t, self.times, column) for column in self.values.T])

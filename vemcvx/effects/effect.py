@@ -1,8 +1,7 @@
 """The base class of effects, and the contributions of effects to the assembled problem.
 
-Displacements are vectors u of n_nodes * dim nodal values; component a of node i has the position i * dim + a. A
-contribution consists of arrays, and of data f(x, t) that are evaluated at t_n. The kinds of contributions are fixed.
-Users may define further effects; each effect returns contributions of any of these kinds.
+Displacements are vectors u of n_nodes * dim nodal values; component a of node i has the position i * dim + a. The kinds
+of contributions are fixed; users may define further effects, which return contributions of these kinds.
 
 Friction by direction, on a surface in space, is bounded by an ellipse. Let g be the bound along a unit vector e in the
 surface and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. The dissipation in a slip s is
@@ -12,7 +11,7 @@ the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, 
 
 attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse (Michalowski and Mroz, Arch. Mech. 30, 1978).
 So the norm term has the weight g, as for isotropic friction, but multiplies slip by the vectors e and r c instead of
-two orthonormal tangents. Cone, certificate and active sets are unchanged. r must not change in time.
+two orthonormal tangents. r must not change in time.
 """
 
 from __future__ import annotations
@@ -74,15 +73,19 @@ class Load:
     times: tuple[float, ...] = ()
     between: bool = False
 
+    @property
+    def is_scalar(self) -> bool:
+        """True if the datum is a number, and not a vector."""
+        return self.matrix.shape[1] == len(self.points)
+
     def at(self, x: Floats, t: float) -> Floats:
         """Return the datum, (k,) or (k, dim), at points x (k, dim) and time t."""
-        shape = "number" if self.matrix.shape[1] == len(self.points) else "vector"
-        return data.At(x, t).read(self.value, self.subject, shape)
+        return data.At(x, t).read(self.value, self.subject, "number" if self.is_scalar else "vector")
 
     def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
         """Return the datum, (k,) or (k, dim), at points x of the cells `owner` (k,); zero in cells without the load."""
         loaded = np.isin(owner, () if self.cells is None else self.cells)
-        return self.at(x, t) * loaded if self.matrix.shape[1] == len(self.points) else self.at(x, t) * loaded[:, None]
+        return (self.at(x, t).T * loaded).T
 
     def vector(self, t: float) -> Floats:
         """Return the nodal force (n_u,) at time t."""
@@ -97,15 +100,14 @@ class Load:
     def borne(self) -> Floats:
         """The total force (q, dim) due to each point if the datum is the vector (1, ..., 1), or the scalar 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
-        total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
         # Basis functions sum to one. So the rows of all nodes for one axis add up to the total force along this axis.
-        return total if self.matrix.shape[1] == len(self.points) else total.reshape(-1, dim, dim).sum(axis=1)
+        total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
+        return total if self.is_scalar else total.reshape(-1, dim, dim).sum(axis=1)
 
     @property
     def measures(self) -> Floats:
         """The quadrature weights (q,) of the points: length, area or volume."""
-        scalar = self.matrix.shape[1] == len(self.points)
-        return np.linalg.norm(self.borne, axis=1) if scalar else self.borne[:, 0]
+        return np.linalg.norm(self.borne, axis=1) if self.is_scalar else self.borne[:, 0]
 
     def forces(self, t: float) -> Floats:
         """Return the forces (q, dim) of the points at time t."""
@@ -257,10 +259,6 @@ class ContactSurface:
         return cls(*own, ends=rows.ends, partners=rows.partners, **more)
 
 
-def _no_weight(t: float) -> Floats:
-    return np.zeros(())
-
-
 @dataclass(frozen=True)
 class Friction(ContactSurface):
     """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u minus the displacement of the ground.
@@ -292,7 +290,7 @@ class Friction(ContactSurface):
     [2. 2.]
     """
 
-    weights: Callable[[float], Floats] = _no_weight
+    weights: Callable[[float], Floats] = lambda t: np.zeros(())
     steady: bool = False
     in_the_air: bool = False
     ground: Ground | None = None
@@ -462,7 +460,7 @@ class Material:
         return vem.stiffness_of(space, self.moduli, self.choose_stabilisation(space.dim))
 
     def stabilisation_energies(self, space: Space, u: Floats) -> Floats:
-        """Return S_K(u - Pi u, u - Pi u) of every cell, (n_cells,), for nodal displacements u (n_nodes, dim)."""
+        """Return S_K(u - Pi u, u - Pi u) of every cell, (n_cells,), for displacements u (n_nodes, dim)."""
         return vem.missed_energies(space, self.choose_stabilisation(space.dim), self.elastic(space.dim), u)
 
 

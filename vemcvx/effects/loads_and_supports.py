@@ -40,8 +40,7 @@ class Traction(Effect):
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "Traction")
         points, matrix, sides = edge_load(space, part)
-        load = Load(self._subject, points, matrix, self.force, edges=part.sides[sides])
-        return Contribution(loads=(load,))
+        return Contribution(loads=(Load(self._subject, points, matrix, self.force, edges=part.sides[sides]),))
 
     def describe(self) -> str:
         return f"Traction: {amount(self.force)} on {where(self.on)}"
@@ -71,13 +70,12 @@ class Pressure(Effect):
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        return Contribution(loads=tuple(self._on(space, part) for part in space.both_sides(self.on, "Pressure")))
-
-    def _on(self, space: Space, part: Part) -> Load:
-        points, matrix, sides = edge_load(space, part)
-        (q, dim), normals = points.shape, part.normals[sides]
-        inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
-        return Load(self._subject, points, matrix @ inward, self.value, edges=part.sides[sides])
+        loads = []
+        for part in space.both_sides(self.on, "Pressure"):
+            points, matrix, sides = edge_load(space, part)
+            inward = sp.csr_matrix(sp.block_diag(-part.normals[sides][:, :, None]))
+            loads.append(Load(self._subject, points, matrix @ inward, self.value, edges=part.sides[sides]))
+        return Contribution(loads=tuple(loads))
 
     def describe(self) -> str:
         return f"Pressure: {amount(self.value)} on {where(self.on)}"
@@ -112,8 +110,7 @@ class BodyForce(Effect):
             some = np.flatnonzero(inside[cells])
             entries = (some[:, None] * space.dim + np.arange(space.dim)).ravel()
             points, matrix, cells = points[some], sp.csr_matrix(matrix[:, entries]), cells[some]
-        load = Load(self._subject, points, matrix, self.force, cells)
-        return Contribution(loads=(load,))
+        return Contribution(loads=(Load(self._subject, points, matrix, self.force, cells),))
 
     def describe(self) -> str:
         return f"BodyForce: {amount(self.force)} in {'the body' if self.on is None else where(self.on)}"
@@ -123,9 +120,8 @@ class BodyForce(Effect):
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
-    Refinement does not improve this model: under a point force, displacement and energy grow without bound (in the
-    plane like log(1/h), Flamant's solution). On a mesh, the force acts as if spread over about one cell. Away from the
-    point, the solution converges.
+    On a mesh, the force acts as if spread over about one cell. Away from the point, the solution converges. At the
+    point, displacement and energy grow without bound (in the plane like log(1/h), Flamant's solution).
 
     Parameters
     ----------
@@ -205,9 +201,9 @@ def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
-    The condition is the same as for BilateralContact, but Symmetry is a support, not contact. Its force is part of
-    `history.reaction`, not of `history.contact`. A prescribed displacement that contradicts Symmetry at a shared node
-    is an error. Where a contact curve ends on a line of symmetry, normals and pressures are those of the whole body.
+    Unlike BilateralContact, Symmetry is a support: its force is part of `history.reaction`, and a prescribed
+    displacement that contradicts it at a shared node is an error. Where a contact curve ends on a line of symmetry,
+    normals and pressures are those of the whole body.
 
     Parameters
     ----------
@@ -302,10 +298,9 @@ class PrescribedDisplacement(Effect):
 class Rigid(Effect):
     """A part of the boundary, or a whole body, that moves rigidly: translations and small rotations.
 
-    The motion is unknown, except for components that `motion` prescribes. Loads, and contact and friction with other
-    bodies, act on the rigid part. Other supports of its nodes are refused, unless they agree with `motion`.
-    `history.force(Rigid)` is the sum of `force` and of the force that causes the prescribed motion. `history.reaction`
-    also includes the internal forces that keep the part rigid; their sum over the whole part is zero.
+    The motion is unknown, except for components that `motion` prescribes. Other supports of its nodes are refused,
+    unless they agree with `motion`. `history.force(Rigid)` is the sum of `force` and of the force that causes the
+    prescribed motion. `history.reaction` also includes the internal forces that keep the part rigid; their sum is zero.
 
     Parameters
     ----------
@@ -350,13 +345,9 @@ class Rigid(Effect):
             return moved
 
         rows, axes = _all_components(nodes, dim)
+        moves, patterns = data.varies(*held.values()) or value(0.0).any(), modes[:, free] if free else None
         support = Support(
-            self._subject,
-            rows,
-            axes,
-            space.mesh.points[rows],
-            value if data.varies(*held.values()) or value(0.0).any() else None,
-            patterns=modes[:, free] if free else None,
+            self._subject, rows, axes, space.mesh.points[rows], value if moves else None, patterns=patterns
         )
         # On every rigid motion T c, the nodal forces T (T'T)^{-1} (F, M) do the same work as the force F and moment M.
         spread = np.zeros((space.mesh.n_nodes, dim, modes.shape[1]))
@@ -398,9 +389,9 @@ class Pretension(Effect):
     """A bolt that a given force tightens across a cut, and that is then locked at its length.
 
     The two sides of the cut are bonded, except for one uniform jump along the mean normal of the cut: the shortening
-    of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant, and the force
-    in the bolt follows from the rest of the scene. `history.force` of the cut, or of this effect, is the force of the
-    bolt on the first body: its normal component is the tension, its tangential component the shear.
+    of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.
+    `history.force` of the cut, or of this effect, is the force of the bolt on the first body: its normal component is
+    the tension, its tangential component the shear.
 
     Parameters
     ----------
@@ -410,8 +401,7 @@ class Pretension(Effect):
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
-        The last instant of tightening, one of the instants of the run. A run that ends before `until` never locks the
-        bolt; in a run that begins after `until` it is always locked. By default the bolt is never locked.
+        The last instant of tightening, one of the instants of the run. By default the bolt is never locked.
 
     Examples
     --------
@@ -482,8 +472,8 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Traces are linear on edges. So two Gauss
-# points per edge integrate their products exactly for constant and affine k. The same holds on faces of polyhedra.
+# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Two Gauss points per edge are exact for affine
+# k, because traces are linear; the same holds on faces of polyhedra.
 SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 
@@ -491,8 +481,8 @@ SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 class ElasticFoundation(Effect):
     """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).
 
-    The springs are part of a^h: `history.energy` = 1/2 a^h(u, u) includes their energy, and `history.reaction` does
-    not include their force. A motion that stretches the springs needs no other support.
+    `history.energy` includes the energy of the springs; `history.reaction` does not include their force. A motion that
+    stretches the springs needs no other support.
 
     Parameters
     ----------

@@ -109,18 +109,17 @@ class _Elastic(MaterialLaw):
         axis = Support(f"{self._subject}: axis", nodes, np.tile([1.0, 0.0], (len(nodes), 1)), space.mesh.points[nodes])
         return (axis,) if len(nodes) else ()
 
-    def _name_of_stabilisation(self) -> str:
-        return self.stabilisation.describe() if isinstance(self.stabilisation, Stabilisation) else self.stabilisation
+    def _describe_stabilisation(self) -> str:
+        name = self.stabilisation.describe() if isinstance(self.stabilisation, Stabilisation) else self.stabilisation
+        return f"{name} stabilisation" + ("" if self.on is None else f", on {where(self.on)}")
 
 
 def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
     """Return the cells (n_cells,) where one of the cell data `on` is nonzero, or None for the whole body."""
     if on is None:
         return None
-    known = space.mesh.cell_data
-    names = [on] if isinstance(on, str) else list(on) if isinstance(on, Sequence) else [on]
-    cells = np.zeros(space.mesh.n_cells, dtype=bool)
-    for name in names:
+    known, cells = space.mesh.cell_data, np.zeros(space.mesh.n_cells, dtype=bool)
+    for name in on if isinstance(on, Sequence) and not isinstance(on, str) else [on]:
         if not isinstance(name, str) or name not in known or known[name].ndim != 1:
             there_are = ", ".join(repr(n) for n in known if known[n].ndim == 1) or "none"
             raise SceneError(
@@ -170,15 +169,13 @@ class Elasticity(_Elastic):
         The state of a plane body; "strain" by default. It must be left out for bodies in space. "axisymmetric" is a
         body of revolution about the axis x = 0: the mesh is its half section, x is the radius and y the axial
         coordinate. Nodes on the axis are held radially. **All forces, works and energies refer to the full turn**.
-        Tractions, pressures and friction bounds are forces per area. A `PointLoad` is the force on the whole circle,
-        and the radial component of a resultant is the sum of radial forces around the turn.
-        `history.out_of_plane_stress` is the hoop stress.
+        Tractions, pressures and friction bounds are forces per area. A `PointLoad` is the force on the whole circle;
+        radial components of resultants are sums around the turn. `history.out_of_plane_stress` is the hoop stress.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
-        The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: results
-        do not depend on units, and the stabilisation does not lock. "unit" is S_K of (3.13), without a factor.
+        The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: it does
+        not lock, and results do not depend on units. "unit" is S_K of (3.13), without a factor.
     on : None, str or sequence of str
         Names of cell data: the material fills the cells where at least one of them is nonzero. None is the whole body.
-        Moduli must be finite on all cells, but only their values on cells of the material count.
 
     Examples
     --------
@@ -207,9 +204,8 @@ class Elasticity(_Elastic):
     def describe(self) -> str:
         words = self.plane if self.plane == REVOLVED else f"plane {self.plane}"
         plane = "" if self.plane is None else f"{words}, "
-        place = "" if self.on is None else f", on {where(self.on)}"
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
-        return f"Elasticity: {constants}, {plane}{self._name_of_stabilisation()} stabilisation{place}"
+        return f"Elasticity: {constants}, {plane}{self._describe_stabilisation()}"
 
     def _constants(self) -> Sequence[object]:
         return self.young, self.poisson
@@ -315,12 +311,10 @@ class Orthotropic(_Elastic):
         return Moduli(vem.upper_triangle(C), blocked, out_of_plane, 0.5 * vem.softest_shear(C))
 
     def describe(self) -> str:
-        place = "" if self.on is None else f", on {where(self.on)}"
         E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
         turned = f"angle {amount(self.angle, 'x')}" if self.axes is None else f"axes {_words(tuple(self.axes))}"
         plane = "" if self.plane is None else f", plane {self.plane}"
-        stable = f", {self._name_of_stabilisation()} stabilisation"
-        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}{stable}{place}"
+        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}, {self._describe_stabilisation()}"
 
     def _compliance(self, at: data.InCells, plane: str | None) -> Floats:
         """Return S (k, 3, 3) for normal strains and stresses; in plane stress S has no coupling to axis 3."""
@@ -388,9 +382,9 @@ def _rotate_strains(R: Floats) -> Floats:
     return Q
 
 
-def _words(values: object) -> str:
-    parts = values if isinstance(values, (tuple, list)) else None
-    return amount(values, "x") if parts is None else f"({', '.join(amount(value, 'x') for value in parts)})"
+def _words(values: Any) -> str:
+    several = isinstance(values, (tuple, list))
+    return f"({', '.join(amount(value, 'x') for value in values)})" if several else amount(values, "x")
 
 
 @dataclass(frozen=True)
@@ -399,9 +393,8 @@ class Viscosity(Effect):
 
     The form b^h(u', v) is the form of elasticity with `shear` for mu, `volume` for lambda, and stabilisation "shear"
     (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6). Results
-    then depend on step sizes. `history.energy` remains 1/2 a^h(u, u), and `history.dissipated` includes the viscous
-    loss. Forces after a step include viscous forces at the rate of this step; `stress` is the elastic part. The initial
-    state need not satisfy condition (2.1), because viscous forces restore balance.
+    then depend on step sizes. `history.dissipated` includes the viscous loss, and forces include viscous forces; energy
+    and `stress` are elastic. The initial state need not satisfy condition (2.1): viscous forces restore balance.
 
     Parameters
     ----------
@@ -433,9 +426,9 @@ class ThermalStrain(Effect):
 
     Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
     Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), with sigma_0 = C alpha theta I. `history.stress`
-    contains them: it is zero in a body that expands freely. `history.energy` remains 1/2 a^h(u, u), the energy of the
-    total strain, and `history.work` includes the work of thermal stresses. If theta(x, times[0]) != 0, begin with
-    ``initial="settled"`` or "equilibrium".
+    contains them: it is zero in a body that expands freely. `history.energy` is the energy of the total strain, and
+    `history.work` includes the work of thermal stresses. If theta(x, times[0]) != 0, begin with ``initial="settled"``
+    or "equilibrium".
 
     Parameters
     ----------
@@ -444,7 +437,7 @@ class ThermalStrain(Effect):
     temperature : number, or callable f(x, t) -> (m,)
         theta, degrees above the stress-free state, at centroids and t_n; positive for expansion (if alpha > 0).
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: cells where one of them is nonzero expand. By default all cells do.
+        Names of cell data, such as names of bodies: cells where one of them is nonzero expand. By default all do.
 
     Examples
     --------
@@ -463,14 +456,12 @@ class ThermalStrain(Effect):
         def heat(x: Floats, t: float) -> Floats:
             return data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
-        def strain(t: float) -> Floats:
-            return alpha * heat(mesh.centroids, t)
-
         def at(x: Floats, cells: Ints, t: float) -> Floats:
             return data.InCells(mesh, x, cells).read(self.expansion, expansion) * heat(x, t) * inside[cells]
 
         within_cells = at if data.varies(self.expansion, self.temperature) else None
-        return Contribution(eigenstrains=(Eigenstrain(self._subject, strain, within_cells),))
+        strain = Eigenstrain(self._subject, lambda t: alpha * heat(mesh.centroids, t), within_cells)
+        return Contribution(eigenstrains=(strain,))
 
     def describe(self) -> str:
         words = f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
@@ -490,8 +481,7 @@ class Prestress(Effect):
         xx, yy, xy; in space (6,): xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz (no hoop stress). Force
         per area, tension positive, at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress. By default all
-        cells have it.
+        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress; default all.
 
     Examples
     --------

@@ -18,7 +18,17 @@ from vemcvx.effects.data import read_finite, read_weights
 from vemcvx.meshes import Interface
 from vemcvx.meshes.polygons import find_all_in
 from vemcvx.program.system import DRAG_ROUNDING, DraggedTerms, Limits, Norms
-from vemcvx.scene.rows import ContactRows, along, build_summation, distinct_pairs, merge_terms, pair_numbers, pairs_of
+from vemcvx.scene.rows import (
+    ContactRows,
+    along,
+    build_summation,
+    distinct_pairs,
+    merge_terms,
+    pair_numbers,
+    pairs_of,
+    repeat_by_row,
+    slices_of,
+)
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
@@ -71,18 +81,16 @@ def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
     """Return a mask (k,) of the rows whose `slip` changes during `times`; without times, of rows that may slip."""
-    dragged = np.zeros(len(rows), dtype=bool)
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
-        return ~dragged if ground_moves else np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes)
+        return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
+    dragged = np.zeros(len(rows), dtype=bool)
     try:
         start = slip(float(times[0]))
         for t in times[1:]:
             at = slip(float(t))
             size = max(np.abs(at).max(), np.abs(start).max())
             dragged |= (np.abs(at - start) > DRAG_ROUNDING * size).reshape(len(rows), -1).any(axis=1)
-            if dragged.all():
-                break
     except VemcvxError:
         return np.ones(len(rows), dtype=bool)  # The step that needs the datum raises the error.
     return dragged
@@ -101,7 +109,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
-    contact = supports.repeat_by_row([support.contact for support in supports.given])[holds]
+    contact = repeat_by_row(supports.given, [support.contact for support in supports.given])[holds].astype(bool)
     nodes, partners = nodes[holds], partners[holds]
     # Match each row with the rows of A at its node, or at its node and partner in either order.
     wanted, known = (
@@ -201,7 +209,7 @@ class Terms(ContactRows):
         if rates and not all(law.rates or not law.slips for law in laws):
             raise SceneError("friction: found laws of slips and laws of slip rates; a scene has laws of one kind.")
         still = np.zeros(gather.shape[1])
-        spread, own = gather.T, _slices(frictions)
+        spread, own = gather.T, slices_of(frictions)
 
         def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
             by_row = [press @ p, *(spread @ slip if slips else still for slip in of_terms)]
@@ -244,7 +252,7 @@ def _friction_terms(
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
     rows, tangents = every[kept], tangents[kept]
     directed, elliptic = (
-        _repeat_by_row(frictions, flags).astype(bool)[first][kept]
+        repeat_by_row(frictions, flags).astype(bool)[first][kept]
         for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
     )
     # Reported slip has components along unit tangents, but an ellipse scales its second tangent, even by 0.
@@ -278,12 +286,7 @@ def _kinds(frictions: Sequence[Friction]) -> Ints:
     grounds = [f.ground and id(f.ground.value) for f in frictions]
     ways = [(f.ellipse and id(f.ellipse), f.directions is not None and not f.in_plane) for f in frictions]
     kinds = list(zip(grounds, ways, strict=True))
-    return _repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
-
-
-def _repeat_by_row(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
-    """Return for each row the one of `numbers` that belongs to its friction."""
-    return np.repeat(np.array(numbers, dtype=np.int64), [len(f.nodes) for f in frictions])
+    return repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
 
 
 def _ground_motion(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
@@ -302,16 +305,10 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
     """Raise SceneError if two terms include the same edge, but their grounds move differently."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
     if len(twice):
-        owner = _repeat_by_row(frictions, range(len(frictions)))
+        owner = repeat_by_row(frictions, range(len(frictions)))
         one, other = np.unique(owner[owns[:, twice[:1]].nonzero()[0]])[:2]
         both = f"{frictions[one].subject} and {frictions[other].subject}"
         raise SceneError(f"{both}: they act on the same edges, but their grounds move differently.")
-
-
-def _slices(frictions: Sequence[Friction]) -> list[slice]:
-    """Return the slice of each friction in the rows of all frictions."""
-    ends = np.cumsum([len(f.nodes) for f in frictions])
-    return [slice(end - len(f.nodes), end) for f, end in zip(frictions, ends, strict=True)]
 
 
 def warn_of_free_normals(
@@ -395,7 +392,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
     points = supports.points
     each = (read_finite(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
     compliance = np.concatenate([np.zeros(0), *each])
-    rates = np.repeat(np.array([o.rates for o in obstacles], dtype=bool), [len(o.nodes) for o in obstacles])
+    rates = repeat_by_row(obstacles, [o.rates for o in obstacles]).astype(bool)
     kinds = np.where((compliance == 0) & ~rates, -1, np.arange(len(table)))
     lead, place = merge_terms((table.nodes, table.partners), table.normals, signed=True, kinds=kinds)
     first, limit = np.sort(lead), np.argsort(np.argsort(lead))[place]
@@ -433,11 +430,11 @@ def _pressures(
     """
     if all(f.law is None for f in frictions):
         return None
-    reads = _repeat_by_row(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
+    reads = repeat_by_row(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
     shares = sp.csr_matrix(sp.diags_array(reads.astype(float)) @ table.shares(obstacles))
     shares.eliminate_zeros()
     bare = reads & (np.diff(shares.indptr) == 0) & (_normal_is_free(table, supports) | (len(obstacles) == 0))
-    for f, rows in zip(frictions, _slices(frictions), strict=True):
+    for f, rows in zip(frictions, slices_of(frictions), strict=True):
         if bare[rows].any():
             raise SceneError(
                 f"{f.subject}: no pressure is known at {bare[rows].sum()} of {len(f.nodes)} places; it needs "
@@ -448,15 +445,14 @@ def _pressures(
 
 def describe_penetrations(obstacles: Obstacles, supports: Supports, times: Sequence[float]) -> list[str]:
     """Return a sentence for each support that moves contact nodes through their obstacle at one of these instants."""
-    held, notes, first = obstacles.prescribed, [], 0
+    held, notes = obstacles.prescribed, []
     if held is None:
         return []
     moved, gaps = np.array([(held.rows @ supports.motion(t), held.gap(t)) for t in times]).swapaxes(0, 1)
     depth, size = (moved - gaps).max(axis=0), np.maximum(np.abs(moved), np.abs(gaps)).max(initial=0.0)
     reads = sp.csc_matrix(abs(held.rows @ supports.H) > SAME)
-    for support in supports.given:
-        own = reads[:, first : (first := first + len(support.nodes))]
-        through = depth[np.unique(own.nonzero()[0])]
+    for support, own in zip(supports.given, slices_of(supports.given), strict=True):
+        through = depth[np.unique(reads[:, own].nonzero()[0])]
         through = through[through > SAME * size]
         if len(through) and not support.contact:
             places = f"{len(through)} contact node(s) through {', '.join(held.subjects)}"
@@ -502,7 +498,7 @@ def pose_contact(
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)
     rubbing, drawn = slice(start, start + count), np.zeros(len(table), dtype=bool)
-    drawn[rubbing] = _repeat_by_row(frictions, [f.ground is not None for f in frictions])
+    drawn[rubbing] = repeat_by_row(frictions, [f.ground is not None for f in frictions])
     obstacles = _obstacles(stops, table[rubbing.stop :], supports)
     terms = _friction_terms(frictions, table[rubbing], supports, times, known=known, obstacles=obstacles)
     return terms, obstacles, _contact_surface(table, drawn, terms, supports, times)

@@ -6,8 +6,8 @@ import logging
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from functools import cache, partial, reduce
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial, reduce
 from itertools import chain
 from operator import add
 from typing import Any, TypeVar
@@ -22,7 +22,7 @@ from vemcvx.effects.materials import REVOLVED
 from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.system import Damping, ForceOnPart, Limits, Motion, Norms, System
+from vemcvx.program.system import Damping, ForceOnPart, Motion, System
 from vemcvx.scene.contact import Obstacles, Surface, Terms, describe_immovable, pose_contact, warn_of_free_normals
 from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, floating_motions
 from vemcvx.scene.rows import straighten_normals
@@ -92,11 +92,6 @@ def build_motion(
     )
 
 
-# With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
-# projections at the contact nodes, K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and
-# dirichlet_force = P'A u_D.
-
-
 T = TypeVar("T")
 
 
@@ -109,7 +104,6 @@ class PosedScene:
 
     scene: Scene
     space: Space
-    system: System  # K, load, norm terms and limits over the free unknowns, in consistent units
     supports: Supports
     A: sp.csr_matrix  # (n_u, n_u) stiffness over all nodal values
     loads: tuple[Load | InitialStresses, ...]
@@ -117,18 +111,50 @@ class PosedScene:
     obstacles: Obstacles
     surface: Surface  # contact nodes that supports do not hold
     material: Material
-    prestress: InitialStresses | None = None  # stresses at zero strain, also among the loads; None if there are none
-    springs: sp.csr_matrix | None = None  # stiffness of springs to the ground, also in A; None if there are none
-    inactive: tuple[str, ...] = ()  # a sentence for each effect that does nothing in this scene, and was dropped
-    curves: tuple[str, ...] = ()  # subjects of effects with conditions along the normals of curves
-    viscosity: sp.csr_matrix | None = None  # (n_u, n_u) viscous forces per velocity, over all nodal values
-    laws: tuple[Contribution, ...] = ()  # contributions of materials, without their stiffness
-    stops: Sequence[Obstacle] = ()  # the obstacles as contributed; their limits are `obstacles`
-    causes: Mapping[str, Ints] = field(default_factory=dict)
+    prestress: InitialStresses | None  # stresses at zero strain, also among the loads; None if there are none
+    springs: sp.csr_matrix | None  # stiffness of springs to the ground, also in A; None if there are none
+    inactive: tuple[str, ...]  # a sentence for each effect that does nothing in this scene, and was dropped
+    kernel: Kernel | None  # rigid motions that only friction or contact resists
+    curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves
+    viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
+    laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
+    stops: Sequence[Obstacle]  # the obstacles as contributed; their limits are `obstacles`
+    causes: Mapping[str, Ints]
     """"supports", "frictions" or "obstacles" -> for each, the number of its effect in canonical order; -1 for pins"""
-    caused_loads: tuple[tuple[int, Load], ...] = ()  # loads, each with the number of its effect
-    caused_springs: tuple[tuple[int, sp.csr_matrix], ...] = ()  # springs to the ground, each with its effect's number
-    pins: tuple[Support, ...] = ()  # a support without force, if nothing else holds the body (scene.rigid)
+    caused_loads: tuple[tuple[int, Load], ...]  # loads, each with the number of its effect
+    caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # springs to the ground, each with its effect's number
+    pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
+
+    @cached_property
+    def system(self) -> System:
+        """The system in free unknowns, in consistent units.
+
+        With A the stiffness over all nodal values and B^ the tangential projections at the contact nodes,
+        K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and dirichlet_force = P'A u_D.
+        """
+        A, supports, terms = self.A, self.supports, self.terms
+        # The frame subtracts rigid motions; with springs, or in a body of revolution, these motions have energy.
+        rigid = self.springs is None and not self.space.axisymmetric
+        frame = build_body_frame(self.space) if rigid else lambda u: u
+
+        def motion(stiffness: sp.csr_matrix, tangential: sp.csr_matrix, normal: sp.csr_matrix) -> Motion | None:
+            return None if supports.still else build_motion(stiffness, supports, tangential, normal, frame)
+
+        damping, none = None, sp.csr_matrix((0, A.shape[0]))
+        if self.viscosity is not None:
+            damping = Damping(_restrict(self.viscosity, supports), motion(self.viscosity, none, none))
+        return System(
+            K=_restrict(A, supports),
+            load=build_load(self.loads, A, supports),
+            norms=terms.norms(supports),
+            motion=motion(A, terms.acting_rows, self.obstacles.rows),
+            order=cache(partial(_order, A, supports, supports.points)),
+            near_kernel=supports.gather(rigid_modes(supports.points)),
+            kernel=self.kernel,
+            limits=self.obstacles.limits(supports),
+            damping=damping,
+            dragged=terms.immovable_terms(supports),
+        )
 
     @property
     def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
@@ -172,91 +198,68 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
-    if len({space.axisymmetric, material.plane == REVOLVED, len(material.moduli) == AXISYMMETRIC}) > 1:
-        words = f'a material of a body of revolution has the attribute plane = "{REVOLVED}"'
-        raise SceneError(
-            f"{material.subject}: found plane {material.plane}; {words}, and {AXISYMMETRIC} moduli per cell."
-        )
+    _check_revolution(space, material)
     prestress = initial_stresses(parts, material, space)
-    loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
-    holds = by_precedence(_chain(p.supports for p in parts))
-    contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
-    if space.axisymmetric:
-        check_off_axis(_chain(contact))
-    straight = iter(straighten_normals(holds, _chain(contact)))
-    frictions, stops, surfaces = ([next(straight) for _ in kind] for kind in contact)
-    check_bonds(holds, (*frictions, *stops))
     springs = _sum(p.stiffness for p in parts if p.material is None)
-    # Pins do not fit the rigid motion of a body of revolution; `floating_motions` refuses such a body if it floats.
-    floats = springs is None and not space.axisymmetric
-    pins = find_pins((*holds, *frictions, *stops), mesh.points) if floats else ()
-    # Nodal frames have the normals of frictions and obstacles as axes.
-    supports = resolve([*holds, *pins], (*frictions, *stops), mesh.points)
+    supports, pins, (frictions, stops, surfaces) = _hold(space, parts, springs)
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
-    viscosity = _sum(p.viscosity for p in parts)
     # The moduli of a material give its stiffness, unless it contributes a stiffness matrix.
     forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
-    A = reduce(add, [*forms, *(p.stiffness for p in parts if p.stiffness is not None)])
+    laws = [p for effect, p in zip(scene.canonical, parts, strict=True) if isinstance(effect, MaterialLaw)]
     posed = PosedScene(
         scene=scene,
         space=space,
-        system=_build_system(space, supports, terms, obstacles, A, loads=loads, springs=springs, viscosity=viscosity),
         supports=supports,
-        A=A,
-        loads=loads,
+        A=reduce(add, [*forms, *(p.stiffness for p in parts if p.stiffness is not None)]),
+        loads=_chain(p.loads for p in parts) + (() if prestress is None else (prestress,)),
         terms=terms,
+        obstacles=obstacles,
         surface=surface,
         material=material,
         prestress=prestress,
-        obstacles=obstacles,
+        kernel=_find_kernel(space, supports, sp.vstack([terms.acting_rows, obstacles.rows]), springs),
         springs=springs,
         inactive=(*inactive, *describe_immovable(terms, stops, supports), *[UNHELD] * len(pins)),
         curves=_chain(p.curves for p in parts),
-        viscosity=viscosity,
-        laws=tuple(
-            replace(p, stiffness=None)
-            for effect, p in zip(scene.canonical, parts, strict=True)
-            if isinstance(effect, MaterialLaw)
-        ),
+        viscosity=_sum(p.viscosity for p in parts),
+        laws=tuple(replace(p, stiffness=None) for p in laws),
         stops=stops,
         pins=pins,
         **_find_causes(parts, supports),
     )
+    warn_of_free_normals(frictions, supports, obstacles, springs)
     if pins:
         check_balance(posed.force, mesh.points, known)
     return posed
 
 
-def _build_system(
-    space: Space,
-    supports: Supports,
-    terms: Terms,
-    obstacles: Obstacles,
-    A: sp.csr_matrix,
-    *,
-    loads: tuple[Load | InitialStresses, ...],
-    springs: sp.csr_matrix | None,
-    viscosity: sp.csr_matrix | None,
-) -> System:
-    """Return the system in free unknowns; warn if only friction holds the body, or friction lacks contact."""
-    norms, limited = terms.norms(supports), obstacles.limits(supports)
-    kernel = _find_kernel(space, supports, norms, limited, springs)
-    warn_of_free_normals(terms.frictions, supports, obstacles, springs)
-    # The frame subtracts rigid motions; with springs, or in a body of revolution, these motions have energy.
-    body_frame = build_body_frame(space) if springs is None and not space.axisymmetric else lambda u: u
-    return System(
-        K=_restrict(A, supports),
-        load=build_load(loads, A, supports),
-        norms=norms,
-        motion=None if supports.still else build_motion(A, supports, terms.acting_rows, obstacles.rows, body_frame),
-        order=cache(partial(_order, A, supports, supports.points)),
-        near_kernel=supports.gather(rigid_modes(supports.points)),
-        kernel=kernel,
-        limits=limited,
-        damping=_damping(viscosity, supports, body_frame),
-        dragged=terms.immovable_terms(supports),
-    )
+def _check_revolution(space: Space, material: Material) -> None:
+    """Raise SceneError unless space, plane and moduli all are, or all are not, those of a body of revolution."""
+    if len({space.axisymmetric, material.plane == REVOLVED, len(material.moduli) == AXISYMMETRIC}) > 1:
+        words = f'a material of a body of revolution has the attribute plane = "{REVOLVED}"'
+        raise SceneError(
+            f"{material.subject}: found plane {material.plane}; {words}, and {AXISYMMETRIC} moduli per cell."
+        )
+
+
+def _hold(
+    space: Space, parts: Sequence[Contribution], springs: sp.csr_matrix | None
+) -> tuple[Supports, tuple[Support, ...], list[list[Any]]]:
+    """Return the supports, the pins among them, and frictions, obstacles and surfaces with straightened normals."""
+    holds = by_precedence(_chain(p.supports for p in parts))
+    contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
+    if space.axisymmetric:
+        check_off_axis(_chain(contact))
+    straight = iter(straighten_normals(holds, _chain(contact)))
+    kinds = [[next(straight) for _ in kind] for kind in contact]
+    # Nodal frames have the normals of frictions and obstacles as axes.
+    normals = (*kinds[0], *kinds[1])
+    check_bonds(holds, normals)
+    # Pins do not fit the rigid motion of a body of revolution; `floating_motions` refuses such a body if it floats.
+    floats = springs is None and not space.axisymmetric
+    pins = find_pins((*holds, *normals), space.mesh.points) if floats else ()
+    return resolve([*holds, *pins], normals, space.mesh.points), pins, kinds
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
@@ -280,12 +283,12 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
     return reduce(add, given) if given else None
 
 
-def _find_kernel(
-    space: Space, supports: Supports, norms: Norms | None, limited: Limits | None, springs: sp.csr_matrix | None
-) -> Kernel | None:
-    """Return the rigid motions that only friction or contact resists; warn of them, or log them for named bodies."""
-    felt = ([] if norms is None else [norms.B]) + ([] if limited is None else [limited.D])
-    kernel, of_bodies = floating_motions(space, supports, felt, springs)
+def _find_kernel(space: Space, supports: Supports, rows: sp.csr_matrix, springs: sp.csr_matrix | None) -> Kernel | None:
+    """Return the rigid motions that only `rows` of friction and contact resist.
+
+    Warn of these motions, or log them if all are motions of named bodies.
+    """
+    kernel, of_bodies = floating_motions(space, supports, supports.on_free(rows), springs)
     if kernel is not None:
         words = (
             f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
@@ -310,13 +313,6 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
         return K
     K = supports.P.T @ A @ supports.P
     return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
-
-
-def _damping(A: sp.csr_matrix | None, supports: Supports, frame: Callable[[Floats], Floats]) -> Damping | None:
-    if A is None:
-        return None
-    none = sp.csr_matrix((0, A.shape[0]))
-    return Damping(_restrict(A, supports), None if supports.still else build_motion(A, supports, none, none, frame))
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

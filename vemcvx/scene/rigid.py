@@ -78,16 +78,12 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate, turns = np.linalg.norm(turn), "a rotation"
     if rate > DIRECTION_TOLERANCE and len(turn) > 1:
-        turns = f"a rotation about ({_format_vector(turn / rate)})"
+        turns = f"a rotation about {coordinates(turn / rate, 2)}"
     elif directed:
         turns = "an anticlockwise rotation" if turn[0] > 0 else "a clockwise rotation"
     if rate > 0.9:
         return turns
-    return f"the translation ({_format_vector(move)})" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
-
-
-def _format_vector(components: Floats) -> str:
-    return ", ".join(f"{component:.2g}" for component in components)
+    return f"the translation {coordinates(move, 2)}" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
 
 
 # A piece of the body is a set of cells joined along edges (in space, along faces); without strain it moves as a rigid
@@ -97,36 +93,33 @@ def _format_vector(components: Floats) -> str:
 #
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 #
-# and the body floats if and only if this vanishes for some c != 0. For one piece, the squared distance is the square of
-# the part of c that supports resist. With springs of matrix F, a field v of zero distance floats if v'Fv = 0.
-
-
-# A motion is free if supports resist less than this fraction of its square; one clamped node of a million resists 1e-6.
+# and the body floats if and only if this vanishes for some c != 0. With springs of matrix F, a field v of zero distance
+# floats if v'Fv = 0.
 FREE_FRACTION = 1e-12
+"""A motion is free if supports resist less than this fraction of its square; one clamped node of 1e6 resists 1e-6."""
 
 
 def floating_motions(
-    space: Space, supports: Supports, felt: Sequence[sp.csr_matrix], springs: sp.csr_matrix | None = None
+    space: Space, supports: Supports, felt: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
-    Return also whether all are motions of named bodies: contact at an interface usually holds such bodies. `felt` are
-    the matrices (rows, n) of norm terms and limits. Raise SceneError if there is a motion that none of them resists.
+    Return also whether all are motions of named bodies: contact at an interface usually holds such bodies. `felt`
+    (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that none of them resists.
     """
-    piece, node = space.pieces
-    count = np.bincount(node, minlength=space.mesh.n_nodes)
-    R, axes = _motions(piece, node, space.mesh.points)
-    k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
+    (piece, node), points = space.pieces, space.mesh.points
+    count, dim = np.bincount(node, minlength=len(points)), points.shape[1]
+    R, axes = _motions(piece, node, points)
+    k = axes.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
     if space.axisymmetric:  # Only translations along the axis have no strain.
-        free = sp.csr_matrix(free @ sp.diags_array(np.tile([0.0, 1.0, 0.0], free.shape[1] // k)))
+        free = sp.csr_matrix(free @ sp.diags_array(np.tile([0.0, 1.0, 0.0], len(axes))))
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)
-    fields_of, motions = [], list[tuple[ConnectedPart, Floats]]()
     # Sides of length h at a distance of D from the origin have directions known to EPS D / h.
-    rounding = (64 * EPS) * max(1.0, np.abs(space.mesh.points).max() / space.mesh.h)
-    largest = max((np.abs(rows.data).max(initial=0.0) for rows in felt), default=0.0)
+    rounding = (64 * EPS) * max(1.0, np.abs(points).max() / space.mesh.h)
+    modes, motions = list[Floats](), list[tuple[ConnectedPart, Floats]]()
     for number in range(parts):
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
@@ -137,36 +130,35 @@ def floating_motions(
             loose = loose @ _without_energy(springs, supports.P @ (fields @ loose))
         if loose.shape[1] == 0:
             continue
-        which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
-        hinges = (i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number)
-        hinge = next((f"node {i} at {space.mesh.points[i]}" for i in hinges), "")
-        part = ConnectedPart(which, tuple(bodies[one] for one in own), hinge, axes[own])
         loose = _along_axes(loose)
         # Remove rounding: a remainder of 1e-15 across a translation would press against contact.
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
-        rubbed = np.vstack([field[:0], *(rows @ field for rows in felt)])
-        _, size, rotated = np.linalg.svd(rubbed, full_matrices=len(rubbed) < field.shape[1])
-        # An orthonormal basis of motions that contact does not resist. If contact resists none, `size` is rounding.
-        least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding * largest)
-        unfelt = loose @ rotated[int((size > least).sum()) :].T
-        if unfelt.shape[1] > 0:
-            _refuse_floating(part, unfelt)
+        which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
+        hinges = (i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number)
+        hinge = next((f"node {i} at {points[i]}" for i in hinges), "")
+        part = ConnectedPart(which, tuple(bodies[one] for one in own), hinge, axes[own])
+        _refuse_floating(part, loose, felt @ field, rounding * np.abs(felt.data).max(initial=0.0))
         size = np.abs(field).max(axis=0)
-        fields_of.append(field / size)
+        modes.append(field / size)
         motions += [(part, column) for column in (loose / size).T]
     if not motions:
         return None, False
     names = tuple(part.motion(mode) for part, mode in motions)
     named = all(None not in part.bodies for part, _ in motions)
-    modes = np.hstack(fields_of)
-    moved = (supports.P @ modes).reshape(len(count), dim, -1)
-    return Kernel(modes, names, partial(describe_combination, motions), moved), named
+    moved = (supports.P @ np.hstack(modes)).reshape(len(count), dim, -1)
+    return Kernel(np.hstack(modes), names, partial(describe_combination, motions), moved), named
 
 
-def _refuse_floating(part: ConnectedPart, unfelt: Floats) -> None:
-    """Raise SceneError for a part of the body whose motions, the columns of `unfelt`, nothing resists."""
+def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding: float) -> None:
+    """Raise SceneError if a combination of the motions `loose` (., j) has no components `felt` (rows, j)."""
+    _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
+    # If contact resists none of the motions, `size` is rounding.
+    least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
+    unfelt = loose @ rotated[int((size > least).sum()) :].T
     count = unfelt.shape[1]
+    if count == 0:
+        return
     meet, first = ("1 rigid motion meets", ":") if count == 1 else (f"{count} rigid motions meet", "; the first is")
     raise SceneError(
         f"supports: {part.which} floats: {meet} neither a support nor friction{first} "
@@ -217,19 +209,14 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
     """
 
     @cache
-    def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    def motions() -> sp.csr_matrix:
         (piece, node), every = space.pieces, np.arange(space.mesh.n_nodes)
         body = every.copy()
         body[node] = _connect(piece, node, every, None)[1][piece]
         by_body = np.argsort(body, kind="stable")
-        R, _ = _motions(body[by_body], by_body, space.mesh.points)
-        return R, sp.csr_matrix(R.T)
+        return _motions(body[by_body], by_body, space.mesh.points)[0]
 
-    def body_frame(u: Floats) -> Floats:
-        R, transposed = motions()
-        return u - R @ (transposed @ u)
-
-    return body_frame
+    return lambda u: u - motions() @ (motions().T @ u)
 
 
 def _along_axes(loose: Floats) -> Floats:

@@ -30,6 +30,17 @@ def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
     return np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone])
 
 
+def repeat_by_row(parts: Sequence[ContactSurface | Support], numbers: Sequence[int]) -> Ints:
+    """Return for each row of all parts in turn the one of `numbers` that belongs to its part."""
+    return np.repeat(np.array(numbers, dtype=np.int64), [len(part.nodes) for part in parts])
+
+
+def slices_of(parts: Sequence[ContactSurface | Support]) -> list[slice]:
+    """Return the slice of each part in the rows of all parts."""
+    ends = np.cumsum([len(part.nodes) for part in parts])
+    return [slice(end - len(part.nodes), end) for part, end in zip(parts, ends, strict=True)]
+
+
 def pair_numbers(nodes: Ints, partners: Ints, largest: int) -> Ints:
     """Return one number (m,) per pair of node and partner, ordered by node; no node exceeds `largest`."""
     return nodes * (largest + 2) + partners + 1

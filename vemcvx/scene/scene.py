@@ -10,14 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx import vem
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, drop_tails, read_only
+from vemcvx.base.arrays import Floats, Ints, brief, drop_tails, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
 from vemcvx.effects.materials import REVOLVED
 from vemcvx.meshes import Mesh
-from vemcvx.program.system import DRAG_ROUNDING
-from vemcvx.scene.rows import along, pairs_of
+from vemcvx.scene.rows import pairs_of
 from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
@@ -34,9 +33,8 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
     if len(planes) > 1:
         words = " and ".join(f"plane {plane} in {subject}" for plane, subject in sorted(planes.items()))
         raise SceneError(f"materials: found {words}; give all materials the same plane=.")
-    isotropic = all(len(m.moduli) == 2 for m in materials)
-    dim = mesh.points.shape[1]
-    moduli = [m.moduli if isotropic else vem.upper_triangle(vem.elastic_matrix(m.moduli, dim)) for m in materials]
+    isotropic, dim = all(len(m.moduli) == 2 for m in materials), mesh.points.shape[1]
+    moduli = [m.moduli if isotropic else vem.upper_triangle(m.elastic(dim)) for m in materials]
     across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     # Each material and its stabilisation vanish in the cells of other materials.
     own: list[Stabilisation] = [m.choose_stabilisation(dim) for m in materials]
@@ -73,8 +71,7 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
 class InitialStresses:
     """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0, and load -sum_K |K| sigma_0 : eps(Pi v).
 
-    sigma_0 is the sum of initial stresses minus b times the sum of eigenstrains. The material gives b, the stress
-    that blocks a unit eigenstrain.
+    sigma_0 is the sum of initial stresses minus the stresses that block the eigenstrains.
     """
 
     material: Material
@@ -105,8 +102,7 @@ class InitialStresses:
         """Return the nodal force (n_u,) at the instant `t`; zero where stresses around a node balance to rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # A nodal force is a sum of about ten products. Without this cut, rounding of a uniform stress would leave small
-        # forces that violate the condition on initial states of a held body.
+        # Rounding of a uniform stress would leave small forces that violate the condition on initial states.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
@@ -123,8 +119,8 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
     """Return each effect with its contribution.
 
     A plane of symmetry is a side of the body on which supports keep the nodes in the plane at all times. A contact
-    curve that ends at such a plane continues behind it as its mirror image. Effects of contact are therefore evaluated
-    again once these planes are known: nodes on the planes get the normals of the whole body.
+    curve that ends at such a plane continues behind it as its mirror image. So effects of contact are evaluated again
+    with these planes: nodes on the planes get the normals of the whole body.
     """
     parts = [(effect, effect.contribute(space)) for effect in effects]
     mirrors = _mirrors([part for _, part in parts], space)
@@ -185,7 +181,7 @@ def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
 
 
 Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
-Datum = Callable[[float], Floats | Bools]
+Datum = Callable[[float], Floats]
 
 
 def active_parts(
@@ -193,9 +189,8 @@ def active_parts(
 ) -> tuple[list[Contribution], list[str]]:
     """Drop parts without influence at any of `times`; return the contributions, and a sentence for each dropped part.
 
-    Such parts are loads that are zero at every instant, friction with a bound of zero, ground that does not move along
-    the boundary, and springs and dashpots of zero strength. Unknowns, terms, cones and the solution are the same, to
-    the last bit, as for a scene without these parts. Supports and reported contact surfaces are kept.
+    Such parts are loads that are zero at every instant, friction with a bound of zero, and springs and dashpots of zero
+    strength. Supports and reported contact surfaces are kept.
     """
     notes: list[str] = []
     return [_without_inactive(effect, part, times, notes) for effect, part in contributions(effects, space)], notes
@@ -221,29 +216,10 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
         **none,
         loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
         supports=tuple(x if x.value is None else shorten(x) for x in part.supports),
-        frictions=tuple(_drop_still_ground(f, times, notes) for f in alive(part.frictions, _bound, "bound")),
+        frictions=alive(part.frictions, _bound, "bound"),
         eigenstrains=tuple(map(shorten, alive(part.eigenstrains, lambda x: x.value, "strain"))),
         initial_stresses=tuple(map(shorten, alive(part.initial_stresses, lambda x: x.value, "stress"))),
     )
-
-
-def _drop_still_ground(friction: Friction, times: Sequence[float], notes: list[str]) -> Friction:
-    """Return the friction; drop its ground if the ground does not move along the boundary at any of `times`."""
-    ground = friction.ground
-    if ground is None or len(times) == 0:
-        return friction
-    axes = vem.tangents_of(friction.normals)
-
-    def rubs(t: float) -> Bools:
-        began, at = ground.vector(float(times[0])), ground.vector(t)
-        if friction.directions is not None:
-            return at != began
-        return np.abs(along(axes, at - began)) > DRAG_ROUNDING * np.abs([began, at]).max(initial=0.0)
-
-    if not _zero(rubs, times):
-        return friction
-    notes.append(f"{ground.subject} does not move along the boundary")
-    return replace(friction, ground=None)
 
 
 def _bound(friction: Friction) -> Datum:
@@ -267,9 +243,9 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 
 
 class Scene:
-    """A set of effects, independent of any mesh: materials, supports, loads, contact and friction.
+    """A set of effects, independent of any mesh; it can be simulated on every mesh that has the boundaries it names.
 
-    The order of effects changes nothing. A scene can be simulated on every mesh that has the boundaries it names.
+    The order of effects changes nothing.
 
     Parameters
     ----------
@@ -294,27 +270,23 @@ class Scene:
                     f"Scene: found {brief(effect)}, which is not an effect; give effects as separate arguments, "
                     'such as Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
                 )
-        self._effects = effects
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
+        self.effects = effects
         """The effects, in the order given."""
-        return self._effects
 
     @property
     def canonical(self) -> tuple[Effect, ...]:
         """The effects in the order of summation, which does not depend on the order given."""
-        return tuple(sorted(self._effects, key=_rank))
+        return tuple(sorted(self.effects, key=_rank))
 
     @property
     def is_axisymmetric(self) -> bool:
         """True if the body is a body of revolution, by the plane= of a material."""
-        planes = [getattr(x, "plane", None) for x in self._effects if isinstance(x, MaterialLaw)]
+        planes = [getattr(x, "plane", None) for x in self.effects if isinstance(x, MaterialLaw)]
         return any(isinstance(plane, str) and plane == REVOLVED for plane in planes)
 
     def with_(self, *effects: Effect) -> Scene:
         """Return a scene with these additional effects."""
-        return Scene(*self._effects, *effects)
+        return Scene(*self.effects, *effects)
 
     def without(self, *kinds: type[Effect] | Effect) -> Scene:
         """Return a scene without some of the effects.
@@ -330,23 +302,23 @@ class Scene:
             The scene has no such effect.
         """
         for kind in kinds:
-            if not any(_is(effect, kind) for effect in self._effects):
-                there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self._effects))
+            if not any(_is(effect, kind) for effect in self.effects):
+                there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self.effects))
                 name = kind.__name__ if isinstance(kind, type) else brief(kind)
                 raise SceneError(
                     f"Scene.without: there is no {name} in this scene; it has {there}. Give the class of an effect, or "
                     "an effect of the scene."
                 )
-        return Scene(*(x for x in self._effects if not any(_is(x, kind) for kind in kinds)))
+        return Scene(*(x for x in self.effects if not any(_is(x, kind) for kind in kinds)))
 
     def __iter__(self) -> Iterator[Effect]:
-        return iter(self._effects)
+        return iter(self.effects)
 
     def __repr__(self) -> str:
-        return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self._effects) + ")"
+        return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self.effects) + ")"
 
     def _repr_html_(self) -> str:
-        outline = [effect.describe().partition(": ") for effect in self._effects]
+        outline = [effect.describe().partition(": ") for effect in self.effects]
         return Outline("Scene", [(name, words) for name, _, words in outline]).html()
 
 
@@ -356,7 +328,7 @@ def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
 
 def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
     settings = list(vars(effect).values())
-    # Functions are ordered by their place in the source, the same in all runs of a script. Addresses break ties only.
+    # Functions are ordered by their place in the source; addresses break ties only.
     return type(effect).__name__, [_content(v) for v in settings], [id(v) for v in settings if callable(v)]
 
 

@@ -20,8 +20,8 @@ thus has separate unknowns, and sticking is represented exactly, by y_i = 0.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,11 +29,11 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints
+from vemcvx.base.arrays import EPS, SAME, Bools, Floats, Ints, read_only
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.meshes.polygons import smallest_linked
-from vemcvx.scene.rows import jump_rows, pairs_of
+from vemcvx.scene.rows import jump_rows, pairs_of, repeat_by_row, slices_of
 from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
@@ -55,7 +55,6 @@ class Supports:
     depends: Bools  # (s,) True for rows that depend on earlier rows
     reach: Floats  # (s,) the length of each row's component orthogonal to earlier rows
     amplitudes: int = 0  # number of the free unknowns, the last ones, that are amplitudes; they belong to no site
-    _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)  # the motion computed last
 
     @cached_property
     def still(self) -> bool:
@@ -65,7 +64,7 @@ class Supports:
     @cached_property
     def moved(self) -> Ints:
         """The numbers of the nodal values at nodes that supports move, ascending."""
-        dim, moving = self.points.shape[1], self.repeat_by_row([support.value is not None for support in self.given])
+        dim, moving = self.points.shape[1], repeat_by_row(self.given, [s.value is not None for s in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
 
@@ -77,10 +76,6 @@ class Supports:
         links = np.column_stack([self.sites[entries.row // self.points.shape[1]], count + entries.col])
         linked: Ints = smallest_linked(links, count + self.amplitudes)[self.sites]
         return linked
-
-    def repeat_by_row(self, flags: Sequence[bool]) -> Bools:
-        """Return for each row the flag (s,) of its support."""
-        return np.repeat(np.array(flags, dtype=bool), [len(support.nodes) for support in self.given])
 
     def places(self, nodes: Ints) -> Callable[[int], str]:
         """Return a function that describes the i-th of these nodes in words."""
@@ -114,24 +109,22 @@ class Supports:
         # A direction is held if the freedom of all corners in this direction adds up to less than 1e-9.
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
-    def motion(self, t: float) -> Floats:
-        """Return the prescribed displacement u_D (n_u,) at an instant; raise SceneError if supports disagree."""
-        motion = self._last.get(t)
-        if motion is None:
-            each = [np.zeros(len(s.nodes)) if s.value is None else np.asarray(s.value(t)) for s in self.given]
-            motion = np.asarray(self.H @ np.concatenate([np.zeros(0), *each]))
-            if not self.still:
-                self._check(motion, each, t)
-            motion.flags.writeable = False
-            self._last.clear()
-            self._last[t] = motion
-        return motion
+    @cached_property
+    def motion(self) -> Callable[[float], Floats]:
+        """The function t -> u_D (n_u,), the prescribed displacement; it raises SceneError if supports disagree."""
+        return lru_cache(maxsize=1)(self._evaluate)
+
+    def _evaluate(self, t: float) -> Floats:
+        each = [np.zeros(len(s.nodes)) if s.value is None else np.asarray(s.value(t)) for s in self.given]
+        motion = np.asarray(self.H @ np.concatenate([np.zeros(0), *each]))
+        if not self.still:
+            self._check(motion, each, t)
+        return read_only(motion)
 
     def _check(self, motion: Floats, each: Sequence[Floats], t: float) -> None:
         """Raise SceneError if the value of a dependent row differs from the value that earlier rows impose."""
-        present, size, first = self.A @ motion, np.abs(motion).max(initial=0.0), 0
-        for support, wanted in zip(self.given, each, strict=True):
-            rows = slice(first, first := first + len(wanted))
+        present, size = self.A @ motion, np.abs(motion).max(initial=0.0)
+        for support, wanted, rows in zip(self.given, each, slices_of(self.given), strict=True):
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
             # A nearly dependent row also has a small component orthogonal to earlier rows.
@@ -275,8 +268,8 @@ def _span_amplitudes(
     motions = H @ M
     off = np.abs(A @ motions - M).max(axis=1) - (SAME + 2.0 * reach) * np.abs(motions).max()
     if off.max() > 0:
-        row, owner = int(np.argmax(off)), np.repeat(np.arange(len(given)), [len(s.nodes) for s in given])
-        own, node = given[owner[row]], np.concatenate([s.nodes for s in given])[row]
+        row = int(np.argmax(off))
+        own, node = given[repeat_by_row(given, range(len(given)))[row]], pairs_of(given)[0][row]
         at_node = [s.subject for s in given if node in s.nodes or (s.partners is not None and node in s.partners)]
         loose = ", ".join(s.subject for s in given if s.patterns is not None)
         raise SceneError(
@@ -284,7 +277,7 @@ def _span_amplitudes(
             f"contradicts the free motions of {loose}. Prescribe there the motion of the rigid part (motion= of "
             "Rigid), or keep other supports and bilateral contact off its nodes."
         )
-    # Cholesky QR, done twice, keeps the motions of different parts exactly separate, unlike Householder QR.
+    # Unlike Householder QR, Cholesky QR, done twice, keeps the motions of different parts exactly separate.
     for _ in range(2):
         motions /= np.linalg.norm(motions, axis=0)
         motions = motions @ np.linalg.inv(np.linalg.cholesky(motions.T @ motions)).T

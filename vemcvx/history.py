@@ -169,8 +169,6 @@ class History(Results, Outlined):
         ------
         SceneError
             The plane does not cut these cells, an argument is invalid, or the material is viscous.
-        HistoryError
-            The history was read from files, and the scene has a user-defined stabilisation.
 
         Examples
         --------
@@ -216,33 +214,20 @@ class History(Results, Outlined):
 
         Raises
         ------
-        HistoryError
-            There is no such table.
-        SceneError
-            As for `probe`.
+        HistoryError, SceneError
+            There is no such table, or a point lies outside the body.
         """
         return table(self, name, points)
 
     def to_pandas(self, name: str = "steps", points: ArrayLike | None = None) -> DataFrame:
-        """Return the table that :meth:`table` returns, as a DataFrame.
-
-        Raises
-        ------
-        VemcvxError
-            pandas is not installed, or `table` raises this error.
-        """
+        """Return the table that :meth:`table` returns, as a DataFrame of pandas, which must be installed."""
         return frame(table(self, name, points))
 
     def to_xarray(self) -> Dataset:
-        """Return all arrays as one labelled dataset, by the names that they have in ``history.npz``.
+        """Return all arrays as one dataset of xarray, which must be installed, by their names in ``history.npz``.
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
         ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have "units".
-
-        Raises
-        ------
-        VemcvxError
-            xarray is not installed.
         """
         return dataset(self)
 
@@ -261,7 +246,7 @@ class History(Results, Outlined):
         Raises
         ------
         HistoryError
-            There is no step `n`, a required state was not stored, or the history was read from files.
+            There is no step `n`, a state was not stored, or the history was read from files.
         """
         return next(programs_of_steps(self, [n], condense))
 

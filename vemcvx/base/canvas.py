@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
 
-HATCHING = "0.2"
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
@@ -167,16 +166,6 @@ def draw_arrows(
     look: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.0, foreground="white")]}
     look |= {"pivot": pivot, "width": width, "minlength": 0.0, "zorder": 3}
     return ax.quiver(*places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **look)
-
-
-def draw_hatched(ax: Axes, outlines: Sequence[Floats]) -> None:
-    """Hatch the areas inside outlines (k, 2); degenerate outlines are drawn as lines or points."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    path = Path.make_compound_path(*(Path([*outline, outline[0]], closed=True) for outline in outlines))
-    style = {"linewidth": 1.6, "capstyle": "round", "joinstyle": "round", "zorder": 2.2}
-    ax.add_patch(PathPatch(path, facecolor="white", edgecolor=HATCHING, hatch="///", **style))
 
 
 def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:

@@ -216,8 +216,9 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
         image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _outline_closed(history, row, places)
-    if touching:
-        canvas.draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *view.images)])
+    rounded: dict[str, Any] = {"linewidth": 1.6, "capstyle": "round", "joinstyle": "round", "zorder": 2.2}
+    for outline in (outline * signs for outline in touching for signs in ((1, 1), *view.images)):
+        ax.fill(*outline.T, facecolor="white", edgecolor="0.2", hatch="///", **rounded)
     largest, cut = _arrows(ax, at, (factor, size), view)
     title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
     if largest:

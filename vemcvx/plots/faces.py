@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints, array_fields, choice
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
@@ -78,10 +78,7 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
 
 
 def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
-    """Return True for contact nodes of obstacles whose normals agree with the adjacent sides of a part.
-
-    A node at an edge of the part may belong to contact on other sides, and has another normal then.
-    """
+    """Return True for contact nodes of obstacles whose normals agree with the adjacent sides of a part."""
     row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
     row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
     met = np.flatnonzero(row[part.ends.nodes] >= 0)
@@ -92,11 +89,7 @@ def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
 
 def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
     """Return the face of the contact nodes in `rows`, seen along a normal."""
-    kept = {
-        name: getattr(history.contact, name).compress(rows, axis=of.sizes.index("m"))
-        for name, of in array_fields(Contact).items()
-    }
-    contact, mesh = Contact(**kept), history.mesh
+    contact, mesh = history.contact.take(np.flatnonzero(rows)), history.mesh
     assert isinstance(mesh, PolyhedralMesh)
     frame, labels = _frame(normal)
     corners, owners = _parts(contact, mesh)
@@ -282,8 +275,7 @@ def friction_disc(
     Raises
     ------
     HistoryError
-        The body is plane, has no contact or no friction at that step; contact goes round the body; or there are several
-        faces for one `ax`.
+        As for `contact_face`, or there is no friction at that step.
 
     Examples
     --------

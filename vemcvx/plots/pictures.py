@@ -172,7 +172,7 @@ def hysteresis_loop(
     history, ax, units : as for `friction_traction`
     on : str, optional
         The boundary; by default the one whose prescribed displacement has the longest path, or else the boundary of
-        the load whose total changes most along an axis.
+        the load that changes most.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def hysteresis_loop(
     Raises
     ------
     HistoryError
-        `on` is None, and nothing is driven: no support moves and no load changes.
+        `on` is None, no support moves, and no load changes.
 
     Examples
     --------
@@ -314,22 +314,20 @@ def omissions(history: Results) -> dict[str, str]:
 def write_plots(
     history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
 ) -> list[Path]:
-    """Write all pictures for which a history has content: fewer without contact, or without steps.
+    """Write all pictures for which a history has content, in place of the pictures of an older run.
 
     Parameters
     ----------
-    history : History
+    history, units : as for `friction_traction`
     folder : str or Path
         Created if it does not exist.
     suffix : {".png", ".svg", ".pdf"}
         The kind of file.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.style`. By default `history.units`.
 
     Returns
     -------
     list of Path
-        The written files; pictures of an older run with the same suffix are removed.
+        The written files.
 
     Raises
     ------
@@ -392,19 +390,17 @@ def animate(
 ) -> Path:
     """Write a film of the deformed mesh through all stored steps.
 
-    The magnification, the view, and the scales of colours and arrows are those of `deformed_mesh` (in space,
-    `deformed_body`), and the same in all frames.
+    All frames have the view and the scales of `deformed_mesh` (in space, `deformed_body`).
 
     Parameters
     ----------
     history : History
     path : str or Path
-        ``.gif`` (written by pillow, which comes with matplotlib) or ``.mp4`` (if ffmpeg is installed). An existing file
-        is replaced.
+        ``.gif`` or ``.mp4`` (if ffmpeg is installed). An existing file is replaced.
     seconds : float
-        Duration of the film, approximately: the number of frames per second is an integer from 1 to 50.
+        Approximate duration of the film.
     magnify, limits, units
-        See `deformed_mesh`, or `deformed_body`.
+        As for `deformed_mesh` or `deformed_body`.
 
     Returns
     -------

@@ -7,7 +7,7 @@ the same at all steps, so that pictures of several steps can be compared, or be 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -199,12 +199,11 @@ def extent(history: Results, factor: float) -> Floats:
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])
 
 
-def value_range(limits: ArrayLike | None, default: Iterable[float]) -> tuple[float, float]:
+def value_range(limits: ArrayLike | None, default: tuple[float, float]) -> tuple[float, float]:
     """Return the ends of a range, `limits` or `default`; raise HistoryError unless these are two numbers in order."""
-    try:
-        low, high = (float(end) for end in (default if limits is None else np.asarray(limits)))
-    except (TypeError, ValueError):
-        low = high = np.nan
-    if limits is not None and not -np.inf < low < high < np.inf:
+    if limits is None:
+        return default
+    low, high = as_shaped_array(limits, "limits", "two numbers, the smaller one first", (2,)).tolist()
+    if not -np.inf < low < high < np.inf:
         raise HistoryError(f"limits: found {brief(limits)}; wanted two numbers, the smaller one first.")
     return low, high

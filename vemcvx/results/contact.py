@@ -15,7 +15,7 @@ solver chooses active sets by the same rule.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -111,6 +111,11 @@ class Contact(ArrayRecord):
     lengths: Annotated[Floats, "m", "length"]
     friction_lengths: Annotated[Floats, "m", "length"]
 
+    def take(self, nodes: Ints) -> Contact:
+        """Return the contact at some nodes, given by their positions in `nodes`."""
+        sizes = {name: of.sizes for name, of in array_fields(Contact).items()}
+        return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
+
     def rows_of(self, rows: ContactRows) -> Ints:
         """Return for each of the k `rows` its position in `nodes`, in either order of the bodies; -1 if it has none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
@@ -179,10 +184,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         friction_lengths=length,
     )
     bonds = [surface.find(ContactRows.from_parts([f], u.shape[2])) for f in terms.frictions if f.bond]
-    if not bonds:
-        return whole
-    kept, each = np.setdiff1d(np.arange(m), np.concatenate(bonds)), array_fields(Contact)
-    return replace(whole, **{k: x[:, kept] if each[k].sizes[0] == "S" else x[kept] for k, x in vars(whole).items()})
+    return whole.take(np.setdiff1d(np.arange(m), np.concatenate(bonds))) if bonds else whole
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:

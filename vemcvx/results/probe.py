@@ -14,7 +14,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, brief, finite, is_whole, one_point, shape_in_words
+from vemcvx.base.arrays import (
+    ROUNDING,
+    Floats,
+    Ints,
+    as_real_array,
+    brief,
+    choice,
+    finite,
+    is_whole,
+    one_point,
+    shape_in_words,
+)
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, find_containing, next_vertex, outlines, overlapping_boxes
@@ -124,12 +135,6 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
 FIELDS = "displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"
 
 
-def check_field(field: object, subject: str) -> None:
-    """Raise SceneError unless `field` names a field in the body."""
-    if not isinstance(field, str) or field not in FIELDS:
-        raise SceneError(f"{subject}: there is no field {field!r}; there are {', '.join(map(repr, FIELDS))}.")
-
-
 class Profile(NamedTuple):
     """A field along a line.
 
@@ -147,7 +152,7 @@ class Profile(NamedTuple):
 
 def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
     """Return a field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
-    check_field(field, "along")
+    choice(field, "along", "field", FIELDS)
     if not is_whole(count) or not 2 <= count <= 10**7:
         raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
     dim = history.mesh.points.shape[1]

@@ -459,10 +459,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
 
 
 def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that subtracts the mean displacement and rotation of Pi u from nodal values u (n_nodes, dim).
-
-    The rotation is the antisymmetric part of the mean gradient.
-    """
+    """Return a function that subtracts the mean displacement and rotation of Pi u from nodal values (n_nodes, dim)."""
     points, dim = space.mesh.points, space.dim
     values, gradient = mean_weights(space, np.ones(space.mesh.n_cells, dtype=bool))
     modes, reads = rigid_modes(points - points.mean(axis=0)), rigid_modes(gradient)
@@ -563,10 +560,7 @@ def size_of(mesh: Mesh) -> dict[str, Any]:
 
 
 def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool = True) -> Iterator[SolvedProgram]:
-    """Return the programs of these steps, with one factorisation.
-
-    Raise HistoryError if the history has no scene, lacks a step, or has not stored the states before and after it.
-    """
+    """Return the programs of these steps, with one factorisation; raise HistoryError if the history has no scene."""
     if history.scene is None:
         raise HistoryError(
             "program: the scene of the history is unknown, because the history was read from files or joined. Use one "

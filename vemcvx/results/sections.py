@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, one_point
+from vemcvx.base.arrays import Bools, Floats, choice, one_point
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.effects import cells_of
 from vemcvx.results.forces import moments
-from vemcvx.results.probe import check_field
+from vemcvx.results.probe import FIELDS
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, mean_weights, stiffness_of, stress_load
 
@@ -52,7 +52,7 @@ def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Seq
 
 def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats:
     """Return the mean of a field: see :meth:`vemcvx.History.mean`."""
-    check_field(field, "mean")
+    choice(field, "mean", "field", FIELDS)
     space = history._space
     space.refuse_revolution("mean")
     some, sizes = cells_of(space, on, "mean"), history.mesh.measures

@@ -1,10 +1,7 @@
 """Stages as one history: the stored instants of all stages, one after the other.
 
-A stage begins where the stage before it ended, so its initial instant is left out. Fields, forces and energies are
-those of the stages; an effect acts in its own stage only. Each stage counts slip, wear and accumulated slip from its
-initial instant. In the joined history, these values continue:
-
-    value in the joined history = value in the stage + last value before the stage - value at the stage's beginning.
+A stage begins where the stage before it ended, so its initial instant is left out. An effect acts in its own stage
+only. Slip, wear and accumulated slip, which each stage counts from its initial instant, continue from stage to stage.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import Floats, Ints, array_fields, brief
+from vemcvx.base.arrays import Floats, Ints, array_fields, choice
 from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.base.table import Table
 from vemcvx.meshes import PolygonMesh
@@ -32,8 +32,7 @@ DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m"
 
 def table(history: Results, name: object, points: ArrayLike | None = None) -> Columns:
     """Return a table of a history: see :meth:`vemcvx.History.table`."""
-    if not isinstance(name, str) or name not in TABLES:
-        raise HistoryError(f"table: found {brief(name)}; there are 'steps', 'contact' and, with points, 'probes'.")
+    choice(name, "table", "name", TABLES, HistoryError)
     if (name == "probes") != (points is not None):
         raise HistoryError("table: give points with 'probes', and only then: table('probes', [[0.5, 0.5]]).")
     if points is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Row, bounds_distance, distance, judge, warn_once
+from vemcvx.cli.compare import Row, bounds_distance, distance, judge
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import list_installed
 
@@ -176,8 +175,9 @@ def test_options_of_solvers_are_used_and_printed():
 
 @pytest.fixture
 def broken(tmp_path):
-    (tmp_path / "broken.py").write_text(BROKEN)
-    return tmp_path / "broken.py"
+    path = tmp_path / "broken.py"
+    path.write_text(BROKEN)
+    return path
 
 
 @pytest.mark.long
@@ -195,12 +195,15 @@ def test_solvers_that_fail_have_a_row_and_no_other_solver_is_called_wrong(broken
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("default")
 def test_an_error_of_the_problem_is_printed_once(tmp_path):
-    """The initial state contradicts the supports for every solver."""
-    (tmp_path / "jump.py").write_text(ONE_SIDED.replace('initial = "settled"', ""))
+    """The initial state contradicts the supports for every solver. A warning of the scene is printed once, too."""
+    warn = "import warnings\n    warnings.warn('a mistake', vx.SceneWarning, stacklevel=1)\n    return vx.Scene("
+    (tmp_path / "jump.py").write_text(ONE_SIDED.replace('initial = "settled"', "").replace("return vx.Scene(", warn))
     done = invoke(tmp_path / "jump.py", "--n", 2, "--steps", 1, "--solvers", "newton,direct,clarabel")
     assert done.exit_code == 2, done.output
-    assert " ".join(done.output.split()).count("contradicts its supports at t = 0, by 0.01") == 1
+    told = " ".join(done.output.split())
+    assert told.count("contradicts its supports at t = 0, by 0.01") == told.count("a mistake") == 1
 
 
 @pytest.mark.slow
@@ -214,20 +217,6 @@ def test_a_time_limit_ends_the_process_of_a_solver(broken):
     }
     solved = [key for key, line in read_rows(output).items() if line[1] != "-"]
     assert solved == [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default")]
-
-
-def test_warnings_are_raised_once_if_all_solvers_fail():
-    """A warning may name the mistake in the problem."""
-
-    def fail():
-        for _ in range(2):
-            warnings.warn("held on one side", vx.SceneWarning, stacklevel=1)
-        raise vx.SceneError("no solver answers")
-
-    told = pytest.warns(vx.SceneWarning, match="held on one side")
-    with told as warned, pytest.raises(vx.SceneError, match="no solver answers"), warn_once():
-        fail()
-    assert len(warned) == 1
 
 
 @pytest.mark.long
@@ -272,14 +261,12 @@ def test_certificates_bound_distances_unless_limits_meet_friction_or_damping():
 
 @pytest.mark.long
 def test_distances_are_those_of_the_energy_norm(attempts):
-    system, (newton, clarabel, poor) = (attempts[0], [run for _, run in attempts[1]])
+    system, (newton, _, poor) = (attempts[0], [run for _, run in attempts[1]])
     apart = (newton.state - poor.state) @ np.linalg.cholesky(system.K.toarray())
-    scale = np.maximum.accumulate(newton.norm)
-    relative = np.linalg.norm(apart, axis=1)[1:] / scale[1:]
+    relative = np.linalg.norm(apart, axis=1)[1:] / np.maximum.accumulate(newton.norm)[1:]
     found, _, kept = distance(system, newton, poor)
     assert found == pytest.approx(relative.max(), rel=1e-9)
     assert kept
-    assert distance(system, newton, clarabel)[0] < 1e-3 * found
 
 
 @pytest.mark.long

@@ -9,7 +9,6 @@ import shlex
 from html.parser import HTMLParser
 
 import pytest
-from scenes import paper_scene
 from typer.testing import CliRunner
 
 import feng_han_huang
@@ -150,13 +149,6 @@ def test_texts_of_users_are_escaped(hung, tmp_path):
 def test_the_page_gives_the_reason_for_a_missing_error_budget(hung, tmp_path):
     text = Reader(write_report(tmp_path, hung, "--n", 2, "--steps", 2, "--set", "viscous=True")[0]).text
     assert "Error budget There is no error budget. error_budget: there is no estimate for scenes with Viscosity" in text
-
-
-def test_the_error_budget_has_all_steps_or_the_first_the_largest_and_the_last_step(monkeypatch):
-    history = vx.simulate(paper_scene(lambda t: 4 * t * (1 - t)), vx.meshes.squares(2), [k / 8 for k in range(9)])
-    assert report._choose_steps(history) == list(range(1, 9))
-    monkeypatch.setattr(report, "MOST_STEPS", 2)
-    assert report._choose_steps(history) == [1, int(history.trajectory.norm.argmax()), 8]
 
 
 @pytest.mark.long

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-
 import numpy as np
 import pytest
 from called import call
@@ -34,7 +32,7 @@ def pad(tmp_path, monkeypatch):
 
 
 def test_stages_have_folders_and_one_joined_history(pad):
-    code, printed = call("run", "pad.py", "--n", "4", "--out", "out", "--probe", "1,1")
+    code, printed = call("run", "pad.py", "--n", "4", "--out", "out")
     assert code == 0, printed
     assert "stage 1     t = 0 ... 1, 2 steps, in out/stage_1\n" in printed
     assert "stage 2     t = 1 ... 2, 8 steps, in out/stage_2\n" in printed
@@ -42,8 +40,6 @@ def test_stages_have_folders_and_one_joined_history(pad):
     assert joined.steps == sum(stage.steps for stage in stages) == 10
     assert np.array_equal(joined.displacement, np.concatenate([stages[0].displacement, stages[1].displacement[1:]]))
     assert np.array_equal(joined.dissipated[2:], stages[1].dissipated)
-    with open("out/probes.csv", newline="") as file:
-        assert [float(row["time"]) for row in csv.DictReader(file)] == joined.times.tolist()
 
 
 @pytest.mark.long

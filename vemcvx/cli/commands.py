@@ -1,7 +1,7 @@
 """The program and its commands.
 
-Results go to standard output; errors, warnings and progress go to standard error. A command is a frozen dataclass: its
-fields are the options for typer, and its method `__call__` does the work. The docstring of the method is the help.
+A command is a frozen dataclass: its fields are the options for typer, and its method `__call__` does the work. The
+docstring of the method is the help.
 """
 
 from __future__ import annotations
@@ -9,13 +9,11 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperGroup
 
-from vemcvx.base.errors import ProblemError
 from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.options import lesson_numbers
@@ -97,14 +95,11 @@ class Lesson:
     def __call__(self) -> None:
         """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
         if self.number is None:
-            if self.notebook or self.no_solutions:
-                found = "--notebook" if self.notebook else "--no-solutions"
-                raise ProblemError(f"lesson: found {found} without a number; `vemcvx lesson` lists the lessons.")
             rows = [(str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items()]
             typer.echo(Table((), rows).text())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
-        for path in copy_lesson(self.number, Path(), self.notebook, not self.no_solutions):
+        for path in copy_lesson(self.number, self.notebook, not self.no_solutions):
             say(f"{path}")
         places = "VS Code, Jupyter (jupytext) or marimo, or run it with Python"
         say(f"Open the lesson {'in Jupyter or VS Code' if self.notebook else f'as a notebook in {places}'}.")

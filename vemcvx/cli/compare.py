@@ -4,15 +4,13 @@ Steps with given weights are nonexpansive in the energy norm. So the states y, z
 
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
 
-where gap_m and floor_m are the duality gap and the rounding floor of step m. The left side is exact: K is the matrix of
-the scene. All answers are compared with the most certain answer, the one with the smallest last E_n. This tests every
-certificate: a certificate that satisfies the inequality is *honest*. A certificate is *good* if it is as small as
-requested, apart from its rounding floor; an honest certificate need not be good. If weights depend on the answer, or
-friction or viscosity occurs together with limits, the sum is no bound
-(:class:`vemcvx.stepping.trajectory.Trajectory`). Then the distance is reported without a bound.
+where gap_m and floor_m are the duality gap and the rounding floor of step m. All answers are compared with the most
+certain answer, the one with the smallest last E_n. A certificate that satisfies the inequality is *honest*. It is
+*good* if it is as small as requested, apart from its rounding floor. If weights depend on the answer, or friction or
+viscosity occurs together with limits, the sum is no bound (:class:`vemcvx.stepping.trajectory.Trajectory`).
 
-Every solver has a row, also a solver that refuses the program, misses its accuracy, or fails. With a time limit, each
-solver runs in a separate process, which is stopped at the limit; a crash affects one row only.
+Every solver has a row, even if it refuses the program, misses its accuracy, or fails. With a time limit, each solver
+runs in a separate process, which is stopped at the limit.
 """
 
 from __future__ import annotations
@@ -21,7 +19,6 @@ import json
 import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +28,7 @@ import numpy as np
 import typer
 
 from vemcvx.base.arrays import Floats
-from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError, quietly
+from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
@@ -41,21 +38,20 @@ from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, limit_log, parse_
 from vemcvx.cost.rows import csv
 from vemcvx.cost.workers import Crashed, call_in_process
 from vemcvx.program import System
+from vemcvx.results.files import finite_or_none
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED = "certified", "missed", "refused", "failed"
 """Outcomes: as accurate as requested; less accurate; program not accepted; no answer."""
-ENDS = {NotAccepted: REFUSED, NotCertified: MISSED}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """A row of the comparison: a solver with its own, tuned or default settings, and its outcome.
 
-    Errors are relative to the largest energy norm of the states so far. `iterations` is the median over steps, or None
-    if the solver does not count them.
+    Errors are relative to the largest energy norm of the states so far. `iterations` is the median over steps.
     """
 
     solver: str
@@ -74,7 +70,7 @@ class Row:
 
     @property
     def label(self) -> str:
-        """The name of solver and settings in messages."""
+        """The solver and its settings in messages."""
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
 
@@ -100,7 +96,6 @@ class Comparison:
         for row in self.rows:
             if row.message:
                 yield f"{row.label}: {row.outcome}: {row.message}"
-        for row in self.rows:
             if row.certified is not None and row.options:
                 yield f"{row.label}: settings {row.options}"
         if (best := self.most_certain) is None:
@@ -182,8 +177,7 @@ def bounds_distance(system: System) -> bool:
     if system.limits is None:
         return not system.follows_answer
     # Without norm terms and damping, a step does not depend on the step before; only its own certificate counts.
-    velocities = system.damping is not None or (system.limits is not None and system.limits.rates.any())
-    return system.norms is None and not velocities
+    return system.norms is None and system.damping is None and not system.limits.rates.any()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,8 +213,9 @@ class Compare:
             if path is not None:
                 check_writable(path, option)
         problem, solvers = read_problem(self.file), entrants(self)
-        posed = self.pose(problem)
-        with warn_once(), limit_log(1), progress_bar("posing") as show:
+        # A warning that several solvers cause is shown once.
+        with warnings.catch_warnings(action="once"), limit_log(1), progress_bar("posing") as show:
+            posed = self.pose(problem)
             system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
             attempts = list[Attempt]()
             for i, (solver, settings) in enumerate(solvers):
@@ -250,7 +245,7 @@ class Compare:
             raise typer.Exit(NOT_CERTIFIED)
 
     def pose(self, problem: Problem) -> Posed:
-        """Return the scene, the mesh and the instants."""
+        """Return the arguments of `simulate`, without a solver."""
         mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
         return problem.pose(self.settings, mesh, self.steps)
 
@@ -260,11 +255,9 @@ def entrants(command: Compare) -> list[tuple[Solver, str]]:
     # This imports cvxpy, so that the import is not in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
 
-    def spelt(name: str) -> str:
-        return name if ":" in name else name.lower()
-
-    typed = parse_list("--solvers", command.solvers, spelt, "names such as newton,clarabel,SCS, or all")
-    names = list(dict.fromkeys(one for name in typed for one in (every if name == "all" else [name])))
+    typed = parse_list("--solvers", command.solvers, str, "names such as newton,clarabel,SCS, or all")
+    spelt = [name if ":" in name else name.lower() for name in typed]
+    names = list(dict.fromkeys(one for name in spelt for one in (every if name == "all" else [name])))
     options = read_options(command.options, names)
     found: list[tuple[Solver, str]] = []
     for name in names:
@@ -294,9 +287,8 @@ def _attempt_within(seconds: float, problem: Problem, command: Compare, i: int, 
 
 
 def attempt_in_process(path: Path, command: Compare, i: int, row: Row) -> Attempt:
-    """Solve the problem by solver `i` in this new process; only the first process logs, because all logs are alike."""
-    with limit_log(0 if i else 1):
-        return attempt(read_problem(path), command, row, entrants(command)[i][0], None)
+    """Solve the problem by solver `i` in this new process."""
+    return attempt(read_problem(path), command, row, entrants(command)[i][0], None)
 
 
 def attempt(
@@ -306,28 +298,14 @@ def attempt(
     posed = replace(command.pose(problem), solver=solver)
     try:
         history = posed.simulate(check=False, progress=progress or False)
-    except (VemcvxError, MemoryError) as error:
-        outcome = next((end for kind, end in ENDS.items() if isinstance(error, kind)), FAILED)
-        words = "it ran out of memory" if isinstance(error, MemoryError) else str(error)
-        return replace(row, outcome=outcome, message=_own_words(words) if outcome == FAILED else clause(words)), None
+    except (NotAccepted, NotCertified) as error:
+        first_clause = re.split(r"[;.](?:\s|$)", _own_words(str(error)), maxsplit=1)[0]
+        return replace(row, outcome=REFUSED if isinstance(error, NotAccepted) else MISSED, message=first_clause), None
+    except MemoryError:
+        return replace(row, outcome=FAILED, message="it ran out of memory"), None
+    except VemcvxError as error:
+        return replace(row, outcome=FAILED, message=_own_words(str(error))), None
     return replace(row, seconds=sum(history.seconds.values())), history.trajectory
-
-
-@contextmanager
-def warn_once() -> Iterator[None]:
-    """Give each warning of the block once, even if several solvers cause it or the block raises an error."""
-    caught = list[warnings.WarningMessage]()
-    try:
-        with quietly() as caught:
-            yield
-    finally:
-        for words, kind in dict.fromkeys((str(warning.message), warning.category) for warning in caught):
-            warnings.warn(words, kind, stacklevel=2)
-
-
-def clause(message: str) -> str:
-    """Return the first clause of an error, without the name of the solver."""
-    return re.split(r"[;.](?:\s|$)", _own_words(message), maxsplit=1)[0]
 
 
 def _own_words(message: str) -> str:
@@ -361,10 +339,9 @@ def in_words(found: Comparison, title: str, size: str) -> str:
 
 
 def as_json(found: Comparison, title: str, size: str) -> str:
-    """Return all rows as JSON; numbers that are not finite are strings."""
+    """Return all rows as JSON; numbers that are not finite are null."""
     rows = [
-        {key: str(x) if isinstance(x, float) and not np.isfinite(x) else x for key, x in asdict(row).items()}
-        for row in found.rows
+        {key: finite_or_none(x) if isinstance(x, float) else x for key, x in asdict(row).items()} for row in found.rows
     ]
     contents = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
     return json.dumps(contents, indent=1) + "\n"

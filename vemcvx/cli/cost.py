@@ -70,7 +70,6 @@ class Cost:
     accuracy: Annotated[
         str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")
     ] = None
-    adaptive: Annotated[bool, typer.Option(help="Adaptive runs in addition to uniform ones.")] = True
     target: Annotated[
         str | None,
         typer.Option(
@@ -84,9 +83,6 @@ class Cost:
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for all results. (default: results/cost_<problem>)")
     ] = None
-    resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Reuse the finished runs in DIR, or begin again.")
-    ] = True
     settings: Settings = NONE
 
     def __call__(self) -> None:
@@ -108,7 +104,7 @@ class Cost:
         words = [__version__.encode(), path.read_bytes(), *map(os.fsencode, self.settings)]
         mark = hashlib.sha256(b"\0".join(words)).hexdigest()
         with progress_bar("starting") as show:
-            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, fresh=not self.resume, report=show)
+            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, report=show)
         lines = [f"{problem.name}: {problem.title}", *_describe_reference(found), *_describe_rows(found), ""]
         lines += advice(found.rows, targets or reachable_levels(found.rows))
         say("\n".join([*lines, "", _write_files(found, targets, folder, f"{problem.name}: what accuracy costs")]))
@@ -120,7 +116,7 @@ class Cost:
         return tuple(sorted(parse_list("--target", typed, _fraction, FRACTIONS), reverse=True)) if typed else ()
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
-        """Return all combinations, the largest first, so that no worker waits long for another at the end.
+        """Return all combinations, the largest first.
 
         By default, Newton's method runs at all points, and other solvers run on some meshes of the first family.
         """
@@ -136,9 +132,8 @@ class Cost:
             where = sorted(ns)[1:-1:2] or ns[:1]
             found += [Point(*one) for one in product(kinds[:1], where, steps[-1:], OTHER_SOLVERS, (1e-3, 1e-6))]
         found.sort(key=lambda point: (point.n, point.steps), reverse=True)
-        if self.adaptive:
-            first = Point(None, min(ns), None, solvers[0], min(accuracies))
-            found = [replace(first, family=kind, target=target) for kind, target in product(kinds, targets)] + found
+        first = Point(None, min(ns), None, solvers[0], min(accuracies))
+        found = [replace(first, family=kind, target=target) for kind, target in product(kinds, targets)] + found
         return [replace(point, of=self.of) for point in dict.fromkeys(found)]
 
     def _families(self, problem: Problem) -> tuple[str | None, ...]:
@@ -160,7 +155,7 @@ FRACTIONS = "relative errors between 0 and 1, such as 0.05,0.01"
 
 
 def _whole(word: str) -> int:
-    if not (word.isdecimal() and int(word) > 0):
+    if int(word) < 1:
         raise ValueError
     return int(word)
 
@@ -205,8 +200,6 @@ def _write_files(found: Sweep, targets: Sequence[float], folder: Path, title: st
     files, rows = f"files       {folder}: {TABLE}, {JOURNAL}", found.rows
     with Owned(folder) as own:
         own.write(TABLE, table(rows))
-        if not answers(rows):
-            return f"{files}\npicture     none: no run has an answer"
         try:
             drawn = picture(rows, targets, found.reference["estimated_error"], title, QUANTITIES[rows[0]["of"]])
         except VemcvxError as error:

@@ -26,9 +26,7 @@ EXTRAS = {
     **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
-PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}
-"""Name of a linear solver -> the package that it needs."""
-
+PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}  # Packages of linear solvers.
 Finding = tuple[str, str, bool]
 """The name of a package or solver, the result in words, and False for a failure."""
 

@@ -44,8 +44,8 @@ class Export:
         if serve_ranks(self.linear):
             return
         problem = read_problem(self.file)
-        such = f"numbers from 1 to {self.of} separated by commas, or ranges, such as 1,{self.of} or 1-{self.of}"
-        runs = parse_list("--steps", self.steps, self._steps, f"{such}; --of is the number of steps of the run")
+        such = f"numbers or ranges from 1 to {self.of}, such as 1,{self.of} or 1-{self.of}; --of is the number of steps"
+        runs = parse_list("--steps", self.steps, self._steps, such)
         numbers = tuple(dict.fromkeys(n for run in runs for n in run))
         choice(self.form, "--format", "format", list(FORMATS), ProblemError)
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
@@ -54,7 +54,7 @@ class Export:
             same = ("file", "solver", "accuracy", "condense", "linear", "settings")
             run = Run(**{name: getattr(self, name) for name in same})
             with progress_bar("assembling") as show:
-                history, _ = run.simulate(problem, mesh, self.of, kept, show=show)
+                history, _ = run.simulate(run.pose(problem, mesh, self.of), show, store=kept)
             lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
             for program in programs_of_steps(history, numbers, self.condense):
                 origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}
@@ -68,7 +68,7 @@ class Export:
 
     def _steps(self, words: str) -> range:
         first, dash, last = words.partition("-")
-        last = last if dash else first
-        if not (first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last) <= self.of):
+        steps = range(int(first), int(last if dash else first) + 1)
+        if not steps or steps[0] < 1 or steps[-1] > self.of:
             raise ValueError
-        return range(int(first), int(last) + 1)
+        return steps

@@ -55,14 +55,10 @@ class App:
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
     check: Annotated[bool, typer.Option("--check", help="Test the page without a browser.")] = False
     html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write a page that needs no Python.")] = None
-    step: Annotated[int | None, typer.Option(min=1, help="The step that PAGE shows first. (default: 1)")] = None
+    step: Annotated[int, typer.Option(min=1, help="The step that PAGE shows first.")] = 1
 
     def __call__(self) -> None:
         """Open a live page: change scene, mesh, friction, load and solver; see stick and slip (needs extra `app`)."""
-        if self.check and self.html is not None:
-            raise ProblemError("app: found --check and --html; give one of them.")
-        if self.step is not None and self.html is None:
-            raise ProblemError("app: found --step without --html; the live page has a slider for the step.")
         # marimo executes the page again for each visitor, in this environment.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.file:
@@ -77,7 +73,7 @@ class App:
 
 
 def check() -> str:
-    """Run all cells of the page in this process, without a browser; return a line with the certificate."""
+    """Run all cells of the page without a browser; return a line with the certificate."""
     start = time.perf_counter()
     with limit_log(0):
         _, cells, found = _run()
@@ -89,8 +85,7 @@ def serve(port: int | None, browser: bool) -> None:
     """Serve the page to browsers on this machine by marimo, with an access token, until Ctrl-C."""
     _require_marimo()
     command = [sys.executable, "-m", "marimo", "run", str(problems_folder() / PAGE), "--token"]
-    command += [] if port is None else ["--port", str(port)]
-    command += [] if browser else ["--headless"]
+    command += ["--port", str(port)] * (port is not None) + ["--headless"] * (not browser)
     try:
         ended = subprocess.run(command, check=False).returncode
     except KeyboardInterrupt:
@@ -100,12 +95,11 @@ def serve(port: int | None, browser: bool) -> None:
         raise ProblemError("app: the server of the page has stopped; see its output above for the reason.")
 
 
-def write(path: Path, opens: int | None = None) -> str:
-    """Write a page with pictures and numbers of some steps, which opens at step `opens`; return a line to print."""
+def write(path: Path, first: int) -> str:
+    """Write a page with pictures and numbers of some steps, which opens at step `first`; return a line to print."""
     module, _, found = _run()
     history, problem = found["history"], found["problem"]
     course, units = module.course_of(found["path"].value, problem), problem.units
-    first = 1 if opens is None else opens
     if not first <= history.steps:
         raise ProblemError(f"--step: found {first}; this run has the steps 1 to {history.steps}.")
     steps = sorted({first, *np.linspace(1, history.steps, FRAMES).round().astype(int).tolist()})

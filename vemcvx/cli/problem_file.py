@@ -9,7 +9,6 @@ import os
 import re
 import sys
 import traceback
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
@@ -85,14 +84,14 @@ def split_values(text: str) -> list[str]:
     try:
         body = ast.parse(text, mode="eval").body
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        # Not Python: words such as steel,rubber-2 are several values; a text with brackets or quotes is one value.
+        # The text is not Python: words such as steel,rubber-2 are several values, but not within brackets or quotes.
         return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
     if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
         return [text]
     return [ast.get_source_segment(text, one) or "" for one in body.elts]
 
 
-SPACE_N = 8  # Default number of cells across the shortest side in space: 64 would be 262,144 cubes.
+SPACE_N = 8  # Default number of cells across the shortest side in space.
 # Functions of a problem file: their signatures, the types of their results, and these results in words.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
@@ -164,8 +163,7 @@ class Problem:
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
         """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest.
 
-        If the default value in the scene is a tuple or a list, numbers separated by commas are one value; each of
-        several values then needs brackets.
+        If the default value in the scene is a tuple or a list, each of several values needs brackets.
         """
         choices: dict[str, list[str]] = {}
         for setting, (name, value) in zip(settings, self._parse_settings(settings).items(), strict=True):
@@ -174,12 +172,10 @@ class Problem:
             single = default is not None and isinstance(default.default, (tuple, list)) and not rows
             text = setting.partition("=")[2]
             choices[name] = [text] if single else split_values(text)
-            if twice := [one for one, count in Counter(choices[name]).items() if count > 1]:
-                raise ProblemError(f"--set: {name} is {twice[0]} twice in {setting!r}; give each value once.")
-        return [
-            tuple(f"{name}={value}" for name, value in zip(choices, each, strict=True))
-            for each in product(*choices.values())
-        ]
+            if len(set(choices[name])) < len(choices[name]):
+                raise ProblemError(f"--set: found a value twice in {setting!r}; give each value once.")
+        pairs = [[f"{name}={value}" for value in values] for name, values in choices.items()]
+        return list(product(*pairs))
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """Return the scene, with parameters given as "name=value"."""
@@ -204,8 +200,7 @@ class Problem:
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
         """Return the mesh. `family` names a family or, with a suffix, a mesh file; None is the family of the problem.
 
-        A file is read as several bodies if the scene with these settings names parts of bodies, such as "plate.rim",
-        or interfaces, such as "plate|pin".
+        A file has several bodies if the scene names parts of bodies ("plate.rim") or interfaces ("plate|pin").
         """
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
@@ -239,13 +234,13 @@ class Problem:
         plane = in_plane <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return in_plane if plane else SPACE_N
 
-    def times(self, steps: int) -> Any:
-        """Return the instants of the file, unchecked."""
-        return self._call("times", steps)
+    def times(self, steps: int) -> Floats:
+        """Return the instants for a number of steps."""
+        return check_times(self._call("times", steps))
 
     def pose(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
         """Return the arguments of `simulate` and `adapt` for these settings, this mesh, and a number of steps."""
-        return Posed(self.scene(settings), mesh, check_times(self.times(steps)), solver, self.initial)
+        return Posed(self.scene(settings), mesh, self.times(steps), solver, self.initial)
 
     @property
     def initial(self) -> Any:
@@ -275,11 +270,6 @@ class Problem:
                 raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
             if name in given:
                 raise ProblemError(f"--set: {name} is given twice; give several values in one --set, {name}=1,2.")
-            default = known[name].default if name in known else None
-            if text.rstrip().endswith(",") and not isinstance(default, (tuple, list)):
-                raise ProblemError(
-                    f"--set: found {setting!r}, with a comma at the end; commas separate several values, {name}=1,2."
-                )
             given[name] = parse_literal(text)
         return given
 
@@ -319,3 +309,9 @@ def read_problem(file: str | Path) -> Problem:
 def is_file(family: str) -> bool:
     """Return True if a value of --mesh is a file, not a family."""
     return bool(Path(family).suffix)
+
+
+def mesh_name(problem: Problem, family: str | None, n: int) -> str:
+    """Return the name of a mesh: its file, or its family and the number n of cells."""
+    name = family or problem.family or "the problem's own"
+    return name if is_file(name) else f"{name}, n = {n}"

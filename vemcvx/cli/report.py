@@ -1,7 +1,4 @@
-"""`vemcvx run --report`: an HTML page with the scene, the results, and all data for a repetition of the run.
-
-The page is one file that contains its pictures and its style. It is written after a successful run.
-"""
+"""`vemcvx run --report`: one HTML file with the scene, pictures, results, and all data for a repetition of the run."""
 
 from __future__ import annotations
 
@@ -15,8 +12,6 @@ from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from string import Template
-
-import numpy as np
 
 from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import ProblemError, VemcvxError
@@ -33,10 +28,8 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.pictures import draw_pictures, omissions
 
 TEMPLATE = Path(__file__).with_name("page.html")
-MARK = '<meta name="generator" content="vemcvx">'
-"""A mark of the template: only files that contain it are replaced."""
+MARK = '<meta name="generator" content="vemcvx">'  # Only files that contain this mark are replaced.
 REPORT = "report.html"
-MOST_STEPS = 64  # Largest number of steps in the error budget: each needs residuals on all cells.
 
 
 def page(title: str, body: str, style: str = "") -> str:
@@ -53,13 +46,7 @@ def check_report(folder: Path) -> None:
 
 
 def write_report(
-    folder: Path,
-    problem: Problem,
-    history: History,
-    *,
-    settings: Sequence[str],
-    mesh: str,
-    results: str,
+    folder: Path, problem: Problem, history: History, *, settings: Sequence[str], mesh: str, results: str
 ) -> Path:
     """Write the report; `results` is the output on the terminal, and `mesh` describes the mesh."""
     rows = problem_in_words(problem, settings, history.mesh, mesh)
@@ -109,31 +96,22 @@ def _budget(history: History) -> str:
     if history.errors:  # an adaptive run, whose results contain its error budget
         return "<p>The error budget of the adaptive run is part of the results.</p>"
     try:
-        return error_budget(history, _choose_steps(history)).outline().html()
+        return error_budget(history).outline().html()
     except VemcvxError as error:
         return f"<p>There is no error budget. {escape(str(error))}</p>"
 
 
-def _choose_steps(history: History) -> list[int]:
-    """Return all stored steps; if these are too many, MOST_STEPS evenly spaced ones and the step of largest norm."""
-    steps = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
-    if len(steps) > MOST_STEPS:
-        evenly = steps[np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int)]
-        steps = np.union1d(evenly, steps[np.argmax(history.trajectory.norm[steps])])
-    return steps.tolist()
-
-
-def with_errors(history: History) -> tuple[History, str]:
-    """Return the history with error estimates, and ""; if they fail, the same history and a line with the reason."""
+def with_errors(history: History) -> tuple[History, list[str]]:
+    """Return the history with error estimates; if they fail, the same history and a line with the reason."""
     if history.quantities is not None:
-        return history, ""
+        return history, []
     plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]
     # In the plane, the limit is the same as in adaptive runs. In space, unknowns are more expensive.
     refined, most = (4 * unknowns, 400_000) if plane else (8 * unknowns, 100_000)
     why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) computes the errors."
     if refined <= most:
         try:
-            return with_quantities(history)[0], ""
+            return with_quantities(history)[0], []
         except VemcvxError as error:
             why = str(error)
-    return history, f"estimated   no errors of friction work, work and wear: {why}"
+    return history, [f"estimated   no errors of friction work, work and wear: {why}"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,12 +17,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.base.arrays import Floats, choice
+from vemcvx.base.arrays import choice
 from vemcvx.base.canvas import new_figure
 from vemcvx.base.errors import ProblemError, VemcvxError, quietly
 from vemcvx.base.outline import coordinates, count_steps
 from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, Of, SolverName
-from vemcvx.cli.problem_file import Posed, Problem, is_file, read_problem
+from vemcvx.cli.problem_file import Posed, Problem, is_file, mesh_name, read_problem
 from vemcvx.cli.solver_names import make_linear_solver, make_solver, serve_ranks
 from vemcvx.cli.terminal import INVALID, NOT_CERTIFIED, ShowProgress, progress_bar, say
 from vemcvx.cost import study
@@ -32,7 +32,7 @@ from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.history import History, joined
 from vemcvx.meshes import Mesh as AnyMesh
 from vemcvx.plots.style import Units, in_units
-from vemcvx.results import files, largest, places
+from vemcvx.results import files, largest
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
 from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
@@ -76,9 +76,6 @@ class Run:
     bound: Annotated[
         bool, typer.Option("--bound", help="Compute guaranteed bounds on the mesh error of every step, on both sides.")
     ] = False
-    probes: Annotated[
-        list[str], typer.Option("--probe", metavar="X,Y", help="A point to follow, in space X,Y,Z; may be repeated.")
-    ] = NONE
     settings: Annotated[
         list[str],
         typer.Option(
@@ -116,26 +113,23 @@ class Run:
         stored = int(self.store) if self.store.isdecimal() else self.store
         # The folder is locked until the history is written: a second run with the same folder is refused.
         locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
-        unestimated = list[str]()
+        unestimated = list[str]()  # Why the report has no error estimates.
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
                 check_memory(problem, n, self.mesh, len(choose_stored_steps(stored, steps)) if folder is None else 1)
             mesh = problem.mesh(n, self.mesh, self.settings)
-            if self.points is not None:
-                places(mesh, self.points, "--probe")
             if problem.has_stages:
                 history, words = self._simulate_stages(problem, mesh, stored, show=show, folder=folder)
             elif self.target is None:
-                history, words = self.simulate(problem, mesh, steps, stored, show=show, rows=rows)
+                history, words = self.simulate(self.pose(problem, mesh, steps), show, store=stored, stream=rows)
             else:
-                history, words = self._adapt(problem, mesh, steps, self.target, show)
+                history, words = self._adapt(self.pose(problem, mesh, steps), self.target, show)
             history = replace(history, units=problem.units)
             if self.report:
-                from vemcvx.cli.report import with_errors
+                from vemcvx.cli.report import with_errors, write_report
 
                 show("estimating errors, in finer steps and on a finer mesh", 0, None)
-                history, why = with_errors(history)
-                unestimated = [why] if why else []
+                history, unestimated = with_errors(history)
             summary = self._write(history, problem, folder, n, show)
             if rows is not None:
                 rows.clear()
@@ -147,17 +141,11 @@ class Run:
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(omissions(history).values())]
         if self.report:
-            lines.append(self._report(history, problem, drawings, n, "\n".join(lines)))
+            name = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
+            results = "\n".join(lines)
+            path = write_report(drawings, problem, history, settings=self.settings, mesh=name, results=results)
+            lines.append(f"report      {path}")
         return history, lines
-
-    def _report(self, history: History, problem: Problem, folder: Path, n: int, results: str) -> str:
-        """Write the report and return a line for the terminal; `results` is the output so far."""
-        from vemcvx.cli.report import write_report
-        from vemcvx.cli.show import mesh_name
-
-        mesh = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
-        path = write_report(folder, problem, history, settings=self.settings, mesh=mesh, results=results)
-        return f"report      {path}"
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         """Run all combinations, each in its own process and folder, and print the table."""
@@ -194,42 +182,18 @@ class Run:
         if failed := {row["status"] for row in rows} - {DONE}:
             raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)
 
-    @property
-    def points(self) -> Floats | None:
-        """The probes as points (p, dim), or None."""
-        if not self.probes:
-            return None
-        try:
-            points = np.array([[float(word) for word in probe.split(",")] for probe in self.probes])
-            if points.shape[1] not in (2, 3):
-                raise ValueError
-            return points
-        except ValueError:
-            found = ", ".join(map(repr, self.probes))
-            raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None
-
-    def simulate(
-        self,
-        problem: Problem,
-        mesh: AnyMesh,
-        steps: int,
-        store: int | str | Sequence[int],
-        *,
-        show: ShowProgress,
-        rows: Folder | None = None,
-    ) -> tuple[History, list[str]]:
+    def simulate(self, posed: Posed, show: ShowProgress, **how: Any) -> tuple[History, list[str]]:
         """Return the history, and a line if the run was resumed; `show` displays the progress."""
-        made, resumed = [], self.resume is not None
+        made = []
         show("assembling", 0, None)
 
         def advance(n: int, steps: int) -> None:
             made.append(n)
             show("marching", n, steps)
 
-        posed = self._pose(problem, mesh, steps)
-        how: dict[str, Any] = {"bound": self.bound, "stream": rows, "resume": resumed}
-        history = self._march(posed, store=store, progress=advance, **how)
-        return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
+        history = self._march(posed, progress=advance, bound=self.bound, resume=self.resume is not None, **how)
+        words = [] if self.resume is None else [f"after step {history.steps - len(made)} of {history.steps}"]
+        return history, [f"resumed     {one}" for one in words]
 
     def _march(self, posed: Posed, **how: Any) -> History:
         """Return the history of a posed run; warn first if the data bend or jump inside its steps."""
@@ -245,21 +209,17 @@ class Run:
             posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
             history = self._march(posed, store=store, progress=partial(show, f"stage {k}, marching"))
             found.append(replace(history, units=problem.units))
-            own = folder and write_results(found[-1], folder / f"stage_{k}", Origin(problem.name), self.points)
+            own = folder and write_results(found[-1], folder / f"stage_{k}", Origin(problem.name))
             where = f", in {own}" if own else ""
             lines.append(f"stage {k:<6d}t = {times[0]:.6g} ... {times[-1]:.6g}, {count_steps(found[-1].steps)}{where}")
         return joined(found), lines
 
-    def _pose(self, problem: Problem, mesh: AnyMesh, steps: int) -> Posed:
+    def pose(self, problem: Problem, mesh: AnyMesh, steps: int) -> Posed:
+        """Return the arguments of `simulate` and `adapt` by the options of the command."""
         return problem.pose(self.settings, mesh, steps, make_solver(self.solver, self.accuracy))
 
-    def _adapt(
-        self, problem: Problem, mesh: AnyMesh, steps: int, target: float, show: ShowProgress
-    ) -> tuple[History, list[str]]:
-        """Return the history on an adapted mesh and at adapted instants; adaptation begins with `mesh` and `steps`."""
-        if self.resume or self.store != "all" or self.linear is not None or not self.condense:
-            raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
-        posed = self._pose(problem, mesh, steps)
+    def _adapt(self, posed: Posed, target: float, show: ShowProgress) -> tuple[History, list[str]]:
+        """Return the history of an adaptive run that begins with the mesh and the instants of `posed`."""
         show("adapting", 0, None)
 
         def show_estimate(now: Any) -> None:
@@ -291,10 +251,11 @@ class Run:
                 f"{found[0]}: {problem.name} has stages, which have their own instants and run one after the other. "
                 f"Leave out {', '.join(given)} for problem files with stages()."
             )
+        fixed = self.resume or self.store != "all" or self.linear is not None or not self.condense
+        if self.target is not None and fixed:
+            raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
-        if self.points is not None and folder is None:
-            raise ProblemError("--probe: displacements of points are written to DIR of --out DIR; give --out DIR.")
         if self.plot or self.report:
             new_figure()
         if self.plot:
@@ -320,21 +281,20 @@ class Run:
             return [history.summary(), *extremes, *([] if self.plot or self.report else [none])]
         mesh = self.mesh or problem.family
         origin = Origin(problem.name, mesh, None if mesh is not None and is_file(mesh) else n)
-        write_results(history, folder, origin, self.points, lambda *now: show("writing", *now))
+        write_results(history, folder, origin, progress=lambda *now: show("writing", *now))
         seconds = {**history.seconds, "write": time.perf_counter() - start}
         names = SUMMARY, ARCHIVE, *sorted(name for name in FILES.values() if (folder / name).is_file())
         words = f"files       {folder}: {SERIES} with {len(history.stored)} instants, {', '.join(names)}"
         return [replace(history, seconds=seconds).summary(), *extremes, words]
 
 
-LEAST_MEMORY = 2000.0
-"""Least memory in bytes per unknown: 2,500 were measured on plane squares with PARDISO, 8,000 in space."""
+LEAST_MEMORY = 2000.0  # Least memory that solvers need, bytes per unknown.
 
 
 def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> None:
     """Refuse a mesh before it is made if the machine has less memory than any solver would need.
 
-    The number of unknowns is extrapolated from two coarse meshes. Each stored step needs 24 bytes per unknown.
+    The number of unknowns is extrapolated from two coarse meshes.
     """
     if n <= 64 or (family is not None and is_file(family)):
         return
@@ -367,14 +327,12 @@ def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
     """Run one combination of a study in a new process; return its row and the labels of its figures."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
     status, found = call_safely(_execute, run)
-    if status != DONE:
-        return row | {"status": status, "folder": None, "message": found}, {}
-    own, words = found
-    return row | {"status": status, "folder": run.out and str(run.out)} | own, words
+    folder = run.out and status == DONE and str(run.out)
+    own, words = found if status == DONE else ({"message": found}, {})
+    return row | {"status": status, "folder": folder or None} | own, words
 
 
 def _execute(run: Run) -> tuple[Row, dict[str, str]]:
-    """Return the key figures of a run with its warnings, and the labels of the figures."""
     logged = BufferingHandler(10**6)
     logged.setLevel(logging.WARNING)
     logging.getLogger("vemcvx").addHandler(logged)

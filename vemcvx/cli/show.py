@@ -14,7 +14,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
 from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
-from vemcvx.cli.problem_file import Problem, is_file, read_problem
+from vemcvx.cli.problem_file import Problem, mesh_name, read_problem
 from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
 from vemcvx.history import FOR_GIVEN
@@ -24,7 +24,7 @@ from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Norms, Operators
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import Scene, pose_scene
 from vemcvx.solvers.default import BY_SIZE, name_features
-from vemcvx.stepping import check_times, softening_ratio
+from vemcvx.stepping import softening_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,18 +49,12 @@ def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, n
     """Return rows (name, words) for the scene of a problem, or for the scenes of all its stages."""
     if not problem.has_stages:
         # Data are evaluated at 65 instants to find data that are always zero.
-        return scene_in_words(problem.scene(settings), mesh, check_times(problem.times(64)), name)
+        return scene_in_words(problem.scene(settings), mesh, problem.times(64), name)
     rows = list[tuple[str, str]]()
     for k, (scene, times) in enumerate(problem.stages(settings), start=1):
         rows.append((f"stage {k}", f"t = {times[0]:.6g} ... {times[-1]:.6g}, {count_steps(len(times) - 1)}"))
         rows += scene_in_words(scene, mesh, times, name)
     return rows
-
-
-def mesh_name(problem: Problem, family: str | None, n: int | None) -> str:
-    """Return the name of a mesh: its file, or its family and the number n of cells; n may be None."""
-    name = family or problem.family or "the problem's own"
-    return name if n is None or is_file(name) else f"{name}, n = {n}"
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
@@ -91,7 +85,6 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
 
 
 def _absent(scene: Scene) -> list[str]:
-    """Return the names of the effects of vemcvx that the scene does not have."""
     named, kinds = {type(effect) for effect in scene}, [getattr(effects, name) for name in effects.__all__]
     known = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Effect)]
     return [kind.__name__ for kind in known if not inspect.isabstract(kind) and kind not in named]
@@ -109,7 +102,6 @@ def _program(operators: Operators, viscous: bool) -> str:
 
 
 def _terms(operators: Operators) -> str:
-    """Return in words the numbers of convex terms of each kind and of second-order cones."""
     bounds, soft = int((operators.compliance == 0).sum()), int((operators.compliance > 0).sum())
     kind = "absolute values"
     if operators.block > 1:
@@ -119,7 +111,6 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
-    """Return the kind of certificate in words, with the ratio of softening to stiffness if slip weakens friction."""
     if norms is None or norms.is_monotone:
         return "a bound"
     found = softening_ratio(operators, norms.softening)

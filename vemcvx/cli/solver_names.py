@@ -32,11 +32,7 @@ NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp"
 def make_solver(
     name: str, accuracy: float | None, option: str = "--solver", settings: Mapping[str, Any] | None = None
 ) -> Solver:
-    """Return the solver of a name: of vemcvx, of cvxpy (in upper or lower case), or FILE.py:NAME.
-
-    `option` names the option in messages. A solver that cvxpy supports, but that is not installed, raises an error when
-    it is prepared.
-    """
+    """Return the solver of a name: of vemcvx, of cvxpy (in upper or lower case), or FILE.py:NAME."""
     given = dict(settings or {})
     if ":" in name:
         made = load_from_file(name, option, "solver", "solve(program, target)", _solves, **given)
@@ -87,8 +83,7 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
     """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings.
 
-    `fits` tests the class of the solver; `has` describes in messages the members that this class must have. `noun` is
-    "solver" or "linear solver".
+    `fits` tests the class of the solver; `has` describes in messages the members that this class must have.
     """
     file, _, name = typed.rpartition(":")
     path = Path(file)
@@ -129,15 +124,9 @@ def make_linear_solver(name: str | None) -> LinearSolver | None:
 
 
 def serve_ranks(linear: str | None, runs: int = 1) -> bool:
-    """Return False on rank 0 and without PETSc; on all other ranks of mpiexec serve PETSc, then return True.
-
-    Raise ProblemError for several `runs` on several ranks, because each run has its own process.
-    """
+    """Return False on rank 0 and without PETSc; on all other ranks of mpiexec serve PETSc, then return True."""
     if linear is None or linear.lower() != "petsc":
         return False
     if runs > 1 and all_ranks().comm.size > 1:
-        raise ProblemError(
-            "--set: each of several runs has its own process, which cannot share the ranks of mpiexec; start them one "
-            "by one, or with --linear iterative."
-        )
+        raise ProblemError("--set: several runs cannot share the ranks of mpiexec; start them one by one.")
     return serve()

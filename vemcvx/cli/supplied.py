@@ -66,33 +66,26 @@ def lessons() -> dict[int, Supplied]:
 
 
 def problem_path(file: str | Path) -> Path:
-    """Return the path of a file, or of the problem file of the package with this name.
-
-    Raise ProblemError if `file` is a bare name that neither a file nor a problem file of the package has.
-    """
+    """Return the path of a file, or of the problem file of the package with this name."""
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
         return path
     supplied = problems_folder() / f"{path.name}.py"
     if not (os.path.isfile(supplied) and Supplied(supplied).is_problem):
-        raise ProblemError(
-            f"{path}: there is no such problem file here or in the package; `vemcvx problems` lists their names."
-        )
+        raise ProblemError(f"{path}: there is no such problem file here or in the package; see `vemcvx problems`.")
     return supplied
 
 
-def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool = True) -> list[Path]:
-    """Copy a lesson and its solutions, as notebooks if `notebook`; return the copies. No file is overwritten."""
+def copy_lesson(number: int, notebook: bool, solutions: bool) -> list[Path]:
+    """Copy a lesson, and its solutions if `solutions`, into this folder, and return the copies; overwrite no file."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
     lesson = known[number].path
     files = [lesson, *([lesson.with_name(f"lesson_{number}_solutions.py")] if solutions else [])]
-    copies = {into / (f"{path.stem}.ipynb" if notebook else path.name): path for path in files}
+    copies = {Path(f"{path.stem}.ipynb" if notebook else path.name): path for path in files}
     for copy in filter(os.path.lexists, copies):
-        raise ProblemError(
-            f"lesson: {copy} exists, and no file is overwritten; move it away, or copy the lesson into another folder."
-        )
+        raise ProblemError(f"lesson: {copy} exists, and no file is overwritten; move it, or go to another folder.")
     for copy, path in copies.items():
         try:
             with copy.open("x", encoding="utf-8") as file:
@@ -103,33 +96,21 @@ def copy_lesson(number: int, into: Path, notebook: bool = False, solutions: bool
     return list(copies)
 
 
-CELL_MARK = re.compile(r"^# %%(.*)\n", re.MULTILINE)
-FOLDED = {"jupyter": {"source_hidden": True}}
-
-
-def cells(text: str) -> list[tuple[str, str, bool]]:
-    """Return the kind ("markdown" or "code") and the source of every cell of a file, and True if it is folded."""
-    first, *rest = CELL_MARK.split(text)
-    found = []
-    for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:
-        body = source.strip("\n")
-        if "[markdown]" not in mark:
-            found.append(("code", body, "source_hidden" in mark))
-        elif body.startswith('"""'):
-            found.append(("markdown", ast.literal_eval(body), False))
-        else:
-            found.append(("markdown", re.sub(r"^# ?", "", body, flags=re.MULTILINE), False))
-    return [cell for cell in found if cell[1].strip()]
-
-
 def as_notebook(text: str) -> dict[str, Any]:
     """Return a file with cells as a notebook without outputs; cells that only draw are folded."""
-    made = []
-    for number, (kind, source, folded) in enumerate(cells(text)):
-        cell: dict[str, Any] = {"cell_type": kind, "id": f"cell-{number}", "metadata": dict(FOLDED) if folded else {}}
-        if kind == "code":
-            cell |= {"execution_count": None, "outputs": []}
-        made.append(cell | {"source": source.splitlines(keepends=True)})
+    first, *rest = re.split(r"^# %%(.*)\n", text, flags=re.MULTILINE)
+    made = list[dict[str, Any]]()
+    for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:
+        body, cell = source.strip("\n"), dict[str, Any](cell_type="markdown", metadata={})
+        if "[markdown]" not in mark:
+            folded = {"jupyter": {"source_hidden": True}} if "source_hidden" in mark else {}
+            cell = {"cell_type": "code", "metadata": folded, "execution_count": None, "outputs": []}
+        elif body.startswith('"""'):
+            body = ast.literal_eval(body)
+        else:
+            body = re.sub(r"^# ?", "", body, flags=re.MULTILINE)
+        if body.strip():
+            made.append({**cell, "id": f"cell-{len(made)}", "source": body.splitlines(keepends=True)})
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     about = {"kernelspec": kernel, "language_info": {"name": "python"}}
     return {"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}

@@ -6,7 +6,6 @@ import logging
 import shutil
 import signal
 import sys
-import threading
 import time
 import warnings
 from collections import Counter
@@ -37,10 +36,7 @@ def wrap_lines(text: str, width: int) -> str:
 
 
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """Return the distinct values of an option that takes several, separated by commas, in their order.
-
-    `kind` converts a word to a value, or raises ValueError; `wanted` describes the values in messages.
-    """
+    """Return the distinct values of an option, separated by commas; `kind` converts words, or raises ValueError."""
     try:
         parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
     except ValueError:
@@ -53,9 +49,7 @@ def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -
 def check_writable(path: Path, option: str) -> None:
     """Fail before the work starts if the file cannot be written."""
     if path.is_dir() or not path.parent.is_dir():
-        raise ProblemError(
-            f"{option}: {path} cannot be written: its folder must exist, and the file must not be a folder."
-        )
+        raise ProblemError(f"{option}: {path} cannot be written: its folder does not exist, or it is a folder.")
 
 
 def write_text(path: Path, text: str, option: str) -> None:
@@ -107,13 +101,12 @@ class ProgressLines:
             self.doing, self.first, self.since = doing, finished, now
         if now - self.last_line < LINE_INTERVAL:
             return
-        self.last_line, words = now, f"vemcvx: {doing}"
-        if total is not None:
-            words += f" {finished} of {total}"
-        words += f", {now - self.start:.0f} s"
+        self.last_line, elapsed = now, f"{now - self.start:.0f} s"
+        counted = "" if total is None else f" {finished} of {total}"
+        left = ""
         if total is not None and finished > self.first:
-            words += f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
-        say(words, err=True)
+            left = f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
+        say(f"vemcvx: {doing}{counted}, {elapsed}{left}", err=True)
 
 
 @contextmanager
@@ -179,8 +172,7 @@ def _raise_on_signals() -> Iterator[None]:
         raise Terminated(number)
 
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    main = threading.current_thread() is threading.main_thread()
-    ours = [number for number in numbers if main and signal.getsignal(number) is signal.SIG_DFL]
+    ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
     try:
         for number in ours:
             signal.signal(number, end)

@@ -177,7 +177,6 @@ def sweep(
     *,
     mark: str = "",
     workers: int = 2,
-    fresh: bool = False,
     report: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Sweep:
     """Run all points that the folder's journal does not contain; at least one point must not be adaptive.
@@ -190,8 +189,6 @@ def sweep(
     courses = (recipe(replace(coarsest, steps=steps)).times for steps in (*counts, finer.steps))
     with Owned(path_of(folder, "cost").resolve()) as files, ThreadPool(workers) as threads:
         journal, archive = files.take(JOURNAL), files.take(ARCHIVE)
-        if fresh:
-            journal.unlink(missing_ok=True)
         report("reference", 0, 1)
         instants = common_instants(list(courses))
 

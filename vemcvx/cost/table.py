@@ -7,6 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.base.errors import VemcvxError
 from vemcvx.base.outline import count_steps
 from vemcvx.cost.rows import Row, csv
 from vemcvx.cost.workers import DONE
@@ -88,11 +89,13 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str, of: str) -> Figure:
-    """Draw true errors over seconds and over unknowns, with lines at `levels`; at least one row must have an answer.
+    """Draw true errors over seconds and over unknowns, with lines at `levels`.
 
     A band marks errors below `resolved`, the estimated error of the reference.
     """
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
+    if not found:
+        raise VemcvxError("no run has an answer")
     axes, percents = figure.subplots(1, 2, sharey=True), [100 * row["error"] for row in found]
     low = min([*percents, *([] if resolved is None else [100 * resolved])]) / 1.25
     for ax, (cost, words) in zip(axes, AXES.items(), strict=True):

@@ -49,7 +49,6 @@ def refine_at_random(mesh, random, passes):
         assert list(mesh.boundaries) == list(before.boundaries)
         for side in mesh.boundaries:
             assert measure_part(mesh, side) == pytest.approx(measure_part(before, side), rel=1e-14 * mesh.n_faces)
-        np.testing.assert_allclose(found.prolongation @ before.points, mesh.points, atol=1e-13)
         np.testing.assert_array_equal(mesh.points[: before.n_nodes], before.points)
     return mesh
 
@@ -85,12 +84,10 @@ def test_bisection_gives_the_cells_of_scikit_fem(seed):
 
 def test_uniform_refinement_of_prisms_gives_prisms_over_the_parts_of_their_polygons():
     plane = small("voronoi", 3, seed=2)
-    found, fine = refinement(plane.extruded([0.0, 0.3])), plane.extruded([0.0, 0.15, 0.3])
-    mesh = check_mesh(found.mesh)
+    mesh, fine = check_mesh(plane.extruded([0.0, 0.3]).refine()), plane.extruded([0.0, 0.15, 0.3])
     assert mesh.n_cells == 2 * np.sum(np.diff(plane.offsets))
     assert mesh.volumes.sum() == pytest.approx(fine.volumes.sum(), rel=1e-13)
     np.testing.assert_allclose(np.unique(mesh.points[:, 2].round(12)), [0.0, 0.15, 0.3], atol=1e-12)
-    np.testing.assert_allclose(found.prolongation @ plane.extruded([0.0, 0.3]).points, mesh.points, atol=1e-13)
     wedges = vx.meshes.triangles(2).extruded([0.0, 0.5]).refine()
     assert wedges.n_cells == 6 * vx.meshes.triangles(2).n_cells
     assert np.ptp(wedges.volumes) < 1e-16

@@ -16,18 +16,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.carrying import (
-    Origins,
     Refinement,
-    centre_values,
     check_lengths,
     inherit_parts,
     middle_places,
-    middle_values,
 )
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import pairs_of, places_of
@@ -115,8 +111,7 @@ class Tetrahedra(NamedTuple):
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
     """Bisect the marked cells (n_cells,) at least `cuts` times, then all tetrahedra with nodes inside edges."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
-    cells, todo, values = Tetrahedra.from_mesh(mesh), marked, csr_array(eye_array(mesh.n_nodes, format="csr"))
-    ends = np.empty((0, 2), dtype=np.int64)
+    cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
     while todo.any():
         some = Tetrahedra(*(array[todo] for array in cells))
         at = some.longest_edges(points, places)
@@ -125,7 +120,6 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
         fresh = np.column_stack(np.divmod(keys[~np.isin(keys, edge_keys(ends, len(points)))], len(points)))
         check_lengths(points, fresh)
         ends, points = np.concatenate([ends, fresh]), np.concatenate([points, points[fresh].mean(axis=1)])
-        values = vstack([values, 0.5 * (values[fresh[:, 0]] + values[fresh[:, 1]])], format="csr")
         split = edge_keys(places[ends], len(points))
         places = np.concatenate([places[:n], n + find_in(split, split)])
         cells = cells.cut(todo, at, n + find_in(edge_keys(ends, len(points)), edge_keys(pairs, len(points))))
@@ -136,7 +130,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
     count, listed = len(cells.corners), cells.corners[:, np.array(FACES["tetra"])].ravel()
     faces = join_faces(np.arange(4 * count + 1) * 3, listed, np.arange(count + 1) * 4)
     made = PolyhedralMesh.unchecked(points, *faces)
-    return inherit_parts(mesh, made, Origins(cells.parents, _parts(made, cells.parts[:, OPPOSITE]), places, values))
+    return inherit_parts(mesh, made, cells.parents, _parts(made, cells.parts[:, OPPOSITE]), places)
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
@@ -178,13 +172,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     old = np.full(mesh.n_faces, -1)
     old[mesh._boundary] = np.arange(len(mesh._boundary))
     parts = _parts(made, np.append(old[face], np.full(len(face), -1))[order])
-    values = [
-        eye_array(n),
-        middle_values(ends, n),
-        centre_values(mesh.points, (mesh.face_offsets, mesh.face_vertices), mesh.face_centroids),
-        centre_values(mesh.points, mesh.cell_nodes, mesh.centroids),
-    ]
-    found = inherit_parts(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
+    found = inherit_parts(mesh, made, parents, parts, places)
     try:
         check_polyhedral_mesh(points, list_faces(faces), found.mesh.interfaces)
     except MeshError as error:

@@ -22,19 +22,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.carrying import (
-    Origins,
     Refinement,
-    centre_values,
     check_lengths,
     inherit_parts,
     middle_places,
-    middle_values,
 )
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -292,12 +288,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]
     parts = np.empty(len(halves), dtype=np.int64)
     parts[made._places(halves)] = np.repeat(np.arange(len(new)), 1 + (new >= 0))
     places = np.concatenate([places, middle_places(places, ends), np.arange(len(points) - len(centred), len(points))])
-    values = [
-        eye_array(mesh.n_nodes),
-        middle_values(ends, mesh.n_nodes),
-        centre_values(mesh.points, rows_in_order(mesh.offsets, mesh.vertices, centred), centres[centred]),
-    ]
-    return inherit_parts(mesh, made, Origins(parents, parts, places, csr_array(vstack(values, format="csr"))))
+    return inherit_parts(mesh, made, parents, parts, places)
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:

@@ -6,7 +6,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, eye_array
 
 from vemcvx.base.arrays import brief, read_only
 from vemcvx.base.errors import MeshError
@@ -35,7 +34,7 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     Returns
     -------
     Refinement
-        The new mesh, the parent of each cell, and the prolongation of nodal values.
+        The new mesh, and the parent of each cell.
 
     Raises
     ------
@@ -54,8 +53,7 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
         raise MeshError(f"refinement: mesh must be a PolygonMesh or PolyhedralMesh; got {brief(mesh)}.")
     marked = check_marks(cells, mesh.n_cells)
     if not marked.any():
-        identity = csr_array(eye_array(mesh.n_nodes, format="csr"))
-        return Refinement(mesh, read_only(np.arange(mesh.n_cells)), identity)
+        return Refinement(mesh, read_only(np.arange(mesh.n_cells)))
     found: Any
     if isinstance(mesh, PolygonMesh):
         found = refine_polygons(mesh, marked)

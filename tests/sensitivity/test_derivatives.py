@@ -163,9 +163,8 @@ def test_a_support_that_begins_to_drag_nodes_with_a_parameter_is_refused():
         tresca = vx.TrescaFriction(0.5, on="bottom")
         return vx.Scene(vx.Elasticity(100.0, 0.3), held, vx.BilateralContact(on="bottom"), tresca)
 
-    found = vx.sensitivities(scene_of, [0.0], vx.meshes.squares(2), [0.0, 1.0, 2.0], ["reaction of left x"])
     with pytest.raises(vx.SceneError, match=r"theta\[0\] moves a support that stands still against friction"):
-        _ = found.jacobian
+        vx.sensitivities(scene_of, [0.0], vx.meshes.squares(2), [0.0, 1.0, 2.0], ["reaction of left x"])
 
 
 def test_the_adjoint_sweep_takes_contact_without_friction():

@@ -6,15 +6,16 @@ The states y_n of a run obey, with the multipliers x = (lam, p) and the rows A =
 
 off = 0 on sticking terms and acting limits, lam = w(p) s/|s| on terms that slip by s, and p = 0 on open limits. Data
 depend on the parameters. We difference them at fixed states, which needs no factorisation; d denotes a difference.
-With h = dw s/|s| on slipping terms, dx = h + Q z and
+Let K_k = K + C / k. With P, Q and the compliance of Newton's method (:mod:`vemcvx.solvers.newton`), for the sets of the
+answer, and with directions of slip as the columns of H,
 
-    dy = K_k^{-1} (push - A'dx) + N a,       push = -d(K y + C (y - y_prev) / k + A'x - f) + C dy_prev / k,
-    M (z, a) = (P (off_0 - W h),  N'push - R'h),     off_0 = A K_k^{-1} push + d off - (B; 0) dy_prev,
+    K_k dy + A'dx = push,    dx = H dw + Q z,    P (A dy + off) = compliance z,
+    push = -d(K y + C (y - y_prev) / k + A'x - f) + C dy_prev / k,    off = d off_n - (B; 0) dy_prev.
 
-where K_k = K + C / k, and M, P, Q, W, N and R are those of Newton's method (:mod:`vemcvx.solvers.newton`), made again
-from the stored sets. Any solver may have solved the run. The *forward* sweep solves this for each parameter, step by
-step. The *adjoint* sweep goes backwards with M', once for a weighted sum of quantities, whatever the number of
-parameters (for adjoints in time see Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
+Any solver may have solved the run. The *forward* sweep solves this for each parameter, step by step. The transposed
+equations are the same, with P and Q exchanged. The *adjoint* sweep solves them backwards in time, once for a weighted
+sum of quantities, whatever the number of parameters (for adjoints in time see Giles and Pierce, Flow, Turbulence and
+Combustion 65 (2000)).
 
 Without dashpots, a step needs only the unknowns of contact: forces f are condensed to E'f, where the columns of E are
 the states (n, m) of unit displacements of these unknowns (:mod:`vemcvx.program.condensation`).
@@ -25,43 +26,30 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.linalg import lu_factor, lu_solve
 
-from vemcvx.base.arrays import (
-    SAME,
-    Bools,
-    Floats,
-    as_real_array,
-    as_shaped_array,
-    brief,
-    call_function,
-    directions,
-    finite,
-    lengths,
-)
+from vemcvx.base.arrays import Bools, Floats, as_real_array, as_shaped_array, brief, call_function, finite, lengths
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import CoulombFriction, TrescaFriction
 from vemcvx.history import History
 from vemcvx.meshes import Mesh
-from vemcvx.program.forces import Delassus
-from vemcvx.program.system import System
+from vemcvx.program.forces import Delassus, Point
 from vemcvx.results import record
 from vemcvx.scene import Scene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.pose import PosedScene
-from vemcvx.sensitivity.observed import FORMS, Course, Gradient, Observed, Quantities, find_quantities
+from vemcvx.sensitivity.observed import FORMS, Course, Gradients, Observed, Quantities, find_quantities
 from vemcvx.simulation import check_kinds, free_unknowns
 from vemcvx.solvers import Newton, Solver
 from vemcvx.solvers.law import Weights
-from vemcvx.solvers.newton import REGULARISATION, SHIFT, ActiveSets, build_columns, build_matrix
+from vemcvx.solvers.newton import REGULARISATION, ActiveSets, build_columns, build_matrix
 from vemcvx.stepping import Memory, check_times, march
 from vemcvx.stepping.backward_euler import prepare
-from vemcvx.stepping.state import PreparedRun
+from vemcvx.stepping.state import Frame, PreparedRun
 
 log = logging.getLogger("vemcvx")
 
@@ -74,65 +62,38 @@ Change = tuple[Any, Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """One step, linearised on its active sets; forces are divided by `delassus.u`, slips and gaps multiplied by it."""
+    """One step, linearised on its active sets."""
 
     delassus: Delassus
-    sets: ActiveSets
-    law: Weights
-    p: Floats
+    P: sp.csr_matrix
+    Qt: sp.csr_matrix
+    compliance: Floats
+    H: sp.csr_matrix  # (rows, m) directions of slipping terms
     memory: Any  # C / k; 0 without dashpots
     recalls: Floats  # (rows, 1) one for rows of increments (friction, dashpots), else zero
 
-    def factorise(self) -> tuple[sp.csr_matrix, sp.csr_matrix, Callable[..., Floats]]:
-        """Return P, Q' and a function that solves with M, or with M' if trans=1."""
-        P, Qt, compliance = build_columns(self.delassus, self.sets, self.p, self.law)
-        M = build_matrix(np.asarray(self.delassus.W), self.delassus.R, P, Qt, compliance)
-        lu = lu_factor(M, overwrite_a=True, check_finite=False) if len(M) else None
-        return P, Qt, lambda b, trans=0: b if lu is None else lu_solve(lu, b, trans=trans, check_finite=False)
-
     def forward(self, change: Change, before: Floats) -> tuple[Floats, Floats]:
         """Return dy (unknowns, P) and dx (rows, P) of this step; `before` is dy of the previous step."""
-        delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
         push, off, w = (x if isinstance(x, np.ndarray) else x.toarray() for x in change)
-        P, Qt, system = self.factorise()
-        u, push = delassus.u[:, None], push + self.memory @ before
-        off = u * (A @ solve(push) + off - self.recalls * (A @ before))
-        h, slips = np.zeros_like(off), self._slipping[:, :, None] * w[:, None, :]
-        h[: slips.shape[0] * slips.shape[1]] = slips.reshape(-1, w.shape[1])
-        h /= u
-        z = system(np.vstack([P @ (off - delassus.W @ h), delassus.N.T @ push - delassus.R.T @ h]))
-        x = u * (h + Qt.T @ z[: P.shape[0]])
-        return solve(push - A.T @ x) + delassus.N @ z[P.shape[0] :], x
+        A, given = self.delassus.operators.A, self.H @ w
+        push, off = push + self.memory @ before - A.T @ given, off - self.recalls * (A @ before)
+        y, x = self._solve(push, off, self.P, self.Qt)
+        return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the derivatives of a sum of quantities by push, off, w and the previous y, from those by y and x."""
+        A = self.delassus.operators.A
+        y, x = self._solve(by_y, -by_x, self.Qt, self.P)
+        return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)
+
+    def _solve(self, push: Floats, off: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix) -> tuple[Floats, Floats]:
+        """Return y and x = Q z with K_k y + A'x = push and P (A y + off) = compliance z."""
         delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
-        P, Qt, system = self.factorise()
-        u, by_push = delassus.u[:, None], solve(by_y)
-        by_x = u * (by_x - A @ by_push)
-        z = system(np.vstack([Qt @ by_x, delassus.N.T @ by_y]), trans=1)
-        held, rest = P.T @ z[: P.shape[0]], z[P.shape[0] :]
-        by_h, by_off = (by_x - delassus.W @ held - delassus.R @ rest) / u, u * held
-        by_push = by_push + solve(A.T @ by_off) + delassus.N @ rest
-        m, block = self._slipping.shape
-        by_w = np.einsum("mb,mbr->mr", self._slipping, by_h[: m * block].reshape(m, block, by_h.shape[1]))
-        return by_push, by_off, by_w, self.memory @ by_push - A.T @ (self.recalls * by_off)
-
-    @property
-    def _slipping(self) -> Floats:
-        """The directions (m, block) of the slipping terms; zero on sticking terms."""
-        return np.where(self.sets.stick[:, None], 0.0, self.sets.direction)
-
-    def is_about_to_change(self, lam: Floats, gap: Floats, force: Floats, error: float) -> bool:
-        """Return True if a multiplier may reach its bound, or an open gap may close.
-
-        The state has this `error` in the energy norm, and its scaled forces have the errors `force` (rows,). Scaled
-        gaps have errors of at most `error` times the roots of the diagonal of W.
-        """
-        W, (m, block) = np.asarray(self.delassus.W), self.sets.direction.shape
-        room, gap = self.sets.w - lengths(lam.reshape(m, block)), gap - error * np.sqrt(np.diag(W)[m * block :])
-        weak = self.sets.stick & (room <= force[: m * block].reshape(m, block).max(axis=1))
-        return bool(weak.any() or np.where(self.sets.act, self.p <= force[m * block :], gap <= 0).any())
+        M = build_matrix(np.asarray(delassus.W), delassus.R, P, Qt, self.compliance)
+        u, count = delassus.u[:, None], P.shape[0]
+        z = np.linalg.solve(M, np.vstack([P @ (u * (A @ solve(push) + off)), delassus.N.T @ push]))
+        x = u * (Qt.T @ z[:count])
+        return solve(push - A.T @ x) + delassus.N @ z[count:], x
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +108,8 @@ class Sensitivities:
         The quantities at all instants.
     history : History
     one_sided : (N + 1,) array of bool
-        True for steps whose active sets are about to change: within the certificate, a multiplier may reach its bound
-        or an open gap may close. From there on, derivatives hold on one side only.
+        True for steps whose active sets are about to change: within the certificate, a multiplier may reach its bound,
+        a slip may end or an open gap may close. From there on, derivatives hold on one side only.
 
     Examples
     --------
@@ -165,34 +126,21 @@ class Sensitivities:
     values: Floats
     history: History
     one_sided: Bools
-    _steps: list[LinearStep | None] = field(repr=False)
-    _difference: Callable[[], tuple[list[Change], Floats]] = field(repr=False)
-    _rows: tuple[list[Floats], list[Floats], list[Floats]] = field(repr=False)
-    """The derivatives of each quantity (N + 1, .), by the unknowns of a step, by those one step before, and by x."""
-
-    @cached_property
-    def _data(self) -> tuple[list[Change], Floats]:
-        """The differences of the data of each step, and of values (Q, N + 1, P) at fixed unknowns of the steps."""
-        return self._difference()
-
-    @property
-    def _losses(self) -> Bools:
-        """A mask (Q,) of the losses: their values are sums over steps, and `_rows` are derivatives of the summands."""
-        return np.array([name == "dissipated" for name in self.of])
+    _steps: dict[int, LinearStep] = field(repr=False)
+    _rows: Gradients = field(repr=False)
+    _changes: Sequence[Change] = field(repr=False)
+    _explicit: Floats = field(repr=False)
+    """The derivatives (Q, N + 1, P) of values at fixed unknowns of the steps."""
 
     @cached_property
     def jacobian(self) -> Floats:
         """The derivatives (Q, N + 1, P), by one forward sweep for each parameter."""
-        changes, explicit = self._data
-        found, losses = np.zeros_like(explicit), self._losses
-        dy = np.zeros((self._rows[0][0].shape[1], found.shape[2]))
-        for n, step in enumerate(self._steps):
-            if step is not None:
-                before, (dy, dx) = dy, step.forward(changes[n], dy)
-                of_rows = zip(*self._rows, strict=True)
-                found[:, n] = [y[n] @ dy + past[n] @ before + x[n] @ dx for y, past, x in of_rows]
-        found[losses] = np.cumsum(found[losses], axis=1)
-        return found + explicit
+        rows, found = self._rows, np.zeros_like(self._explicit)
+        dy = np.zeros((rows.y.shape[2], found.shape[2]))
+        for n, step in self._steps.items():
+            before, (dy, dx) = dy, step.forward(self._changes[n], dy)
+            found[:, n] = rows.y[:, n] @ dy + rows.before[:, n] @ before + rows.x[:, n] @ dx
+        return self._sum_losses(found) + self._explicit
 
     def gradient(self, weights: ArrayLike) -> Floats:
         """Return the derivatives (P,) of the sum of weights times values, by one adjoint sweep.
@@ -207,18 +155,21 @@ class Sensitivities:
         SceneError
             `weights` has another shape.
         """
-        shape, (changes, explicit) = self.values.shape, self._data
+        shape, rows = self.values.shape, self._rows
         given = as_shaped_array(weights, "gradient: weights", f"an array {shape}", shape)
-        found, by_y, each = np.einsum("qt,qtp->p", given, explicit), np.zeros((1, 1)), given.copy()
-        losses = self._losses
-        each[losses] = np.cumsum(given[losses, ::-1], axis=1)[:, ::-1]
-        for n, step in reversed(list(enumerate(self._steps))):
-            if step is not None:
-                y, before, x = (sum(w * rows[n] for w, rows in zip(each[:, n], of, strict=True)) for of in self._rows)
-                *by_data, by_y = step.backward(by_y + y[:, None], x[:, None])
-                by_y = by_y + before[:, None]
-                found = found + sum((d.T @ by)[:, 0] for d, by in zip(changes[n], by_data, strict=True))
+        each = self._sum_losses(given[:, ::-1])[:, ::-1]
+        found, by_y = np.einsum("qt,qtp->p", given, self._explicit), np.zeros((rows.y.shape[2], 1))
+        for n, step in reversed(self._steps.items()):
+            y, before, x = ((each[:, n] @ of[:, n])[:, None] for of in (rows.y, rows.before, rows.x))
+            *by_data, by_y = step.backward(by_y + y, x)
+            by_y = by_y + before
+            found = found + sum((d.T @ by)[:, 0] for d, by in zip(self._changes[n], by_data, strict=True))
         return found
+
+    def _sum_losses(self, rows: Floats) -> Floats:
+        """Return sums over the instants for "dissipated", of which `_rows` are increments; other rows stay the same."""
+        names = zip(self.of, rows, strict=True)
+        return np.array([np.cumsum(row, axis=0) if name == "dissipated" else row for name, row in names])
 
 
 def sensitivities(
@@ -287,61 +238,42 @@ def sensitivities(
     parameters = read_parameters(theta, "sensitivities: theta")
     if not isinstance(of, (list, tuple)) or not of or not all(isinstance(name, str) for name in of):
         raise SceneError(f"sensitivities: found of = {brief(of)}; wanted a list of names: {FORMS}.")
-    if not (
-        isinstance(initial, (type(None), list, tuple, np.ndarray))
-        or (isinstance(initial, str) and initial == "settled")
-    ):
+    if not isinstance(initial, (type(None), list, tuple, np.ndarray)) and brief(initial) != "'settled'":
         raise SceneError(f"sensitivities: found initial = {brief(initial)}; there are None, an array and 'settled'.")
     times = check_times(times)
 
     def pose(values: Floats) -> PosedScene:
-        return pose_scene(_call_scene(scene_of, values, mesh), mesh, times.tolist())
+        scene = call_function(scene_of, (values,), f"scene_of({brief(values)}) failed", "return a vemcvx.Scene")
+        if not isinstance(scene, Scene):
+            raise SceneError(f"scene_of: found {brief(scene)} as its result; it must return a vemcvx.Scene.")
+        check_kinds(scene, mesh)
+        return pose_scene(scene, mesh, times.tolist())
 
     posed = pose(parameters)
     _refuse(posed)
-    chosen = Newton(accuracy=1e-10) if solver is None else solver
-    found = march(posed.system, times, solver=chosen, initial=free_unknowns(initial, posed, times))
+    quantities, solver = find_quantities(of, posed), Newton(accuracy=1e-10) if solver is None else solver
+    found = march(posed.system, times, solver=solver, initial=free_unknowns(initial, posed, times))
     history, run = History.from_results(record(posed, found, 0.0, Memory())), prepare(posed.system, None, True, True)
     course = Course(times, found.state, found.multipliers, found.pressures, isinstance(initial, str))
-    quantities, at = find_quantities(of, posed), Observed.evaluate(posed, course)
-    gradients, E = quantities.gradients(posed, at, course), _unit_states(run)
-
-    of_field = None if shapes is None else _field_changes(posed, course, shapes, len(parameters), E.shape[1])
-
-    def difference() -> tuple[list[Change], Floats]:
-        if of_field is not None:
-            return of_field, np.zeros((len(of), len(times), len(parameters)))
-        return _differences(pose, parameters, run, E, course=course, quantities=quantities, gradients=gradients)
-
+    at, E = Observed.evaluate(posed, course), _unit_states(run)
+    rows = quantities.differentiate(posed, at, course, E, run.condensation.solve_interior)
     steps, one_sided = _linearise(run, history, course, at)
     if one_sided.any():
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
         log.warning("sensitivities: contact or friction is about to change at t = %s: derivatives are one-sided.", when)
-    rows = [one.y @ E for one in gradients], [one.before @ E for one in gradients], [one.x for one in gradients]
-    return Sensitivities(
-        of=quantities.names,
-        values=quantities.values(posed, at, course.p),
-        history=history,
-        one_sided=one_sided,
-        _steps=steps,
-        _difference=difference,
-        _rows=rows,
-    )
+    if shapes is None:
+        changes, explicit = _differences(pose, parameters, posed, E, course, quantities, rows.inner)
+    else:
+        changes = _field_changes(posed, course, shapes, len(parameters), E.shape[1])
+        explicit = np.zeros((len(of), len(times), len(parameters)))
+    values = quantities.values(at, course.p)
+    return Sensitivities(tuple(of), values, history, one_sided, steps, rows, changes, explicit)
 
 
 def read_parameters(raw: ArrayLike, subject: str) -> Floats:
     """Return parameters (P,); raise SceneError for anything else."""
     found = finite(as_real_array(raw, subject, "numbers (P,)"), subject)
     return as_shaped_array(found, subject, "numbers (P,)", (found.size,))
-
-
-def _call_scene(scene_of: Callable[[Floats], Scene], theta: Floats, mesh: Mesh) -> Scene:
-    """Return the scene for some parameters; raise SceneError if it is no scene, or the mesh no mesh."""
-    scene = call_function(scene_of, (theta,), f"scene_of({brief(theta)}) failed", "return a vemcvx.Scene")
-    if not isinstance(scene, Scene):
-        raise SceneError(f"scene_of: found {brief(scene)} as its result; it must return a vemcvx.Scene.")
-    check_kinds(scene, mesh)
-    return scene
 
 
 def _refuse(posed: PosedScene) -> None:
@@ -363,48 +295,36 @@ def _unit_states(run: PreparedRun) -> Any:
     """Return the states E (n, m) of unit displacements of the unknowns of steps; the identity without condensation."""
     condensation, n, m = run.condensation, run.system.n, len(run.condensation.retained)
     if condensation.whole:
-        return sp.csr_matrix(sp.eye_array(n))
+        return sp.eye_array(n, format="csr")
     return condensation.complete(np.zeros((n, m)), np.eye(m))
 
 
 def _differences(
     pose: Callable[[Floats], PosedScene],
     theta: Floats,
-    run: PreparedRun,
+    own: PosedScene,
     E: Any,
-    *,
     course: Course,
     quantities: Quantities,
-    gradients: Sequence[Gradient],
+    inner: Floats,
 ) -> tuple[list[Change], Floats]:
-    """Return the differences of the data of each step, and of quantities at fixed unknowns of the steps.
-
-    At fixed contact unknowns, forces still move the interior: `inner` are derivatives of quantities by these forces.
-    """
-    whole, solve = run.condensation.whole, run.condensation.solve_interior
-    # Rows of linear quantities are the same at all instants.
-    rows = [one.y[:1] if (one.y == one.y[0]).all() else one.y for one in gradients]
-    inner = [0.0 * each if whole else solve(np.ascontiguousarray(each.T)).T for each in rows]
-    columns, own = [], run.system
+    """Return the differences of the data of each step, and of quantities at fixed unknowns of the steps."""
+    columns, shapes = [], [M.shape for M in (own.system.K, own.system.B, own.system.D)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
         for way in (step, -step):
             with suppress_scene_warnings():
                 posed = pose(theta + way * np.eye(len(theta))[j])
-            system = posed.system
-            if [M.shape for M in (system.K, system.B, system.D)] != [M.shape for M in (own.K, own.B, own.D)]:
+            if [M.shape for M in (posed.system.K, posed.system.B, posed.system.D)] != shapes:
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
             at = Observed.evaluate(posed, course)
-            lam = np.stack([course.lam, at.lam.reshape(course.lam.shape)])[:, :, posed.terms.acting :]
-            rubbed, rubs = (lam != 0).any(axis=3)
-            if (rubs & ~rubbed).any():
+            if (at.lam.reshape(course.lam.shape).any(axis=2) & ~course.lam.any(axis=2)).any():
                 raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
-            off = np.hstack([at.slips[:, : own.B.shape[0]], at.excess])
-            values = quantities.values(posed, at, course.p)
-            pair.append((posed.supports.gather(at.forces.T).T, off, np.where(at.w < np.inf, at.w, 0.0), values))
+            off = np.hstack([at.slips[:, : shapes[1][0]], at.excess])
+            w, values = np.where(at.w < np.inf, at.w, 0.0), quantities.values(at, course.p)
+            pair.append((posed.supports.gather(at.forces.T).T, off, w, values))
         balance, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
-        values -= [(x * balance).sum(axis=1) for x in inner]
-        columns.append((-balance @ E, off, w, values))
+        columns.append((-balance @ E, off, w, values - (inner * balance).sum(axis=2)))
     *data, explicit = (np.stack(each, axis=-1) for each in zip(*columns, strict=True))
     return list(zip(*data, strict=True)), explicit
 
@@ -429,60 +349,39 @@ def _field_changes(
     return [(*none, sp.csr_matrix(gather @ sp.diags_array(force) @ S)) for force in forces]
 
 
-def _linearise(
-    run: PreparedRun, history: History, course: Course, at: Observed
-) -> tuple[list[LinearStep | None], Bools]:
-    """Return the linearised steps, and a mask of the steps whose active sets are about to change."""
-    system, found, known = run.system, history.trajectory, dict[str, tuple[Delassus, Floats]]()
-    steps, one_sided = list[LinearStep | None](), np.zeros(len(course.times), dtype=bool)
-    errors = np.sqrt(2.0 * found.gap) + np.sqrt(2.0 * found.floor)
-    for n, k in enumerate(course.durations.tolist()):
-        if n == 0 and not course.settles:
-            steps.append(None)
-            continue
-        if (key := f"{k:.11e}") not in known:
-            delassus = Delassus(run.frame(k).condensation.operators)
-            known[key] = delassus, _forces_per_error(delassus)
-        delassus, force = known[key]
-        u, rows = delassus.u, system.B.shape[0]
-        slip = lengths(run.operators.blocks(at.slips[n, :rows]))
-        # A history stores no slips of the step from zero to a settled state: find its sticking terms from `at.slips`.
-        sticks = found.sticking[n, : len(slip)] if n > 0 else slip <= SAME * np.abs(at.u[n]).max()
-        steps.append(step := _linear_step(system, delassus, course, at, sticks, n=n))
-        lam, gap = at.lam[n, :rows] / u[:rows], -u[rows:] * at.excess[n]
-        one_sided[n] = step.is_about_to_change(lam, gap, errors[n] * force, errors[n])
-    return steps, one_sided
+def _linearise(run: PreparedRun, history: History, course: Course, at: Observed) -> tuple[dict[int, LinearStep], Bools]:
+    """Return the linearised steps by number, and a mask of the steps whose active sets are about to change.
 
-
-def _forces_per_error(delassus: Delassus) -> Floats:
-    """Return the largest errors (rows,) of scaled forces in states with the error one in the energy norm.
-
-    They are the roots of the diagonal of W^{-1}.
+    A step may change its sets if, within the error of its certificate, a multiplier may reach its bound, a slip may end
+    or an open gap may close. For the error 1 in the energy norm, scaled slips and gaps have errors of about 1, and
+    scaled forces errors of at most the roots of the diagonal of W^{-1}.
     """
-    W = delassus.W
-    if not isinstance(W, np.ndarray):
-        raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
-    return np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
-
-
-def _linear_step(
-    system: System, delassus: Delassus, course: Course, at: Observed, sticks: Bools, *, n: int
-) -> LinearStep:
-    """Return step n, linearised on the active sets of its answer."""
-    operators, u, p = delassus.operators, delassus.u, course.p[n]
-    rows, block, unknowns = operators.B.shape[0], operators.block, operators.K.shape[0]
-    slip, w = operators.blocks(u[:rows] * at.slips[n, :rows]), at.w[n] / u[:rows:block]
-    stick, size = sticks & (w > 0), lengths(slip)
-    along = np.where(stick, 0.0, size)
-    law = Weights(at.w[n], system.norms if system.follows_answer else None, t=float(course.times[n]))
+    system, found = run.system, history.trajectory
+    count, block, unknowns = system.B.shape[0], system.block, len(run.condensation.retained)
     rates = np.zeros(0) if system.limits is None else system.limits.rates
-    return LinearStep(
-        delassus=delassus,
-        sets=ActiveSets(
-            stick=stick, act=p > 0, direction=directions(slip, size), along=along, w=w, size=w + SHIFT * along
-        ),
-        law=law.in_units(u[:rows:block], u[rows:]),
-        p=p / u[rows:],
-        memory=sp.csr_matrix(course.rates[n] * system.damping.C if system.damping else (unknowns, unknowns)),
-        recalls=np.append(np.ones(rows), rates)[:, None],
-    )
+    recalls = np.append(np.ones(count), rates)[:, None]
+
+    @cache
+    def measure(frame: Frame) -> tuple[Delassus, Floats]:
+        delassus = frame.prepared.newton.delassus
+        if not isinstance(W := delassus.W, np.ndarray):
+            raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
+        return delassus, np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
+
+    steps, one_sided = dict[int, LinearStep](), np.zeros(len(course.times), dtype=bool)
+    errors = np.sqrt(2.0 * found.gap) + np.sqrt(2.0 * found.floor)
+    for n in range(0 if course.settles else 1, len(errors)):
+        delassus, force = measure(run.frame(course.durations[n]))
+        u, x = delassus.u, np.append(at.lam[n, :count], course.p[n]) / delassus.u
+        law = Weights(at.w[n], system.norms if system.follows_answer else None, t=float(course.times[n]))
+        law = law.in_units(u[:count:block], u[count:])
+        point = Point(x, u * np.append(at.slips[n, :count], at.excess[n]), np.zeros(0), np.zeros(0))
+        sets, (lam, p) = ActiveSets.at(delassus, point, law), delassus.split(x)
+        slipping = np.where(sets.stick[:, None], 0.0, sets.direction).ravel()
+        H = sp.csr_matrix((slipping, (np.arange(count), np.arange(count) // block)), shape=(len(x), len(lam)))
+        memory = sp.csr_matrix(course.rates[n] * system.damping.C if system.damping else (unknowns, unknowns))
+        steps[n] = LinearStep(delassus, *build_columns(delassus, sets, p, law), H, memory, recalls)
+        margin = np.where(sets.w > 0, np.where(sets.stick, sets.w - lengths(lam), sets.along), np.inf).repeat(block)
+        margin = np.append(margin, np.where(sets.act, p, -point.off[count:]))
+        one_sided[n] = (margin <= errors[n] * np.where(sets.held, force, 1.0)).any()
+    return steps, one_sided

@@ -1,18 +1,20 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
 With u = P y + u_D(t), the viscosity A_1, and rows B^ and D^ on nodal values, supports exert the forces
-R = A u + A_1 u' - f + B^'lam + D^'p; on free unknowns P'R = 0. A reaction is h'R with h = H d, where d has, for each
-row of the supports, its component along an axis times its share in the boundary (:mod:`vemcvx.results.forces`).
-Displacements and slips are a'u. Derivatives of h'R by y (if A_1 = 0), lam and p are P'A h, B^ h, D^ h; of a'u, P'a.
+R = A u + A_1 u' - f + B^'lam + D^'p; on free unknowns P'R = 0. A quantity is a'u + h'R, the energy, or the losses. For
+a reaction h = H d, where d has, for each row of the supports, its component along an axis times its share in the
+boundary (:mod:`vemcvx.results.forces`). Without A_1, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError
@@ -30,35 +32,37 @@ FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The states of a run at its N + 1 instants."""
+    """The states of a run at its T instants."""
 
     times: Floats
-    y: Floats  # (N + 1, n) free unknowns
-    lam: Floats  # (N + 1, terms, block) friction forces; terms that supports drag are last
-    p: Floats  # (N + 1, r) contact forces
+    y: Floats  # (T, n) free unknowns
+    lam: Floats  # (T, terms, block) friction forces; terms that supports drag are last
+    p: Floats  # (T, r) contact forces
     settles: bool  # True if the state at the initial instant is the result of a step from zero
 
     @property
     def durations(self) -> Floats:
-        """The lengths k (N + 1,) of the steps to all instants; zero at the first one."""
+        """The lengths k (T,) of the steps to all instants; zero at the first one."""
         return np.diff(self.times, prepend=self.times[0])
 
     @property
     def rates(self) -> Floats:
-        """The inverse lengths 1 / k (N + 1,); zero at the first instant."""
+        """The inverse lengths 1 / k (T,); zero at the first instant."""
         return np.append(0.0, 1.0 / self.durations[1:])
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """The quantities of a scene at given states, with one row for each instant."""
+    """A scene at the states of a course, with one row for each instant."""
 
-    u: Floats  # (., n_u)
-    forces: Floats  # (., n_u) R
-    lam: Floats  # (., terms * block); friction on dragged nodes follows its bound
-    slips: Floats  # (., terms * block) in the step to the instant
-    excess: Floats  # (., r) motion beyond the gap, minus compliance times force
-    w: Floats  # (., m)
+    u: Floats  # (T, n_u)
+    elastic: Floats  # (T, n_u) A u
+    forces: Floats  # (T, n_u) R
+    lam: Floats  # (T, terms * block); friction on dragged nodes follows its bound
+    slips: Floats  # (T, terms * block) in the step to the instant
+    excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
+    w: Floats  # (T, m)
+    stored: Floats  # (T, r) displacements of springs in soft contact, which store energy
 
     @classmethod
     def evaluate(cls, posed: PosedScene, course: Course) -> Observed:
@@ -68,81 +72,75 @@ class Observed:
         du = np.diff(u, axis=0, prepend=u[:1])
         if course.settles:
             du[0] = posed.supports.P @ course.y[0]
-        norms, under = posed.system.norms, zip(times, p, strict=True)
-        w = [np.zeros(0) if norms is None else norms.weights_under(t, force) for t, force in under]
-        lam = course.lam.copy()
-        if (dragged := posed.system.dragged) is not None:
-            spans, none = zip([times[0], *times[:-1]], times, strict=True), np.zeros(dragged.count)
-            for row, span, force in zip(lam[:, terms.acting :], spans, p, strict=True):
-                row[:] = evaluate_dragged(posed.system, span, force, none)[0]
-        flat = lam.reshape(len(times), -1)
-        forces = u @ posed.A + flat @ terms.rows + p @ obstacles.rows - np.array([posed.force(t) for t in times])
+        under, norms = list(zip([times[0], *times[:-1]], times, p, strict=True)), posed.system.norms
+        w = [np.zeros(0) if norms is None else norms.weights_under(t, force) for _, t, force in under]
+        dragged = [evaluate_dragged(posed.system, (s, t), force, np.zeros(0))[0] for s, t, force in under]
+        lam = np.concatenate([course.lam[:, : terms.acting], dragged], axis=1).reshape(len(times), -1)
+        elastic, slips, gap = u @ posed.A, du @ terms.rows.T, np.array([obstacles.gap(t) for t in times])
+        forces = elastic + lam @ terms.rows + p @ obstacles.rows - np.array([posed.force(t) for t in times])
         if posed.viscosity is not None:
             forces += course.rates[:, None] * (du @ posed.viscosity)
-        slips, gap = du @ terms.rows.T, np.array([obstacles.gap(t) for t in times])
         if terms.ground is not None:
-            ground = np.array([terms.ground(t) for t in times])
-            slips -= np.diff(ground, axis=0, prepend=ground[:1])
-        in_step = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1])
-        soft = obstacles.compliance * np.where(obstacles.rates, course.durations[:, None], 1.0)
-        excess = np.where(obstacles.rates, in_step, u @ obstacles.rows.T - gap) - soft * p
-        return cls(u=u, forces=forces, lam=flat, slips=slips, excess=excess, w=np.array(w))
+            slips -= np.diff([terms.ground(t) for t in times], axis=0, prepend=[terms.ground(times[0])])
+        soft = p * obstacles.compliance
+        rates = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1]) - course.durations[:, None] * soft
+        excess = np.where(obstacles.rates, rates, u @ obstacles.rows.T - gap - soft)
+        return cls(u, elastic, forces, lam, slips, excess, np.array(w), soft * ~obstacles.rates)
 
 
 @dataclass(frozen=True, eq=False)
-class Gradient:
-    """The derivatives of a quantity, with a row for each instant; "dissipated" is represented by its increments."""
+class Gradients:
+    """The derivatives of Q quantities; for "dissipated" those of the losses in the step to each instant."""
 
-    y: Floats  # by free unknowns
-    before: Floats  # by free unknowns one instant before
-    x: Floats  # by lam and p
+    y: Floats  # (Q, T, m) by the contact unknowns
+    before: Floats  # (Q, T, m) by the contact unknowns one instant before
+    x: Floats  # (Q, T, rows) by lam and p
+    inner: Floats  # (Q, T or 1, n) by forces that move the interior while the contact unknowns are fixed
 
 
 @dataclass(frozen=True, eq=False)
 class Quantities:
-    """Named quantities: rows `a` (n_u,) of displacements and slips, and `h` (n_u,) of reactions."""
+    """Q quantities a'u + h'R + `energy` times the energy + `losses` times the losses so far."""
 
-    names: tuple[str, ...]
-    a: dict[str, Floats]
-    h: dict[str, Floats]
+    a: Floats  # (Q, n_u)
+    h: Floats  # (Q, n_u)
+    energy: Floats  # (Q,)
+    losses: Floats  # (Q,)
 
-    def values(self, posed: PosedScene, at: Observed, p: Floats) -> Floats:
-        """Return the values (Q, N + 1)."""
-        found = {name: at.u @ a for name, a in self.a.items()} | {name: at.forces @ h for name, h in self.h.items()}
-        if "energy" in self.names:
-            stored = posed.obstacles.compliance * ~posed.obstacles.rates
-            found["energy"] = 0.5 * (np.einsum("ti,ti->t", at.u, at.u @ posed.A) + p**2 @ stored)
-        if "dissipated" in self.names:
-            found["dissipated"] = np.cumsum(np.append(0.0, np.einsum("ti,ti->t", at.lam, at.slips)[1:]))
-        return np.array([found[name] for name in self.names])
+    def values(self, at: Observed, p: Floats) -> Floats:
+        """Return the values (Q, T)."""
+        energy = 0.5 * (np.einsum("ti,ti->t", at.u, at.elastic) + np.einsum("tr,tr->t", p, at.stored))
+        lost = np.append(0.0, np.cumsum(np.einsum("ti,ti->t", at.lam, at.slips)[1:]))
+        found: Floats = self.a @ at.u.T + self.h @ at.forces.T + np.outer(self.energy, energy)
+        return found + np.outer(self.losses, lost)
 
-    def gradients(self, posed: PosedScene, at: Observed, course: Course) -> list[Gradient]:
-        """Return the derivatives of all quantities."""
-        terms, rows, gather, found = posed.terms, len(course.times), posed.supports.gather, []
-        m, viscosity = terms.acting * terms.block, posed.viscosity
-        for name in self.names:
-            by_u, before = np.zeros_like(at.u), np.zeros_like(at.u)
-            by_lam, by_p = np.zeros_like(at.lam), np.zeros_like(course.p)
-            if name == "energy":
-                by_u, by_p = at.u @ posed.A, course.p * posed.obstacles.compliance * ~posed.obstacles.rates
-            elif name == "dissipated":
-                by_lam[1:], by_u[1:] = at.slips[1:], at.lam[1:] @ terms.rows
-                before = -by_u
-            elif name in self.a:
-                by_u[:] = self.a[name]
-            else:
-                h = self.h[name]
-                before -= 0.0 if viscosity is None else np.outer(course.rates, viscosity @ h)
-                by_u = posed.A @ h - before
-                by_lam[:], by_p = terms.rows @ h, np.tile(posed.obstacles.rows @ h, (rows, 1))
-            found.append(Gradient(gather(by_u.T).T, gather(before.T).T, np.hstack([by_lam[:, :m], by_p])))
-        return found
+    def differentiate(
+        self, posed: PosedScene, at: Observed, course: Course, E: Any, solve_interior: Callable[[Floats], Floats]
+    ) -> Gradients:
+        """Return the derivatives; the columns of E (n, m) are states of unit displacements of the contact unknowns."""
+        gather, terms, acting = posed.supports.gather, posed.terms, posed.system.B.shape[0]
+        after = (np.arange(len(course.times)) > 0)[:, None]  # Losses begin with the first step.
+        fixed, outer = gather((self.a + self.h @ posed.A).T), np.multiply.outer
+        before = -outer(self.losses, gather((after * at.lam @ terms.rows).T).T @ E)
+        if posed.viscosity is not None:
+            before -= course.rates[:, None] * (gather((self.h @ posed.viscosity).T).T @ E)[:, None]
+        stored = gather(at.elastic.T) if self.energy.any() else np.zeros((len(fixed), 1))
+        x = self.h @ sp.vstack([terms.rows[:acting], posed.obstacles.rows]).T
+        by_losses, by_energy = np.zeros((2, len(at.u), x.shape[1]))
+        by_losses[:, :acting], by_energy[:, acting:] = after * at.slips[:, :acting], at.stored
+        return Gradients(
+            y=(fixed.T @ E)[:, None] + outer(self.energy, stored.T @ E) - before,
+            before=before,
+            x=x[:, None] + outer(self.losses, by_losses) + outer(self.energy, by_energy),
+            inner=solve_interior(fixed).T[:, None] + outer(self.energy, solve_interior(stored).T),
+        )
 
 
 def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
     """Return the quantities with these names; raise SceneError for a name that does not fit the scene."""
-    found, dim = Quantities(tuple(names), {}, {}), posed.space.dim
-    for name in found.names:
+    dim, mesh = posed.space.dim, posed.space.mesh
+    a, h = np.zeros((2, len(names), mesh.points.size))
+    for name, of_u, of_forces in zip(names, a, h, strict=True):
         if name == "energy" or (name == "dissipated" and not posed.system.is_viscous):
             continue
         match = FORM.fullmatch(name)
@@ -150,17 +148,18 @@ def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
             raise SceneError(f"of: found {name!r}; there are {FORMS} (without dashpots).")
         axis = np.eye(dim)["xyz".index(match[3])]
         if match[1] == "reaction of":
-            found.h[name] = posed.supports.H @ support_shares(posed, match[2], axis)
+            of_forces[:] = posed.supports.H @ support_shares(posed, match[2], axis)
             continue
         try:
             point = np.array([[float(word) for word in match[2].strip("()").split(",")]])
         except ValueError:
             raise SceneError(f"of: found the point {match[2]!r} in {name!r}; wanted coordinates: (1, 0.5).") from None
         if match[1] == "slip at":
-            found.a[name] = _slip_row(posed, point, axis, name)
+            of_u[:] = _slip_row(posed, point, axis, name)
         else:
-            found.a[name] = np.kron(places(posed.space.mesh, point, f"of: {name}").nodes.toarray()[0], axis)
-    return found
+            of_u[:] = np.kron(places(mesh, point, f"of: {name}").nodes.toarray()[0], axis)
+    energy, losses = (np.array([name == word for name in names], dtype=float) for word in ("energy", "dissipated"))
+    return Quantities(a, h, energy, losses)
 
 
 def _slip_row(posed: PosedScene, point: Floats, axis: Floats, name: str) -> Floats:

@@ -83,21 +83,10 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
 
 @mostly_long("case", ["box", "far"], "far")
 @mostly_long("family", SPACE_FAMILIES, "voronoi3", "tetrahedra")
-def test_cells_in_space_are_closed_and_convex(family, case):
+def test_cells_in_space_are_convex(family, case):
     n, box = CASES[case]
     mesh = make(family, n, box)
-    first, second = mesh.face_cells.T
-    inner = second >= 0
-    assert (np.einsum("ij,ij->i", mesh.face_centroids - mesh.centroids[first], mesh.face_normals) > 0).all()
-    inward = (mesh.face_centroids - mesh.centroids[second])[inner]
-    assert (np.einsum("ij,ij->i", inward, mesh.face_normals[inner]) < 0).all()
-    assert (first[inner] < second[inner]).all()
     owner = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.cell_offsets))
-    found = sorted(zip(owner.tolist(), mesh.cell_faces.tolist(), strict=True))
-    assert found == sorted((int(c), f) for f, pair in enumerate(mesh.face_cells) for c in pair if c >= 0)
-    vectors = (mesh.face_areas[:, None] * mesh.face_normals)[mesh.cell_faces] * mesh.face_signs[:, None]
-    total = np.add.reduceat(vectors, mesh.cell_offsets[:-1], axis=0)
-    np.testing.assert_allclose(total, 0.0, atol=1e-9 if case == "far" else 1e-14)
     # Rounding of the coordinates tilts the plane of a small face.
     longest = np.diff(box).max()
     rounding = 20.0 * (1e-15 * longest + 2.0**-52 * np.abs(box).max())

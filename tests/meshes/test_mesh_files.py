@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from refined_cubes import refined_cubes
-from same_mesh import assert_same
+from same_mesh import assert_same, label
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, PolygonMesh, read
@@ -29,14 +29,7 @@ def make(name):
         mesh = vx.meshes.nonconvex(3, seed=1).extruded([0.0, 0.3, 1.0])
     else:
         mesh = SPACE_FAMILIES[name](2, BOX, 1)
-    random = np.random.default_rng(1)
-    return (
-        mesh.with_boundary('größe <& "x"> of all', lambda x: x[:, 0] < np.median(x[:, 0]))
-        .with_cell_data("young's modulus / Pa", random.random(mesh.n_cells))
-        .with_cell_data("material", np.arange(mesh.n_cells) % 3)
-        .with_cell_data("single", random.random(mesh.n_cells).astype(np.float32))
-        .with_cell_data("vector", random.random((mesh.n_cells, 3)))
-    )
+    return label(mesh)
 
 
 @pytest.fixture(params=[*FAMILIES, *SPACE_FAMILIES, "refined", "dented"])

@@ -8,6 +8,18 @@ import vemcvx as vx
 from vemcvx.meshes.interfaces import faces_of
 
 
+def label(mesh):
+    """Return the mesh with a boundary of an unusual name, and cell data of several types."""
+    random = np.random.default_rng(1)
+    return (
+        mesh.with_boundary('größe <& "x"> of all', lambda x: x[:, 0] < np.median(x[:, 0]))
+        .with_cell_data("young's modulus / Pa", random.random(mesh.n_cells))
+        .with_cell_data("material", np.arange(mesh.n_cells) % 3)
+        .with_cell_data("single", random.random(mesh.n_cells).astype(np.float32))
+        .with_cell_data("vector", random.random((mesh.n_cells, 3)))
+    )
+
+
 def assert_same(one, other, *, arrays=None, parts=("boundaries", "cell_data")):
     """Check that two meshes of one kind are equal, by default in all arrays and names."""
     assert type(one) is type(other)

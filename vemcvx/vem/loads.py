@@ -213,15 +213,11 @@ def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
     array([0.25, 0.25, 0.25, 0.25])
     """
     mesh = space.mesh
-    values, gradient = np.zeros(len(mesh.points)), np.zeros(mesh.points.shape)
+    cells, gradient = np.flatnonzero(some), np.zeros(mesh.points.shape)
     for group in space.groups:
         kept = group.part(np.flatnonzero(some[group.cells]))
-        sizes, slopes = kept.gradients()
-        w = kept.boundary_means()
-        arm = mesh.centroids[kept.cells] - mesh.points[kept.nodes[:, 0]] - np.einsum("ci,cia->ca", w, kept.corners)
-        np.add.at(values, kept.nodes, sizes[:, None] * w + np.einsum("cia,ca->ci", slopes, arm))
-        np.add.at(gradient, kept.nodes, slopes)
-    return values, gradient
+        np.add.at(gradient, kept.nodes, kept.gradients()[1])
+    return mesh.measures[cells] @ space.project_values(mesh.centroids[cells], np.arange(len(cells)), cells), gradient
 
 
 def stress_load(space: Space) -> sp.csr_matrix:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from vemcvx.base.arrays import CHUNK_SIZE, Bools, Floats, Ints, read_only, totals
+from vemcvx.base.arrays import CHUNK_SIZE, Floats, Ints, read_only, totals
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.polygons import (
     RADON_POINTS,
@@ -169,17 +169,11 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
             faces=some, nodes=nodes, origin=points[nodes[:, 0]], corners=corners, weights=weights, triangles=triangles
         )
         sees = np.einsum("fti,fi->ft", fans.vectors, fans.vectors.sum(axis=1)).min(axis=1) > 0.0
-        if sees.all():
-            yield fans
-            continue
-        if sees.any():
-            yield _select_faces(fans, sees)
-        cut = _select_faces(fans, ~sees)
-        yield replace(cut, triangles=_split_along_diagonals(cut.corners[:, :n]))
-
-
-def _select_faces(group: FaceGroup, mine: Bools) -> FaceGroup:
-    return replace(group, **{field.name: getattr(group, field.name)[mine] for field in fields(group)})
+        for mine in (sees, ~sees):
+            if mine.any():
+                group = replace(fans, **{field.name: getattr(fans, field.name)[mine] for field in fields(fans)})
+                is_cut = not sees[mine].all()
+                yield replace(group, triangles=_split_along_diagonals(group.corners[:, :n])) if is_cut else group
 
 
 def _fan(n: int) -> Ints:
@@ -224,6 +218,9 @@ class CellGroup:
     nodes: Ints
     points: Floats
 
+    FREE: ClassVar[float | tuple[float, float]] = 1.0
+    """1 for the components in which a translation causes no strain; the radial one of a body of revolution has 0."""
+
     @cached_property
     def corners(self) -> Floats:
         """The vertex coordinates (c, n, dim) relative to the first vertex of each cell.
@@ -264,17 +261,10 @@ class CellGroup:
         return measures, B
 
     def strains(self, v: Floats) -> Floats:
-        """Return eps(Pi v), (c, components), for the vertex values v (c, n, dim)."""
-        measures, g = self.gradients()
-        # Subtract the displacement of a vertex, so that a large rigid translation costs no digits.
-        v = v - v[:, :1]
-        columns = []
-        for a, b in COMPONENTS[v.shape[2]]:
-            sums = np.einsum("ci,ci->c", v[:, :, a], g[:, :, b])
-            if a != b:
-                sums += np.einsum("ci,ci->c", v[:, :, b], g[:, :, a])
-            columns.append(sums / measures)
-        return np.column_stack(columns)
+        """Return the mean strains eps(Pi v), (c, components), for the vertex values v (c, n, dim)."""
+        measures, B = self.strain_rows()
+        v = v - v[:, :1] * self.FREE  # a large rigid translation costs no digits
+        return np.asarray(np.einsum("ckia,cia->ck", B, v) / measures[:, None])
 
     def depth(self, x: Floats) -> Floats:
         """Return the thickness (k,) of the body at points x (k, dim) in the cells: one, also in space."""
@@ -380,6 +370,8 @@ def second_moments(about: Floats) -> Floats:
 class RingGroup(CellGroup):
     """A group of cells of a body of revolution: all integrals are over the full turn."""
 
+    FREE = (0.0, 1.0)
+
     @property
     def shapes(self) -> tuple[Floats, ...]:
         """The arrays that determine local matrices: the vertices and the radius of the first vertex."""
@@ -426,12 +418,6 @@ class RingGroup(CellGroup):
         B[:, 1, :, 1] = B[:, 2, :, 0] = flux[:, :, 1]
         B[:, 3, :, 0] = inside
         return 2.0 * np.pi * areas * self.radii, 2.0 * np.pi * B
-
-    def strains(self, v: Floats) -> Floats:
-        """Return the mean strains (c, 4) of the vertex values v (c, n, 2)."""
-        volumes, B = self.strain_rows()
-        v = v - v[:, :1] * [0.0, 1.0]
-        return np.asarray(np.einsum("ckia,cia->ck", B, v) / volumes[:, None])
 
     def hoop_variation(self) -> Floats:
         """Return the matrices (c, n, n) of 2 pi g'M g / r_c in the radial displacements of the vertices."""

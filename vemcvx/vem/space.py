@@ -165,10 +165,7 @@ class Space:
                 f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
                 "bodies, where only contact, friction, Pressure and PrescribedSlip act; name outer boundaries."
             )
-        key = tuple(sorted(set(names)))
-        if key not in self._parts:
-            self._parts[key] = self._part(read_only(sides), across)
-        return self._parts[key]
+        return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
         """Return the part with these names, and the sides of the second bodies at its interfaces, if any."""
@@ -181,11 +178,6 @@ class Space:
             return face_part(sides, self.mesh, across, self.mirrors)
         inside = self._inside(sides, across)
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
-
-    @cached_property
-    def _parts(self) -> dict[tuple[str, ...], Part]:
-        """A cache of parts by name, so that friction and contact share the normals of a part."""
-        return {}
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
         """Return True for ends (m, 2) of edges in one cell only; on interfaces, one cell of the lower-numbered body."""

@@ -3,8 +3,8 @@
 A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
 are cells of the grid, too. If a named set contains cells of the mesh, it becomes a cell datum, 1 inside and 0 outside.
 If it contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep data,
-the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary. These cells also get the other
-data of the cell beside them, so that pictures with and without them have the same colours.
+the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary; these cells have the other
+data of the cell beside them.
 
 An interface of two bodies is stored as two such parts: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
@@ -148,16 +148,11 @@ def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
 
 def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
     """List the nodes of the edges or faces of all named boundaries, and the partners at interfaces."""
-    parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
+    named = {name: mesh._places(part) for name, part in mesh.boundaries.items() if name != WHOLE}
+    rows = {name: rows_in_order(*mesh._outlines, places) for name, places in named.items()}
     for name, found in mesh.interfaces.items():
-        first, second = (quote(body, safe="") for body in found.bodies)
-        parts[f"{PARTNERS}{first}:{second}:{name}"] = found.partners
-    rows = {}
-    for name, part in parts.items():
-        if isinstance(mesh, PolyhedralMesh) and part.ndim == 1:
-            rows[name] = rows_in_order(mesh.face_offsets, mesh.face_vertices, part)
-        else:
-            rows[name] = offsets_of((part >= 0).sum(axis=1)), part[part >= 0]
+        (first, second), nodes = (quote(body, safe="") for body in found.bodies), found.partners
+        rows[f"{PARTNERS}{first}:{second}:{name}"] = offsets_of((nodes >= 0).sum(axis=1)), nodes[nodes >= 0]
     return rows
 
 

@@ -80,14 +80,6 @@ def test_contact_without_friction_has_no_picture_of_friction(opened, stuck):
     assert "friction_traction" in draw_pictures(stuck, None)
 
 
-def test_friction_far_below_its_bound_fills_the_axis(stuck, opened):
-    figure = friction_traction(stuck, units=PASCAL)
-    (low, high), friction = figure.axes[0].get_ylim(), np.abs(stuck.contact.traction).max()
-    assert -low == high == pytest.approx(1.2 * friction)
-    assert "bound $\\pm g$ off the axis, 1e+03 Pa" in find_labels(figure)
-    assert "bound $\\pm g$" in find_labels(friction_traction(opened))
-
-
 def test_slip_of_the_size_of_rounding_is_drawn_as_zero(stuck):
     noise = 1e-16 * np.abs(stuck.displacement).max() * np.random.default_rng(0).normal(size=stuck.contact.slip.shape)
     noisy = replace(stuck, contact=replace(stuck.contact, slip=noise))

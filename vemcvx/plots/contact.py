@@ -17,7 +17,7 @@ from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import plane_mesh
 from vemcvx.plots import style
-from vemcvx.plots.style import Units, amount, instant, is_idle, label, label_axes, units_of
+from vemcvx.plots.style import Units, instant, is_idle, label, label_axes, units_of
 from vemcvx.results import Contact, Results, contact_path
 
 if TYPE_CHECKING:
@@ -153,10 +153,8 @@ def friction_traction(
         for start, stop in line.spans(chosen):
             # Hatching shows in grey print.
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
-    top, bound, far = _reach(contact), contact.bound[row, line.order], ""
-    if bound.min() > top:
-        far = f" off the axis, {amount(bound.min(), 'force per length', units)}" + " or more" * bool(np.ptp(bound) > 0)
-    for side, name in ((bound, f"bound $\\pm g${far}"), (-bound, None)):
+    bound = contact.bound[row, line.order]
+    for side, name in ((bound, "bound $\\pm g$"), (-bound, None)):
         ax.plot(*line.interrupt(side), color="black", linestyle="--", linewidth=1.2, label=name)
     ax.plot(*line.interrupt(traction), color="0.35", linewidth=1.0, zorder=1.5)
     marks = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
@@ -172,16 +170,8 @@ def friction_traction(
     )
     title = f"{instant(history.times[row], units)}: {did}{gone}"
     words = label("friction on the body\n", "force per length", units)
+    top = 1.2 * max(float(np.abs(shown).max(initial=0.0)) for shown in (contact.traction, contact.bound)) or 1.0
     return line.finish(ax, words, title, units, (-top, top), size="large")
-
-
-def _reach(contact: Contact) -> float:
-    """Return the end of an axis that shows friction, and bounds unless they are far larger than friction."""
-    friction = float(np.abs(contact.traction).max(initial=0.0))
-    bound = float(np.abs(contact.bound).max(initial=0.0))
-    # Friction is still visible in a fifth of the axis; friction at the level of rounding should not fill it.
-    far = 1e-8 * bound < friction < 0.2 * bound
-    return 1.2 * (friction if far else max(bound, friction)) or 1.0
 
 
 STATES = (

@@ -273,7 +273,7 @@ def test_bounds_of_the_minimum_hold_if_a_sticking_term_slips_by_rounding(w):
     """|d|^2 / 2 + w |d_1 + d_2 - 1| is 1/4 at d = (1/2, 1/2). A slip of 2e-14 would cost w times 2e-14."""
     program = StepProgram(Operators(np.eye(2), [[1.0, 1.0]]), np.zeros(2), np.array([w]), np.array([1.0]))
     answer = Answer(np.array([0.5 + 2e-14, 0.5]), np.array([[-0.5]]), 0)
-    low, high = SolvedProgram.from_answer(program, answer, 1, 1.0).bounds
+    low, high = SolvedProgram(program.operators, *program.data, answer=answer, step=1, t=1.0).bounds
     assert low <= 0.25 <= high
 
 

@@ -6,7 +6,7 @@ import pytest
 import vemcvx as vx
 from vemcvx.program import Answer, Operators, StepProgram
 from vemcvx.solvers import TUNED
-from vemcvx.solvers.conic import Condition, polish_answer
+from vemcvx.solvers.conic import ALWAYS, polish_answer
 
 pytestmark = pytest.mark.arithmetic
 
@@ -51,7 +51,7 @@ def test_options_of_the_user_replace_settings_and_tuned_false_omits_them():
 
 @pytest.mark.parametrize("solver", sorted(TUNED))
 def test_conditional_settings_follow_the_settings_for_all_programs(solver):
-    always = {setting.name for setting in TUNED[solver] if setting.when is Condition.ALWAYS}
-    order = [setting.when is Condition.ALWAYS for setting in TUNED[solver]]
+    always = {setting.name for setting in TUNED[solver] if setting.when == ALWAYS}
+    order = [setting.when == ALWAYS for setting in TUNED[solver]]
     assert order == sorted(order, reverse=True)
     assert set(vx.ThroughCvxpy(solver).for_second_attempt().choose_options(1e-12, semidefinite=True)) == always

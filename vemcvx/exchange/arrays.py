@@ -132,7 +132,8 @@ def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
     d, lam, p, step, t = (finite(as_array_of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
-    return SolvedProgram.from_answer(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
+    answer = Answer(d, lam, 0, "read from a file", p=p)
+    return SolvedProgram(program.operators, *program.data, answer=answer, step=int(step), t=float(t))
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes]:

@@ -43,10 +43,7 @@ def direct_solver(unknowns: int) -> Pardiso | SuperLU:
     return Pardiso() if unknowns >= 1_000 and Pardiso.is_installed() else SuperLU()
 
 
-@cache
-def _find_libraries() -> ThreadpoolController:
-    """Return the BLAS libraries of NumPy and SciPy. The search takes milliseconds, so its result is cached."""
-    return ThreadpoolController()
+_find_libraries = cache(ThreadpoolController)  # The search for BLAS libraries takes milliseconds.
 
 
 @contextmanager

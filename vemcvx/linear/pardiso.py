@@ -1,15 +1,12 @@
 """oneMKL's PARDISO: the supernodal Cholesky factorisation, through the package py-mkl-pardiso (extra ``mkl``).
 
-Let c be m unknowns, and i the others. If `perm` marks c and iparm[35] = 2, phase 12 factorises all of K. It returns the
-Schur complement S = K_cc - K_ci K_ii^{-1} K_ic as m x m numbers at the beginning of the solution array. Phase 33 solves
-with the same factors; phase 333 substitutes backward, with K = L L', and leaves x_c unchanged.
+If `perm` marks m unknowns c and iparm[35] = 2, phase 12 factorises all of K, and returns the Schur complement onto c as
+m x m numbers at the beginning of the solution array. Phase 33 solves with the same factors; phase 333 substitutes
+backward, with K = L L', and leaves x_c unchanged. PARDISO orders the unknowns itself, and runs on one thread.
 
-The package's public class, PardisoSolver, factorises before `perm` can be set. We use its base class, _PardisoSolver,
-instead. PARDISO runs on one thread.
-
-PARDISO orders the unknowns itself. It can treat unknowns whose rows have the same pattern, such as the unknowns of a
-node, as one block (iparm[36] = -100); a run then takes four fifths of the time. But a block of more than 256 unknowns
-crashes the process. No block is larger than a row, so we request blocks only if rows are short.
+The package's public class factorises before `perm` can be set, so we use its base class, _PardisoSolver. Unknowns whose
+rows have the same pattern may form blocks (iparm[36] = -100), which saves a fifth of the time. A block of more than 256
+unknowns crashes the process. No block is larger than a row, so we request blocks only if rows are short.
 """
 
 from __future__ import annotations

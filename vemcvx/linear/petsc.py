@@ -1,8 +1,7 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
 
-Rank 0 poses the problem, holds K and computes the steps. Every rank holds a block of K's rows in PETSc, and its part of
-the multigrid hierarchy. All other ranks wait for calls from rank 0 (:func:`serve`). A call names a method of
-:class:`Ranks`, which all ranks then execute together.
+Rank 0 poses the problem, holds K and computes the steps. Every rank holds a block of K's rows and its part of the
+hierarchy. All other ranks wait for calls (:func:`serve`) of methods of :class:`Ranks`, which all ranks then execute.
 
 GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both smoothers are
 self-adjoint in the energy, with eigenvalues of at most one, so that the bounds of :mod:`vemcvx.linear.iterative` hold.

@@ -22,9 +22,8 @@ inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinit
 
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
-The gap is linear in the slip of a sticking term: with $|\lambda| < w$ it is $w |s| - \lambda \cdot s$. A slip of 1e-16
-due to rounding makes a gap of this size, and the bound on the error is the root of the gap, 1e-8. If a move $v$ removes
-the slip instead, the bound grows only by $2 |v|_K$:
+The gap is linear in the slip of a sticking term. A slip of 1e-16, which is rounding, makes a bound of its root, 1e-8.
+If a move $v$ removes the slip instead, the bound grows only by $2 |v|_K$:
 
 **Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
 parts of norm terms and limits in the gap at $d - v$,
@@ -39,8 +38,7 @@ The move $v$ removes slips and excesses $z$ that count as zero (``StepProgram.ze
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
-$|d - d^*|_K$ is at most `error + error_floor`, the roots of twice the gap and of twice the floor. A condensed program
-has the floor of the retained unknowns, without the rounding of its K. Stored steps are certified with all unknowns.
+$|d - d^*|_K$ is at most `error + error_floor`, the roots of twice the gap and of twice the floor.
 """
 
 from __future__ import annotations

@@ -12,13 +12,11 @@ For a state y with retained displacements y_c under the total force f, and for t
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
-so that no energies are subtracted from each other.
-
-If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, with E the
-diagonal matrix of the anchors' stiffness, and its Schur complement is S + E. K_ii, K_ci, xi and tau do not depend on E.
+so that no energies are subtracted from each other. If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns
+are anchored: K + E is factorised, with E the diagonal matrix of the anchors' stiffness, and gives S + E.
 
 The loads of a run combine few forces, called shapes. Each costs one solve; the energy of a combination is a sum over
-pairs of shapes. So a step works with one number per shape, and vectors of all unknowns are computed on demand.
+pairs of shapes.
 """
 
 from __future__ import annotations
@@ -139,7 +137,7 @@ class Condensation:
                 )
             self.anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if self.anchor is None else sp.csr_matrix(add_anchors(system.K, self.anchor))
-        self._bases: dict[int, list[tuple[Floats, Shape]]] = {}
+        self._bases: dict[str, list[tuple[Floats, Shape]]] = {}
         if self.whole:
             self.factor: Factor = self.linear.factorise(self._K, system.near_kernel)
             self.retained, self._S = np.arange(n), self._K
@@ -169,14 +167,11 @@ class Condensation:
             compliance=None if limits is None else limits.compliance,
         )
 
-    def reduce(self, phi: Floats, rows: Ints | None = None) -> Reduced:
-        """Return the reduced form of a force (n,), or of a force on the unknowns `rows` alone.
-
-        If the force is a combination of earlier forces on the same rows, no solve is needed.
-        """
+    def reduce(self, phi: Floats, kind: str = "") -> Reduced:
+        """Return the reduced form of a force (n,); if it combines earlier forces of this kind, no solve is needed."""
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
-        basis, shares = self._bases.setdefault(id(rows), []), dict[Shape, float]()
+        basis, shares = self._bases.setdefault(kind, []), dict[Shape, float]()
         for q, shape in basis:
             share = float(q @ rest) / float(q @ q)  # Exactly one if the load is the shape itself.
             rest, shares[shape] = rest - share * q, unit * share
@@ -184,7 +179,7 @@ class Condensation:
             return Reduced(self, shares)
         full = len(basis) == MOST_SHAPES
         rest, shares = (load, {}) if full else (rest, shares)
-        new = self._solve_shape(rest if rows is None else scatter(rest, rows, self.system.n))
+        new = self._solve_shape(rest)
         if not full:
             basis.append((rest, new))
         return Reduced(self, {**shares, new: unit})
@@ -207,8 +202,7 @@ class Condensation:
     def solve_interior(self, phi: Floats) -> Floats:
         """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns.
 
-        A full solve moves the retained unknowns by x_c; the forces -S x_c move them back to zero. A second correction
-        of this kind removes rounding errors.
+        A full solve moves the retained unknowns by x_c; the forces -S x_c move them back to zero.
         """
         c, inner = self.retained, phi.copy()
         inner[c] = 0.0

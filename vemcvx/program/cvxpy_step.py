@@ -4,9 +4,7 @@
 
 with one second-order cone per norm term. v_j = 0 if limit j is a bound, and v_j >= (z_j)_+ if it is soft. cvxpy's dual
 of the cone |s_i| <= t_i is (w_i, -lam_i), and its dual of D d - v <= e is p. Absolute values may be written as two
-inequalities -t <= B d - b <= t; their duals (upper, lower) give lam = upper - lower.
-
-A term that always sticks is a zero cone, B_i d = b_i, whose dual is lam_i.
+inequalities -t <= B d - b <= t, with lam the upper dual minus the lower. A term that always sticks is B_i d = b_i.
 """
 
 from __future__ import annotations

@@ -34,27 +34,13 @@ from vemcvx.program.step_program import StepProgram
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The forces x of all rows and the vector `off` that they cause, in the units of a :class:`Delassus`.
+    """The forces of all rows and the slips and gaps that they cause, in the units of a :class:`Delassus`."""
 
-    Parameters
-    ----------
-    x : (N,) array
-        Forces (lam, p) of all rows.
-    off : (N,) array
-        Slips s, and z - c p of limits.
-    a : (k,) array
-        Coordinates of the increments in K's kernel.
-    rest : (k,) array
-        Imbalance of the forces on the kernel.
-    start : Point, optional
-        The point from which changes are computed, so that rounding of large intermediate forces does not accumulate.
-    """
-
-    x: Floats
-    off: Floats
-    a: Floats
-    rest: Floats
-    start: Point | None = None
+    x: Floats  # (N,) forces (lam, p)
+    off: Floats  # (N,) slips s, and z - c p of limits
+    a: Floats  # (k,) coordinates of the increments in K's kernel
+    rest: Floats  # (k,) imbalance of the forces on the kernel
+    start: Point | None = None  # changes are computed from here, so that rounding does not accumulate
 
 
 class Delassus:

@@ -7,8 +7,7 @@ $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \text{ with } D N c \l
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
 K d* is unique, but d* need not be unique, so that errors are measured in the seminorm |.|_K. K can be factorised after
-stiffness is added on k unknowns (*anchors*) that the motions move. Newton's method has coordinates of the motions as
-unknowns (:mod:`vemcvx.program.forces`). Solvers that need a definite K raise NotAccepted.
+stiffness is added on k unknowns (*anchors*) that the motions move.
 """
 
 from __future__ import annotations

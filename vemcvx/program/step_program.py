@@ -5,10 +5,8 @@
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
 with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown is d, not y, so that d
-keeps all digits if it is tiny compared with y. A *limit* j with compliance c_j = 0 is the bound D_j d <= e_j. A limit
-with c_j > 0 adds a squared positive part to the last sum. Each solver converts these arrays to its own format.
-
-A term of infinite weight always sticks: it is the constraint B_i d = b_i, and lam_i is free.
+keeps all digits if it is tiny compared with y. A *limit* j with compliance c_j = 0 is the bound D_j d <= e_j. A term of
+infinite weight always sticks: it is the constraint B_i d = b_i, and lam_i is free.
 """
 
 from __future__ import annotations
@@ -149,8 +147,7 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        The level of a term (limit) is STILL_TOLERANCE times the larger of two motions: the largest motion of all terms
-        (limits) in d, and the largest motion of this term (limit) in a state with the energy norm `size`.
+        A level is STILL_TOLERANCE times the largest motion of all terms (limits) in d, or of this one at norm `size`.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
@@ -392,9 +389,8 @@ class StepProgram(ArrayRecord):
     def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
         """Return increments (n,) within the `rigid` limits, by projections in the energy norm.
 
-        Each round replaces d by d - K^{-1}D'q, the nearest point that satisfies all rows violated in this or an earlier
-        round. q minimises q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e. After several rounds the
-        result is close to the feasible point nearest to the given d, but not equal to it.
+        Each round replaces d by d - K^{-1}D'q, the nearest point that satisfies all rows violated so far. q minimises
+        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e.
         """
         from scipy.optimize import nnls
 
@@ -515,11 +511,6 @@ class SolvedProgram(StepProgram):
     slope: sp.csr_matrix | None = None
     origin: Mapping[str, Any] = field(default_factory=dict)
     energy_rows: Callable[[], sp.csr_matrix] | None = None
-
-    @classmethod
-    def from_answer(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:
-        """Return a program with its answer."""
-        return cls(program.operators, *program.data, answer=answer, step=step, t=t)
 
     @cached_property
     def certificate(self) -> Certificate:

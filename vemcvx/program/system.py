@@ -32,7 +32,6 @@ from vemcvx.base.arrays import (
     finite,
     function,
     instance,
-    scatter,
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
@@ -255,34 +254,11 @@ class Limits(Rows):
 class DraggedTerms:
     """Norm terms without unknowns, w_i |c_i(t_n) - c_i(t_{n-1})|: they dissipate, but do not change the state."""
 
-    position: Callable[[float], Floats]
-    """Function t -> (q * block,): the positions c of supports, minus the displacement of the ground."""
-    weights: Callable[[float, Floats, Floats, Floats], Floats]
-    """Function (t, p, past, slip) -> (q,): the weights, as in :class:`vemcvx.base.weight_law.Law`."""
+    position: Callable[[float], Floats]  # t -> (q * block,) positions c of supports, minus the motion of the ground
+    weights: Callable[[float, Floats, Floats, Floats], Floats]  # (t, p, past, slip) -> (q,), as in a Law
     count: int
     block: int = 1
-    remembers: bool = False
-    """True if weights depend on slips."""
-    rates: bool = False
-    """True if weights depend on slip rates."""
-
-
-@dataclass(frozen=True)
-class ForceOnPart:
-    """A force on k of n unknowns: `rows` (k,) are their indices, ascending, and `entries` maps t to the forces (k,)."""
-
-    n: int
-    rows: Ints
-    entries: Callable[[float], Floats]
-
-    def __call__(self, t: float) -> Floats:
-        """Return the force on all unknowns (n,)."""
-        return scatter(self.entries(t), self.rows, self.n)
-
-
-def force_on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
-    """Return a force at the instant `t`, and the unknowns on which it acts; None stands for all unknowns."""
-    return (force.entries(t), force.rows) if isinstance(force, ForceOnPart) else (force(t), None)
+    rates: bool = False  # True if weights depend on slip rates
 
 
 @dataclass(frozen=True)
@@ -294,18 +270,12 @@ class Motion:
     `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
-    dirichlet_force: Callable[[float], Floats]
-    """Function t -> (n,): P'A u_D."""
-    prescribed_slip: Callable[[float], Floats]
-    """Function t -> (m * block,): the contribution of u_D to the argument of the norms."""
-    stored: Callable[[float, float], float]
-    """Function (s, t) -> u_D(s)'A u_D(t)."""
-    frame: Callable[[float, Floats], Floats]
-    """Function (t, y) -> (n_u,): u minus a motion without strain."""
-    pair: Callable[[Floats, Floats], float]
-    """Function (u, v) -> a(u, v) of two fields of `frame`."""
-    remaining_gap: Callable[[float], Floats] | None = None
-    """Function t -> (r,): the part of the limits e that u_D uses up."""
+    dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D
+    prescribed_slip: Callable[[float], Floats]  # t -> (m * block,): the part of u_D in the argument of the norms
+    stored: Callable[[float, float], float]  # (s, t) -> u_D(s)'A u_D(t)
+    frame: Callable[[float, Floats], Floats]  # (t, y) -> (n_u,): u minus a motion without strain
+    pair: Callable[[Floats, Floats], float]  # (u, v) -> a(u, v) of two fields of `frame`
+    remaining_gap: Callable[[float], Floats] | None = None  # t -> (r,): the part of the limits e that u_D uses up
 
 
 @dataclass(frozen=True, repr=False)
@@ -530,12 +500,6 @@ class System(ArrayRecord):
         return self._permutation(
             call_function(self.order, (), "System: order: its function failed", "return a permutation")
         )
-
-    def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
-        """Return the load at the instant `t`, checked, and the unknowns on which it acts; None stands for all."""
-        if not isinstance(self.load, ForceOnPart):
-            return self.force(t), None
-        return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows
 
     def force(self, t: float) -> Floats:
         """Return the load vector (n,) at the instant `t`, checked."""

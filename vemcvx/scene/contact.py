@@ -192,7 +192,6 @@ class Terms(ContactRows):
             weights=weights,
             count=len(self) - m,
             block=block,
-            remembers=law is not None and law.slips,
             rates=law is not None and law.rates,
         )
 

@@ -22,7 +22,7 @@ from vemcvx.effects.materials import REVOLVED
 from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.system import Damping, ForceOnPart, Motion, System
+from vemcvx.program.system import Damping, Motion, System
 from vemcvx.scene.contact import Obstacles, Surface, Terms, describe_immovable, pose_contact, warn_of_free_normals
 from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, floating_motions
 from vemcvx.scene.rows import straighten_normals
@@ -35,42 +35,27 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 def build_load(
     loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
 ) -> Callable[[float], Floats]:
-    """Return the load of a System, t -> (n,); loads on parts of the body are evaluated only for unknowns there."""
+    """Return the load of a System, t -> (n,)."""
     others = [load for load in loads if not isinstance(load, Load)]
-    touched = [(load.values, *_nonzero_rows(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
-    if not supports.still:
-        values, own, matrix = _force_by_rows(A, supports)
-        touched.append((values, own, -matrix))
-    rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
-    places = [np.searchsorted(rows, own) for _, own, _ in touched]
-
-    def entries(t: float) -> Floats:
-        f = np.zeros(len(rows))
-        for (values, _, matrix), place in zip(touched, places, strict=True):
-            f[place] += matrix @ values(t)
-        return f
-
-    part = ForceOnPart(supports.P.shape[1], rows, entries)
+    gathered = [(load.values, supports.gather(load.matrix)) for load in loads if isinstance(load, Load)]
+    dirichlet_force = build_dirichlet_force(A, supports)
 
     def load(t: float) -> Floats:
-        f = part(t)
+        f = np.zeros(supports.P.shape[1]) if supports.still else -dirichlet_force(t)
+        for values, matrix in gathered:
+            f += matrix @ values(t)
         for other in others:
             f += supports.gather(other.vector(t))
         return f
 
-    return load if others else part
+    return load
 
 
-def _force_by_rows(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """Return nodal values moved by supports, t -> (q,), and of P'A for them the numbers and matrix of nonzero rows."""
+def build_dirichlet_force(A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
+    """Return P'A u_D, t -> (n,)."""
     moved = supports.moved
-    return lambda t: supports.motion(t)[moved], *_nonzero_rows(supports.gather(A[:, moved]))
-
-
-def _nonzero_rows(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
-    """Return the numbers of a matrix's nonzero rows, and these rows."""
-    rows = np.flatnonzero(np.diff(sp.csr_matrix(matrix).indptr)).astype(np.int64)
-    return rows, sp.csr_matrix(matrix)[rows]
+    matrix = sp.csr_matrix(supports.gather(A[:, moved]))
+    return lambda t: matrix @ supports.motion(t)[moved]
 
 
 def build_motion(
@@ -81,9 +66,8 @@ def build_motion(
     body_frame: Callable[[Floats], Floats],
 ) -> Motion:
     """Return the Motion of moving supports for a System with stiffness A and these rows of norm terms and limits."""
-    values, rows, matrix = _force_by_rows(A, supports)
     return Motion(
-        dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ values(t)),
+        dirichlet_force=build_dirichlet_force(A, supports),
         prescribed_slip=lambda t: tangential @ supports.motion(t),
         stored=lambda s, t: float(supports.motion(s) @ (A @ supports.motion(t))),
         frame=lambda t, y: body_frame(supports.P @ y + supports.motion(t)),

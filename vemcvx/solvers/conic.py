@@ -1,10 +1,8 @@
 """Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
 
 `TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. "Certified
-5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5.
-
-All solvers receive absolute values as inequalities -t <= s <= t. On a slipping term a cone |s| <= t uses t - |s|, which
-is as small as the gap and has no correct digits below 1e-12; inequalities have a slack variable for this difference.
+5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5. All solvers get
+absolute values as inequalities -t <= s <= t, because cones |s| <= t lose digits on slipping terms.
 """
 
 from __future__ import annotations
@@ -12,7 +10,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import cache
 from typing import Any, ClassVar
 
@@ -46,12 +43,8 @@ class GapTolerance:
         return f"{self.share:g} {name}, {self.least:g} to {self.most:g}"
 
 
-class Condition(Enum):
-    """The programs to which a setting applies; the values are words for tables."""
-
-    ALWAYS = ""
-    SEMIDEFINITE = "if K is only semidefinite"
-    RETRY = "in a second attempt"
+ALWAYS, SEMIDEFINITE, RETRY = "", "if K is only semidefinite", "in a second attempt"
+"""The programs to which a setting applies, in words for tables."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +54,7 @@ class Setting:
     name: str
     value: GapTolerance | float | str
     why: str
-    when: Condition = Condition.ALWAYS
+    when: str = ALWAYS
 
     def at(self, gap: float) -> float | str:
         """Return the value for a gap."""
@@ -70,7 +63,7 @@ class Setting:
     @property
     def words(self) -> str:
         """The value, and the programs to which it applies."""
-        return f"{self.value} {self.when.value}".rstrip()
+        return f"{self.value} {self.when}".rstrip()
 
 
 TIGHT = GapTolerance(TARGET_FRACTION, 1e-14)
@@ -99,11 +92,11 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("static_regularization_constant", 1e-15, "1e-13 lets 1/6 of the paper's steps miss by a factor of 1e6"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
         # In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
-        Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", Condition.SEMIDEFINITE),
-        Setting("iterative_refinement_enable", True, "gains the missing digits", Condition.RETRY),
+        Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", SEMIDEFINITE),
+        Setting("iterative_refinement_enable", True, "gains the missing digits", RETRY),
         # Examples of retries: problems/janssen_silo.py (fixed points need all digits), problems/solver_accuracy.py.
-        Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", Condition.RETRY),
-        Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", Condition.RETRY),
+        Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", RETRY),
+        Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", RETRY),
     ),
     "OSQP": (
         Setting("eps_abs", RESIDUAL, "residuals, which enter the gap squared"),
@@ -248,12 +241,12 @@ class ThroughCvxpy(Solver):
 
     def choose_options(self, gap: float, *, semidefinite: bool) -> dict[str, Any]:
         """Return the solver's options for a duality gap of a scaled program; options of the user replace tuned ones."""
-        now = {Condition.ALWAYS} | ({Condition.SEMIDEFINITE} if semidefinite else set())
+        now = (ALWAYS, SEMIDEFINITE) if semidefinite else (ALWAYS,)
         return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
 
     def for_second_attempt(self) -> ThroughCvxpy:
         """Return the solver with the settings for a second attempt at a step."""
-        sharper = {one.name: one.value for one in self.settings if one.when is Condition.RETRY}
+        sharper = {one.name: one.value for one in self.settings if one.when is RETRY}
         return replace(self, options={**sharper, **self.options})
 
 

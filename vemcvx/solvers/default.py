@@ -134,9 +134,8 @@ class RunSolver:
     """A solver prepared for a run, under given weights and under laws of friction.
 
     `newton` is the solver itself if it is Newton's method, which solves steps under laws. Other solvers answer programs
-    with given weights. With T(w) the answer for the weights w, a law requires w = law(p(T(w)), |s(T(w))|). In a
-    fixed-point iteration, the next weights come from one Newton step on the active sets of the answer. If the solution
-    has the same active sets, this step gives the weights of the solution.
+    with given weights in a fixed-point iteration: the next weights come from one Newton step on the active sets of the
+    answer. If the solution has the same active sets, this step gives the weights of the solution.
     """
 
     solver: Solver

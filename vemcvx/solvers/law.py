@@ -23,27 +23,15 @@ RELATIVE_STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """The weights of norm terms in one step, as functions of limit forces p (r,) and of slips (m,) in the step.
+    """The weights of norm terms in one step, as functions of limit forces p (r,) and of slips (m,) in the step."""
 
-    Parameters
-    ----------
-    w : (m,) array
-        Constant weights, as in Tresca's law.
-    norms : Norms, optional
-        Terms whose law replaces the constants, evaluated at the instant `t` after the slips `past` (m,).
-    k : float
-        The length of the step.
-    term_units, limit_units : (m,) and (r,) arrays, optional
-        Units of forces; slips are in units of 1 / `term_units`.
-    """
-
-    w: Floats
-    norms: Norms | None = None
+    w: Floats  # (m,) constant weights, as in Tresca's law
+    norms: Norms | None = None  # terms whose law replaces the constants
     t: float = 0.0
-    past: Floats = field(default_factory=lambda: np.zeros(0))
-    k: float = 0.0
-    term_units: Floats = field(default_factory=lambda: np.ones(1))
-    limit_units: Floats = field(default_factory=lambda: np.ones(1))
+    past: Floats = field(default_factory=lambda: np.zeros(0))  # (m,) slips before the step
+    k: float = 0.0  # the length of the step
+    term_units: Floats = field(default_factory=lambda: np.ones(1))  # units of w; slips are in units of 1 / `term_units`
+    limit_units: Floats = field(default_factory=lambda: np.ones(1))  # units of p
 
     @property
     def is_given(self) -> bool:

@@ -4,33 +4,27 @@ The active sets are the sticking terms, the acting limits, and the directions in
 sets the forces are x = x_law + Q z. x_law is w s/|s| on slipping terms, zero on open limits, and x elsewhere. The
 unknowns z are changes of
 
-- forces of sticking terms and acting limits (columns of the identity; for limits also J = dw/dp along slips),
+- forces of sticking terms and acting limits (for limits also J = dw/dp along slips),
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1/w'.
 
-Two conditions determine z: sticking and acting rows do not move, and slipping terms keep the slip s at which the law
-was linearised. With P, which is Q' without J,
+Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. With P, which
+is Q' without J, these conditions are
 
 $$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off} - s \text{ on slipping terms}). $$
 
-This is the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. A
-slipping term adds no unknown in the plane, and one in space. REGULARISATION is added to the diagonal, because rows may
-be linearly dependent. If K has a kernel, N'A'x = N'g borders the system.
+This is the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. Rows
+may be linearly dependent: REGULARISATION is added to the diagonal. If K has a kernel, N'A'x = N'g borders the system.
 
-The matrix is factorised only if sets change, or if the error of the law no longer halves. Otherwise corrections with
-the last factors, which may be factors of the step before, remove errors due to regularisation and to slips that turn.
-We stop by the error of the law; unchanged sets are no criterion, because rounding may change sets for ever. If W is an
-operator (iterative linear solvers, very many rows), GMRES solves the system.
+We factorise only if sets change, or if the error of the law no longer halves. Otherwise we correct with the last
+factors. Rounding may change sets for ever, so we stop by the error of the law. If W is an operator (iterative linear
+solvers, very many rows), GMRES solves the system.
 
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
-Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a solution,
-because the set is convex and W positive semidefinite. In space these gradients run after the first active sets; in the
-plane they run when sets recur. Then Newton's method continues. Under given weights the next safeguard resumes where the
-last one ended. A kernel enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is
-not proven: if sets recur, we first try four points between the last two, and take the one with the least error.
-
-If all this misses the accuracy of a run, Clarabel solves the step, and Newton's method starts from its active sets
-(:class:`vemcvx.solvers.default.RunSolver`).
+Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a solution. In
+space they run after the first active sets, in the plane when sets recur. Then Newton's method continues. A kernel
+enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is not proven: if sets recur,
+we first try four points between the last two, and take the one with the least error.
 """
 
 from __future__ import annotations
@@ -75,28 +69,14 @@ SWEEPS_PER_MULTIPLIER = 20
 
 @dataclass(frozen=True, eq=False)
 class ActiveSets:
-    """The active sets of a point, with the weights w (m,) there.
+    """The active sets of a point, with the weights w there."""
 
-    Parameters
-    ----------
-    stick : (m,) array
-        True for sticking terms.
-    act : (r,) array
-        True for acting limits.
-    direction : (m, block) array
-        Unit vectors of slips.
-    along : (m,) array
-        Components of slips along `direction`, >= 0.
-    size : (m,) array
-        Lengths |q| of the predicted forces.
-    """
-
-    stick: Bools
-    act: Bools
-    direction: Floats
-    along: Floats
-    w: Floats
-    size: Floats
+    stick: Bools  # (m,) sticking terms
+    act: Bools  # (r,) acting limits
+    direction: Floats  # (m, block) unit vectors of slips
+    along: Floats  # (m,) components of slips along `direction`, >= 0
+    w: Floats  # (m,)
+    size: Floats  # (m,) lengths |q| of the predicted forces
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
@@ -215,20 +195,11 @@ def _with_pressure(P: sp.csr_matrix, sets: ActiveSets, J: sp.csr_matrix) -> sp.c
 
 @dataclass(eq=False)
 class Search:
-    """The search for the forces of one step.
-
-    Parameters
-    ----------
-    delassus : Delassus
-    law : Weights
-        Weights in the units of `delassus`.
-    most : int
-        Largest number of systems.
-    """
+    """The search for the forces of one step."""
 
     delassus: Delassus
-    law: Weights
-    most: int
+    law: Weights  # in the units of `delassus`
+    most: int  # largest number of systems
     count: int = 0
     safeguards: int = 0
 
@@ -267,7 +238,7 @@ class Search:
         return ActiveSetSystem.assemble(self.delassus, sets, point, self.law)
 
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
-        """Solve by corrections on the factors of a system; return the point, its sets and the error of the law.
+        """Correct with the factors of a system; return the point, its sets and the error of the law.
 
         If the sets do not hold a floating body, the error is zero for a body without forces, else infinite.
         """

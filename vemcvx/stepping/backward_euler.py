@@ -2,7 +2,7 @@
 
 - Pose the program of the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step.
 - Solve the program; if the answer misses the accuracy, solve again with a smaller target.
-- Certify the step on the unknowns of friction and limits, and stored states on all unknowns, with one residual of K.
+- Certify the step on the unknowns of friction and limits, and stored states on all unknowns.
 - Record the state (:mod:`.trajectory`).
 
 With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
@@ -10,23 +10,21 @@ g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits
 
 Dashpots. With b(u', v) in addition to a(u, v), a step of length k has the matrix K + C/k in place of K, and moving
 supports add the force -P'A_b (u_D,n - u_D,n-1) / k. C is the matrix of b on y, and A_b the matrix of b on u. Such
-systems are not condensed. Friction, limits and dashpots together balance g_n - K d_n. The certificate bounds the error
-in the norm of K + C/k, which is at least the norm of K.
+systems are not condensed. The certificate bounds the error in the norm of K + C/k.
 
-Errors are relative to the largest energy norm of the states so far. A body that moves without contact, or that is
-completely fixed, has no energy: its norm is only rounding, and cannot be a reference. The reference is then the largest
-energy norm that the data could cause: a load f causes |K^{-1}f|_K without contact and friction. A state counts as zero
-if its norm is at most accuracy times this reference, or if its norm is rounding.
+Errors are relative to the largest energy norm of the states so far. A body that moves without contact has no energy:
+its norm is only rounding. The reference is then the largest energy norm that the data could cause: a load f causes
+|K^{-1}f|_K without contact and friction. A state counts as zero if its norm is at most accuracy times this reference.
 
 A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. The condition holds
-if and only if one step at times[0] from u_0 returns u_0. If u_0 violates (2.1), its distance from a state that obeys
-(2.1) is at most the jump of this step plus the certified error of the step, in the energy norm. This bound is the
-certificate of step 0. Step maps are nonexpansive: an error of u_0 adds at most this bound to the errors of later
-states. If a run is given the projection P^h u_0, (3.26), it begins after this step, unless settle=False. If u_0 obeys
-(2.1) in the continuum, P^h u_0 violates (2.1) in V^h by O(h): loads and friction have other quadratures than a(u_0, v).
+if and only if one step at times[0] from u_0 returns u_0. Otherwise the distance of u_0 from a state that obeys (2.1) is
+at most the jump of this step plus its certified error. This bound is the certificate of step 0. Step maps are
+nonexpansive: an error of u_0 adds at most this bound to the errors of later states. The projection P^h u_0, (3.26),
+violates (2.1) by O(h), because loads and friction have other quadratures than a(u_0, v). So a run that is given P^h u_0
+begins after this step, unless settle=False.
 
-We do not use the midpoint rule, which also solves one convex program per step. Its states at the instants violate
-(2.1), and it is of first order, like backward Euler, if slips begin inside steps (problems/midpoint_rule.py).
+We do not use the midpoint rule: its states at the instants violate (2.1), and it is of first order, too, if slips begin
+inside steps (problems/midpoint_rule.py).
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
@@ -90,7 +89,8 @@ def _make_solved_program(run: PreparedRun, before: State, after: State, n: int) 
     d = posed.program.feasible(after.y - before.y)
     answer = Answer(d, after.lam[:m], after.iterations, after.status, after.safeguards, p=after.p)
     slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
-    return replace(SolvedProgram.from_answer(posed.program, answer, n, after.t), slope=slope)
+    operators, data = posed.program.operators, posed.program.data
+    return SolvedProgram(operators, *data, answer=answer, step=n, t=after.t, slope=slope)
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

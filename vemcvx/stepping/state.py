@@ -1,7 +1,6 @@
 """The data of a run and of an instant, the state after a step, and its ledger of energies.
 
 States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
-With dashpots, interior unknowns also depend on the past, so that the system is not condensed.
 
 The ledger of a step of backward Euler consists of
 
@@ -13,17 +12,14 @@ loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a s
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanced answer; z = D^u - e. For hard
            limits p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is >= c (dp)^2 / 2
 
-Nodes that supports drag along the contact have a given slip s, the change of c. These nodes do not enter the program.
-They add w |s| to the loss, and as much to the work of the supports, whose reactions balance the friction forces -lam,
-lam = w s / |s|. In a step of length k, dashpots dissipate b(du, du) / k, with the form b of the damping matrix, and
-supports that move against dashpots do the work b(du, du_D) / k.
+Nodes that supports drag along the contact have a given slip s, the change of c, and do not enter the program. They add
+w |s| to the loss and to the work of the supports. In a step of length k, dashpots dissipate b(du, du) / k, and supports
+that move against dashpots do the work b(du, du_D) / k.
 
-The sums above are of first order in the length of steps. The following sums are of second order:
+The sums above are of first order in the length of steps. The following sums are of second order, by the trapezoidal
+rule on slips and by the energy balance of the continuum:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
-
-The loss is the trapezoidal rule on slips; weights that depend on slips are evaluated at the slips of both instants. The
-work is the energy balance of the continuum: forces at the end of a step do O(k) too much work, even for exact states.
 
 If supports move a body far and strain it little, the terms of the energy cancel. So a state is split, u = u_m + P z,
 into the response u_m to the supports alone and the rest P z, with m = P'A u_D:
@@ -51,7 +47,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.program.certificate import ROUNDED, Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.operators import Operators, product
-from vemcvx.program.system import DRAG_ROUNDING, System, force_on_part
+from vemcvx.program.system import DRAG_ROUNDING, System
 from vemcvx.solvers import Solver
 from vemcvx.solvers.default import RunSolver
 from vemcvx.solvers.solver import INNER_FRACTION
@@ -93,14 +89,12 @@ class StepData:
     def evaluate(cls, condensation: Condensation, t: float) -> StepData:
         """Evaluate load and supports at `t`; raise SceneError if the energy of their response overflows."""
         system, motion = condensation.system, condensation.system.motion
-        forces, rows = system.load_on_part(t)
-        force = condensation.reduce(forces, rows=rows)
+        force = condensation.reduce(system.force(t), "load")
         if not force.norm <= LARGEST_NORM:
             check_norm(force.norm, t)
         push, field = force - force, np.zeros(0)
         if motion is not None:
-            forces, rows = force_on_part(motion.dirichlet_force, t)
-            push = condensation.reduce(forces, rows=rows)
+            push = condensation.reduce(motion.dirichlet_force(t), "supports")
             field = motion.frame(t, -push.x)
         slip, gap, ground = system.slip_of_supports(t), system.remaining_gap(t), system.ground(t)
         return cls(t=t, force=force, prescribed_slip=slip, remaining_gap=gap, ground=ground, push=push, field=field)

@@ -262,12 +262,20 @@ def sensitivities(
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
         log.warning("sensitivities: contact or friction is about to change at t = %s: derivatives are one-sided.", when)
     if shapes is None:
-        changes, explicit = _differences(pose, parameters, posed, E, course, quantities, rows.inner)
+        changes, explicit = _differences(pose, parameters, posed, course, quantities, E=E, inner=rows.inner)
     else:
         changes = _field_changes(posed, course, shapes, len(parameters), E.shape[1])
         explicit = np.zeros((len(of), len(times), len(parameters)))
-    values = quantities.values(at, course.p)
-    return Sensitivities(tuple(of), values, history, one_sided, steps, rows, changes, explicit)
+    return Sensitivities(
+        of=tuple(of),
+        values=quantities.values(at, course.p),
+        history=history,
+        one_sided=one_sided,
+        _steps=steps,
+        _rows=rows,
+        _changes=changes,
+        _explicit=explicit,
+    )
 
 
 def read_parameters(raw: ArrayLike, subject: str) -> Floats:
@@ -303,9 +311,10 @@ def _differences(
     pose: Callable[[Floats], PosedScene],
     theta: Floats,
     own: PosedScene,
-    E: Any,
     course: Course,
     quantities: Quantities,
+    *,
+    E: Any,
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
     """Return the differences of the data of each step, and of quantities at fixed unknowns of the steps."""
@@ -380,7 +389,8 @@ def _linearise(run: PreparedRun, history: History, course: Course, at: Observed)
         slipping = np.where(sets.stick[:, None], 0.0, sets.direction).ravel()
         H = sp.csr_matrix((slipping, (np.arange(count), np.arange(count) // block)), shape=(len(x), len(lam)))
         memory = sp.csr_matrix(course.rates[n] * system.damping.C if system.damping else (unknowns, unknowns))
-        steps[n] = LinearStep(delassus, *build_columns(delassus, sets, p, law), H, memory, recalls)
+        columns = build_columns(delassus, sets, p, law)
+        steps[n] = LinearStep(delassus, *columns, H=H, memory=memory, recalls=recalls)
         margin = np.where(sets.w > 0, np.where(sets.stick, sets.w - lengths(lam), sets.along), np.inf).repeat(block)
         margin = np.append(margin, np.where(sets.act, p, -point.off[count:]))
         one_sided[n] = (margin <= errors[n] * np.where(sets.held, force, 1.0)).any()

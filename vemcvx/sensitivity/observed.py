@@ -85,7 +85,8 @@ class Observed:
         soft = p * obstacles.compliance
         rates = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1]) - course.durations[:, None] * soft
         excess = np.where(obstacles.rates, rates, u @ obstacles.rows.T - gap - soft)
-        return cls(u, elastic, forces, lam, slips, excess, np.array(w), soft * ~obstacles.rates)
+        stored = soft * ~obstacles.rates
+        return cls(u, elastic, forces, lam=lam, slips=slips, excess=excess, w=np.array(w), stored=stored)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from scenes import few_families, mostly_slow, small
 from test_error_bound import SCENES, STACKS, STEEL, slipped, stacked
 
 import guaranteed_bounds
-import l_shaped_bracket as bracket
 import manufactured_full_slip as full_slip
 import vemcvx as vx
 
@@ -132,29 +131,6 @@ def check_against_finer(scene, meshes, of, end=1.0):
     check_inside(coarse, 0.5 * (fine.low + fine.high), 0.5 * (fine.high - fine.low))
     assert coarse.guaranteed
     return coarse
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("scene", "family"), [(SCENES["lifted"], vx.meshes.squares), (bracket.scene(), vx.meshes.l_shape)]
-)
-def test_bounds_enclose_quantities_with_contact(scene, family):
-    """Stress is infinite at a corner of the bracket."""
-    check_against_finer(scene, (family(4), family(16)), vx.Traction(UP, on="right"))
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:supports")
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("family", ["triangles", "voronoi", "hanging"])
-def test_bounds_enclose_quantities_in_all_scenes(name, family):
-    if name == "contrast" and family == "voronoi":
-        return  # Cells do not follow the interface of the two materials.
-    if name.startswith("held by"):
-        return  # If only friction or contact holds the body, no quantity has a bound.
-    meshes = small(family, 8), vx.meshes.squares(48)
-    for of in (vx.Traction(ALONG, on="left"), vx.Traction(UP, on="top"), vx.Prestress((-1.0, 0.0, 0.0))):
-        check_against_finer(SCENES[name], meshes, of)
 
 
 @pytest.mark.slow

@@ -28,11 +28,14 @@ class Stiffness(Effect):
 
 @dataclass(frozen=True)
 class Rubs(Effect):
-    """Friction of weight zero whose edges are unknown."""
+    """Friction whose edges are unknown."""
+
+    weight: float = 0.0
 
     def contribute(self, space):
         friction = Friction.from_rows(space.part("top", "Rubs", contact=True).node_normals, "Rubs")
-        return Contribution(frictions=(replace(friction, weights=lambda t: 0.0 * friction.lengths, ends=None),))
+        weights = self.weight * friction.lengths
+        return Contribution(frictions=(replace(friction, weights=lambda t: weights, ends=None),))
 
     def describe(self):
         return "Rubs"
@@ -49,6 +52,10 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
         ((STEEL, Stiffness()), "springs to the ground along boundary edges"),
         # A check of nonzero forces alone would miss this friction, because its weight is zero.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
+        (
+            (STEEL, vx.BilateralContact(on="top"), Rubs(1.0)),
+            "no estimate for Rubs, whose edges are not known: .* by ends=",
+        ),
         # All nodes are held, so that no cell is strained: without the refusal, the bound would be a ninth of the error.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
     ],

@@ -86,35 +86,6 @@ def test_uniform_pressure_across_a_curve_leaves_a_residual_of_second_order():
     assert found[1] < 0.3 * found[0]
 
 
-@pytest.mark.long
-def test_bonded_blocks_have_the_budget_of_one_body():
-    """The jump of tractions at a joint becomes two residuals, the distances of both tractions from the multipliers.
-
-    So the budget can only grow. If the cells are alike on both sides of the joint, this growth is of higher order.
-    """
-    added = []
-    for n in (4, 8):
-        mesh = two_blocks("squares", "squares", (n, n))
-        pairs, place = mesh.interfaces[JOINT].pairs, np.arange(mesh.n_nodes)
-        place[pairs[:, 1]] = pairs[:, 0]
-        kept, number = np.unique(place, return_inverse=True)
-        whole = vx.PolygonMesh(mesh.points[kept], [number[cell] for cell in mesh.cells])
-
-        def supported(one):
-            return one.with_boundary("foot", lambda x: x[:, 1] < 1e-9).with_boundary("head", lambda x: x[:, 1] > 1.999)
-
-        effects = STEEL, vx.Clamp(on="foot"), vx.Traction(lambda x, t: t * x, on="head")
-        bonds = vx.BilateralContact(on=JOINT), vx.TrescaFriction(1e3, on=JOINT)
-        one, two = (
-            estimate_mesh_error(vx.Scene(*effects), supported(whole)),
-            estimate_mesh_error(vx.Scene(*effects, *bonds), supported(mesh)),
-        )
-        added.append((two[-1] - one[-1]) / one[-1])
-    assert min(added) >= 0.0
-    assert added[0] < 1e-3
-    assert added[0] > 2 * added[1]
-
-
 def pressed_and_pulled(young=(10.0, 30.0), friction=0.3):
     def head(x, t):
         return t * np.column_stack([np.full(len(x), 0.05), -0.05 - 0.05 * x[:, 0]])

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scenes import FAMILIES, OF_TRIANGLES, few_families, mostly_slow, paper_scene, small
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
-from vemcvx.effects import Contribution, Friction
 from vemcvx.estimate.budget import error_budget
 
 pytestmark = pytest.mark.arithmetic
@@ -70,15 +67,6 @@ def test_effectivity_on_the_paper_scene(name):
     assert LEAST <= error_budget(history).largest["total"] / true <= MOST
 
 
-@pytest.mark.slow
-def test_the_problem_file_prints_effectivities():
-    import effectivity as problem
-
-    ratios = [one.ratio for one in problem.main(["--small"])]
-    assert min(ratios) >= LEAST
-    assert max(ratios) <= MOST
-
-
 @pytest.mark.long
 def test_the_error_of_the_solver_is_certified():
     loose = vx.simulate(paper_scene(), vx.meshes.squares(4), np.linspace(0, 1, 9), solver=vx.Clarabel(accuracy=1e-3))
@@ -119,23 +107,8 @@ def test_constant_stress_leaves_no_residual_on_any_family(effects):
         assert error_budget(history).space.max() < 1e-12
 
 
-class Rubs(vx.Effect):
-    """Friction whose edges are unknown."""
-
-    def contribute(self, space):
-        friction = Friction.from_rows(space.part("bottom", "Rubs", contact=True).node_normals, "Rubs")
-        return Contribution(frictions=(replace(friction, weights=lambda t: friction.lengths, ends=None),))
-
-    def describe(self):
-        return "Rubs"
-
-
-def test_friction_on_unknown_edges_and_histories_from_files_have_no_estimate(tmp_path):
-    scene = paper_scene().without(vx.TrescaFriction).with_(Rubs())
-    history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
-    with pytest.raises(vx.SceneError, match="no estimate for .*Rubs, .* by ends="):
-        error_budget(history)
-    history.write(tmp_path)
+def test_histories_from_files_have_no_estimate(tmp_path):
+    vx.simulate(paper_scene(), vx.meshes.squares(2), [0.0, 1.0]).write(tmp_path)
     with pytest.raises(vx.HistoryError, match="read from files"):
         error_budget(vx.read_history(tmp_path))
 

@@ -6,12 +6,10 @@ import full_slip_in_space as full_slip
 import numpy as np
 import pytest
 from scenes import mostly_long
-from scipy.spatial import cKDTree
 
 import block_in_space
 import manufactured_full_slip as plane
 import vemcvx as vx
-from vemcvx.vem import Space, strains, stresses
 
 pytestmark = pytest.mark.arithmetic
 
@@ -145,14 +143,6 @@ def scenes():
     }
 
 
-def strain_distance(history, fine):
-    """Return the relative energy distance between the strains of a run and of a finer run on nested cells."""
-    one, other = (strains(Space(run.mesh), run.displacement[-1]) for run in (history, fine))
-    difference = one[cKDTree(history.mesh.centroids).query(fine.mesh.centroids)[1]] - other
-    squares = (np.sum(e * stresses(fine.moduli, e), axis=1) @ fine.mesh.volumes for e in (difference, other))
-    return np.sqrt(np.divide(*squares))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenes())
 def test_effectivity_on_scenes(name):
@@ -160,7 +150,8 @@ def test_effectivity_on_scenes(name):
     scene, mesh = scenes()[name]
     times = np.linspace(0.0, 1.0, 5)
     history, fine = (vx.simulate(scene, mesh(n), times, store="last") for n in (4, 20))
-    assert LEAST <= vx.error_budget(history).space[-1] / strain_distance(history, fine) <= MOST
+    true = vx.measures.energy_distance(history, fine).relative
+    assert LEAST <= vx.error_budget(history).space[-1] / true <= MOST
 
 
 @pytest.mark.slow

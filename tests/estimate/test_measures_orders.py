@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scenes import FAMILIES, OF_TRIANGLES, mostly_slow
 
+import feng_han_huang as paper
+import manufactured_full_slip as slip
+import missed_reversal as reversal
 import vemcvx as vx
 
-PROBLEMS = Path(__file__).parents[2] / "problems"
 FIRST, SECOND = pytest.approx(1.0, abs=0.1), pytest.approx(2.0, abs=0.2)
 energy_distance, orders = vx.measures.energy_distance, vx.measures.orders
 
 
-@pytest.fixture(autouse=True)
-def problems(monkeypatch):
-    monkeypatch.syspath_prepend(PROBLEMS)
-
-
-@pytest.fixture
-def slip():
-    return importlib.import_module("manufactured_full_slip")
-
-
-@pytest.fixture
-def reversal():
-    return importlib.import_module("missed_reversal")
-
-
-def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), solver=None, **options):
+def slip_errors(family, lam, sizes, times=(0.0, 1.0), solver=None, **options):
     """Return the square roots of mean cell areas, the relative energy errors and the relative L2 errors."""
     rows = []
     for n in sizes:
@@ -46,15 +30,15 @@ def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), solver=None, **optio
 
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["squares", "triangles", "hexagons", "distorted", "hanging", "voronoi"])
-def test_energy_errors_are_of_first_order_in_the_mesh_size(slip, family):
-    h, energy, l2 = slip_errors(slip, family, 1.0, (6, 12, 24))
+def test_energy_errors_are_of_first_order_in_the_mesh_size(family):
+    h, energy, l2 = slip_errors(family, 1.0, (6, 12, 24))
     assert orders(h, energy).slope == FIRST
     assert orders(h, l2).slope == SECOND
 
 
 @mostly_slow("family, sizes", [("voronoi", (8, 16)), *((name, (8, 16, 32, 64)) for name in FAMILIES)])
 @pytest.mark.long
-def test_energy_errors_hardly_depend_on_lambda(slip, family, sizes):
+def test_energy_errors_hardly_depend_on_lambda(family, sizes):
     """Errors for all lambda differ by less than 5 %; on cells that lock they would grow by at least 13 %.
 
     Linear triangles lock, and are left out for large lambda.
@@ -63,7 +47,7 @@ def test_energy_errors_hardly_depend_on_lambda(slip, family, sizes):
     for lam in (1.0,) if family in OF_TRIANGLES else (1.0, 1e2, 1e4, 1e6):
         # Rounding in K makes relative energy errors of 1e-6 at lambda = 1e6: see theory/incompressible.md.
         solver = vx.Newton(accuracy=1e-5) if lam == 1e6 else None
-        h, energy, l2 = slip_errors(slip, family, lam, sizes, solver=solver, pulled=True)
+        h, energy, l2 = slip_errors(family, lam, sizes, solver=solver, pulled=True)
         assert orders(h, energy).slope == FIRST, lam
         assert orders(h, l2).slope == SECOND, lam
         found.append(energy)
@@ -72,10 +56,10 @@ def test_energy_errors_hardly_depend_on_lambda(slip, family, sizes):
 
 
 @pytest.mark.long
-def test_errors_of_proportional_loads_do_not_depend_on_steps(slip):
+def test_errors_of_proportional_loads_do_not_depend_on_steps():
     """Under the load t^3 the solution is t^3 u, so that every step has the relative error of a single step."""
-    once = slip_errors(slip, "voronoi", 1.0, (8,))[1:, 0]
-    twin = slip_errors(slip, "voronoi", 1.0, (8,), times=np.linspace(0, 1, 5), phi=lambda t: t**3)[1:, 0]
+    once = slip_errors("voronoi", 1.0, (8,))[1:, 0]
+    twin = slip_errors("voronoi", 1.0, (8,), times=np.linspace(0, 1, 5), phi=lambda t: t**3)[1:, 0]
     assert twin == pytest.approx(once, rel=1e-9)
     history = vx.simulate(slip.scene(phi=lambda t: t**3), slip.mesh(8), np.linspace(0, 1, 5))
     lam = slip.lame(0.3)
@@ -89,7 +73,7 @@ def test_errors_of_proportional_loads_do_not_depend_on_steps(slip):
 
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["squares", "voronoi"])
-def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(reversal, family):
+def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(family):
     """Even numbers of steps meet the reversal and are exact; for odd numbers see (3.28) of the paper."""
     mesh, steps = reversal.mesh(10, family), np.array([9, 27, 81])
     reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * 81))
@@ -107,7 +91,6 @@ def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(reversal,
 @pytest.mark.long
 def test_one_step_of_the_paper_scene_is_as_accurate_as_64_steps():
     """Slip only spreads under a proportional load, so that runs agree within their certificates."""
-    paper = importlib.import_module("feng_han_huang")
     mesh = paper.mesh(12, "voronoi")
     many = vx.simulate(paper.scene(), mesh, paper.times(64))
     for steps in (1, 3, 16):

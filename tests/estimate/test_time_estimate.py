@@ -68,14 +68,6 @@ def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, s
 
 
 @pytest.mark.long
-def test_the_estimate_is_of_second_order_for_smooth_loads():
-    """Odd numbers of steps miss the top of the load by half a step."""
-    scene, mesh = paper_scene(COURSES["half a wave"], bound=1.0), vx.meshes.squares(4)
-    errors = [error_budget(vx.simulate(scene, mesh, np.linspace(0, 1, n + 1))).time.max() for n in (9, 27)]
-    assert np.log(errors[0] / errors[1]) / np.log(3.0) == pytest.approx(2.0, abs=0.4)
-
-
-@pytest.mark.long
 def test_adapted_steps_meet_a_dip_of_the_bound_and_jumps_are_named():
     """A single step misses the dip completely."""
     before = compare_steps(held(dips), vx.meshes.squares(4), np.array([0.0, 1.0]), "settled")
@@ -97,18 +89,6 @@ def test_adapted_steps_meet_a_dip_of_the_bound_and_jumps_are_named():
 
 def find_course(scene, times=(0.0, 1.0)):
     return sample_course(pose_scene(scene, vx.meshes.squares(3)).system, np.array(times))
-
-
-def bending(t):
-    """Return a load that is linear but for bends at 1/7 and 2/3."""
-    return np.interp(t, [0.0, 1 / 7, 2 / 3, 1.0], [0.0, 2.0, -1.0, 0.5])
-
-
-def test_bends_are_found_to_rounding():
-    known = find_course(paper_scene(bending))
-    assert np.abs(known.bends[:, None] - [1 / 7, 2 / 3]).min(axis=0).max() <= 1e-12
-    assert len(known.bends) == 2
-    assert known.jumps == ()
 
 
 @pytest.mark.long

@@ -50,7 +50,8 @@ def compute_nodal_values(circle, u, t):
 def energy_distance(circle, one, other):
     """Return |v - w|_a for the conforming displacements v, w of two nodal arrays (n_nodes, 2), under one body force."""
     apart = one - other
-    v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), np.zeros((len(circle.boundary.edges.areas), 6)))
+    body = np.zeros((circle.posed.space.mesh.n_cells, 6))
+    v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), body)
     energy = sum(circle._inner(form, v.outline, v.outline).sum() for form in circle.forms)
     return float(np.sqrt(energy + circle.boundary.spring_energies(apart[circle.boundary.edges.outer_edges]).sum()))
 

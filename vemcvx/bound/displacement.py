@@ -12,7 +12,6 @@ middles of the polygon's edges. Half of a cell's form is the minimum of (its ene
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -88,30 +87,15 @@ def displacement_form(fans: Fans) -> Floats:
     return condense_to_outlines(shapes, condense(triangle_forms(shapes), 8), _slots(fans.n))
 
 
-@dataclass(frozen=True, eq=False)
-class OutlineValues:
-    """A displacement on the outlines of cells: a linear part, and a remainder on which alone the defect depends."""
-
-    slopes: Floats
-    """(c, 2, 2) gradient of the linear part, the mean over each cell"""
-    bent: Floats
-    """(c, 4 n) remainder"""
-
-    @property
-    def strain(self) -> Floats:
-        """The strains (c, 3) of the linear part."""
-        off = self.slopes[:, 0, 1] + self.slopes[:, 1, 0]
-        return np.column_stack([self.slopes[:, 0, 0], self.slopes[:, 1, 1], off])
-
-
-def split_slopes(fans: Fans, outline: Floats) -> OutlineValues:
-    """Split values (c, 4 n) at vertices and middles of edges into a linear part and a remainder."""
+def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
+    """Return the mean strains (c, 3) of displacements (c, 4 n) on outlines, and (c, 4 n) without their linear part."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)
     bent = values - np.matmul(fans.outline, slopes.transpose(0, 2, 1))
     bent -= np.matmul(np.full((1, n), 1.0 / n), bent[:, :n])
-    return OutlineValues(slopes, bent.reshape(c, 4 * n))
+    strain = np.column_stack([slopes[:, 0, 0], slopes[:, 1, 1], slopes[:, 0, 1] + slopes[:, 1, 0]])
+    return strain, bent.reshape(c, 4 * n)
 
 
 @cache

@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
-from vemcvx.bound.quantity import Dual, Fields, QuantityBound, quantity_bound
+from vemcvx.bound.quantity import Dual, QuantityBound, quantity_bound
 from vemcvx.bound.skeleton import instant
 from vemcvx.bound.whole_history import check_history, collect_terms
 from vemcvx.effects import Effect, PrescribedDisplacement
@@ -279,7 +279,7 @@ def _bounds_of_force(history: History, pairs: Sequence[Pair]) -> dict[str, Any]:
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)
     try:
         dual = Dual.from_effects(pairs[0].circle, moved)
-        found = np.array([(np.nan, np.nan), *(dual.interval(Fields(pair)) for pair in pairs)])
+        found = np.array([(np.nan, np.nan), *(dual.interval(pair) for pair in pairs)])
     except SceneError as error:
         log.info("no bounds on the force that moves boundary %s: %s", loop.on, error)
         return {}

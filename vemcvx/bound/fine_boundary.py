@@ -18,8 +18,7 @@ from vemcvx.meshes import Interface, PolygonMesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulate
 
 PIECES, SPACING = 512, 128
-"""Numbers of pieces along the longer side of the body's box, on the boundary and inside. Bounds may miss narrower
-features of data. An edge has at least four pieces, a triangle at least four points."""
+"""Numbers of pieces along the longer side of the body's box, on the boundary and inside."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,7 @@ class FineBoundary:
         return line
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
-        """Convert values (m, j) of rows to values (b, 2, j) at the ends of boundary edges; nan on edges without rows.
-
-        All entries are nan if `rows.ends` is None.
-        """
+        """Convert values (m, j) of rows to values (b, 2, j) at ends of boundary edges; nan on edges without rows."""
         found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
         if rows.ends is not None:
             tips = np.flatnonzero((rows.nodes[rows.ends.row] < self.old) & (rows.ends.beyond >= self.old))

@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, totals
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.displacement import displacement_form, edge_forces, split_slopes, to_edges
+from vemcvx.bound.displacement import displacement_form, edge_forces, split_outline, to_edges
 from vemcvx.bound.equilibrium import Equilibrium, assemble, axes_of, edges_of, equilibrium
 from vemcvx.bound.fan import FORCES, Fans, fans_of, gather
 from vemcvx.bound.reading import SAFETY, Reader, Reading
@@ -44,11 +44,6 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene import PosedScene
 from vemcvx.vem import elastic_matrix
-
-IN_SPACE = (
-    "in space there is no bound yet (see the docstring of vemcvx.bound for the reason); vemcvx.error_budget estimates "
-    "the error"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +98,8 @@ class Pair:
     """(n_nodes, 2) nodal values of v"""
     surface: Surface
     read: Reading
+    still: Floats
+    """(n_cells, 3) the prestress"""
     defect: Defect
     w: Floats
     """(2 nodes + 2 E,) w at vertices and at middles of edges"""
@@ -117,11 +114,25 @@ class Pair:
     lower: float
     """lower bound of |u - v|_a"""
 
-    @property
+    @cached_property
     def richer(self) -> Defect:
         """The defect of v + w."""
         motion = self.defect.motion - self.circle.equilibrium.edges.motions @ self.w
         return replace(self.defect, motion=motion, outline=self.defect.outline + self.w)
+
+    @cached_property
+    def richer_A2(self) -> float:
+        """The square A^2 of v + w."""
+        return float(self.circle.squares(self.richer).sum() + self.springs.sum())
+
+    def work_of(self, load: Pair) -> float:
+        """Return the work of loads and prestress of another pair on v + w."""
+        return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.still, self.richer)
+
+    def work(self, forces: Floats, body: Floats) -> float:
+        """Return the work on v + w of forces int t phi (b, 2, 2) at ends of edges and of body forces (n_cells, 6)."""
+        on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
+        return float(on_edges + self.circle.works(body, self.richer).sum())
 
     def allowances(self) -> tuple[float, float]:
         """Return the estimates eta and |l_0(u)| for the omitted load l_0 (:mod:`.reading`); zero if data are linear."""
@@ -193,6 +204,7 @@ class Hypercircle:
             u=u,
             surface=surface,
             read=read,
+            still=still,
             defect=defect,
             w=w,
             cells=self.squares(defect),
@@ -205,7 +217,7 @@ class Hypercircle:
     def prestress(self, t: float) -> Floats:
         """Return sigma_0 (n_cells, 3)."""
         stresses = self.posed.prestress
-        return np.zeros((len(self.boundary.edges.areas), 3)) if stresses is None else stresses.stress(t)
+        return np.zeros((len(self.boundary.edges.mesh.areas), 3)) if stresses is None else stresses.stress(t)
 
     def work_of_tractions(self, forces: Floats) -> Floats:
         """Return forces (2 nodes + 2 E,) on vertices and middles that do the same work as int t phi (b, 2, 2)."""
@@ -221,12 +233,11 @@ class Hypercircle:
         """
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
-            v, n = split_slopes(one.fans, defect.outline[one.outlines]), 4 * one.fans.n
+            n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
             L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
-            constant = np.matmul(one.fans.C, v.strain[:, :, None])[:, :, 0] + still[one.fans.cells]
-            even = edge_forces(one.fans, constant)
-            tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([v.bent @ L.T, f], axis=1)))
-            works.append(even @ L + one.fans.apply(one.displacement[:, :n], np.concatenate([v.bent, f], axis=1)))
+            even = edge_forces(one.fans, np.matmul(one.fans.C, strain[:, :, None])[:, :, 0] + still[one.fans.cells])
+            tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([bent @ L.T, f], axis=1)))
+            works.append(even @ L + one.fans.apply(one.displacement[:, :n], np.concatenate([bent, f], axis=1)))
         edges = self.equilibrium.edges
         on_edges = gather(edges.places, tractions, 4 * edges.count)
         return on_edges, gather([one.outlines for one in self.forms], works, len(defect.outline))
@@ -245,20 +256,20 @@ class Hypercircle:
     def _inner(self, one: Forms, v: Floats, w: Floats) -> Floats:
         """Return a(v, w), (c,), in a chunk of cells, for displacements given by outlines, without body forces."""
         n = 4 * one.fans.n
-        (a, b) = (split_slopes(one.fans, each[one.outlines]) for each in (v, w))
-        linear = np.einsum("ck,ckl,cl->c", a.strain, one.fans.C, b.strain)
-        return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], a.bent, b.bent)
+        (of_v, bent_v), (of_w, bent_w) = (split_outline(one.fans, each[one.outlines]) for each in (v, w))
+        linear = np.einsum("ck,ckl,cl->c", of_v, one.fans.C, of_w)
+        return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], bent_v, bent_w)
 
     def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
         """Return a(v, v') and (r, r') in C^-1, both (n_cells,), of two displacements and their defects."""
-        energies, defects = np.zeros((2, len(self.boundary.edges.areas)))
+        energies, defects = np.zeros((2, len(self.boundary.edges.mesh.areas)))
         for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
             at, n = form.fans.cells, 4 * form.fans.n
             f, h = one.body[at], other.body[at]
             energies[at] = self._inner(form, one.outline, other.outline)
             energies[at] -= form.forms(form.displacement[:, n:, n:], f, h)
             whole = [
-                np.concatenate([split_slopes(form.fans, each.outline[form.outlines]).bent, each.body[at]], axis=1)
+                np.concatenate([split_outline(form.fans, each.outline[form.outlines])[1], each.body[at]], axis=1)
                 for each in (one, other)
             ]
             defects[at] = form.forms(form.stress[:, :n, :n], one.motion[place], other.motion[place])
@@ -288,7 +299,7 @@ class Hypercircle:
         """Return (sigma, eps(v)) of constant stresses (n_cells, 3) in cells."""
         total = 0.0
         for one in self.forms:
-            strain = split_slopes(one.fans, v.outline[one.outlines]).strain
+            strain = split_outline(one.fans, v.outline[one.outlines])[0]
             total += float(one.fans.areas @ np.einsum("ck,ck->c", stress[one.fans.cells], strain))
         return total
 
@@ -299,9 +310,9 @@ class Hypercircle:
         along = np.sum(forces * (edges.motions @ v.outline)[edges.outer], axis=(1, 2))
         bent = np.zeros(len(read.body))
         for one in self.forms:
-            n, inside = 4 * one.fans.n, split_slopes(one.fans, v.outline[one.outlines])
-            bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside.bent, inside.bent)
-            f = v.body[one.fans.cells]
+            n, f = 4 * one.fans.n, v.body[one.fans.cells]
+            inside = split_outline(one.fans, v.outline[one.outlines])[1]
+            bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside, inside)
             bent[one.fans.cells] -= one.forms(one.displacement[:, n:, n:], f, f)
         return read.misread((self.works(read.body_apart, v), along), bent)
 
@@ -366,7 +377,8 @@ def _find_free(
 
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError if there is no bound."""
-    plane_mesh(posed.space.mesh, "error_bound", IN_SPACE)
+    in_space = "in space there is no bound yet (see the docstring of vemcvx.bound for the reason)"
+    plane_mesh(posed.space.mesh, "error_bound", f"{in_space}; vemcvx.error_budget estimates the error")
     posed.space.refuse_revolution("error_bound")
     check_estimable(posed, "error_bound")
     if posed.curves:

@@ -43,7 +43,7 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
-from vemcvx.bound.hypercircle import Defect, Hypercircle, Pair
+from vemcvx.bound.hypercircle import Hypercircle, Pair
 from vemcvx.bound.reading import Reader
 from vemcvx.bound.skeleton import Instant
 from vemcvx.bound.surface import Surface, along
@@ -106,16 +106,11 @@ class QuantityBound(Outlined):
 
 def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequence[Effect]) -> QuantityBound:
     """Return the bound of the quantity `of` in a step with this pair, or raise SceneError."""
-    dual, primal = Dual.from_effects(pair.circle, of, pair.t), Fields(pair)
-    low, high = dual.interval(primal)
-    plain = Fields(replace(pair, w=0.0 * pair.w))
-    return QuantityBound(
-        step=step,
-        value=dual.fields.quantity_of(plain) - float(np.sum(history.forces[history.row(step)] * dual.lifted)),
-        low=low,
-        high=high,
-        reading=_allowance(primal, dual.fields),
-    )
+    dual = Dual.from_effects(pair.circle, of, pair.t)
+    low, high = dual.interval(pair)
+    plain = replace(pair, w=0.0 * pair.w)
+    value = plain.work_of(dual.pair) - float(np.sum(history.forces[history.row(step)] * dual.lifted))
+    return QuantityBound(step=step, value=value, low=low, high=high, reading=_allowance(pair, dual.pair))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +166,8 @@ class Dual:
         return lifted
 
     @cached_property
-    def fields(self) -> Fields:
-        """The dual fields: z vanishes on contact, and its stress has no tractions there."""
+    def pair(self) -> Pair:
+        """The dual pair: z vanishes on contact, and its stress has no tractions there."""
         circle, posed, lifted = self.primal, self.primal.posed, self.lifted
         edges, (_, normal) = circle.boundary.edges, circle.boundary.acting
         if circle.boundary.motions.shape[1]:
@@ -198,9 +193,9 @@ class Dual:
         self._check_supports(z)
         reader = Reader(posed, edges, circle.boundary.reader.centres, self.effects)
         read = reader.at(Instant(t=self.t, u=z, lam=np.zeros((0, 1)), p=none, weights=none, worn=none))
-        still = np.zeros((len(edges.areas), 3)) if prestress is None else prestress.stress(self.t)
+        still = np.zeros((len(edges.mesh.areas), 3)) if prestress is None else prestress.stress(self.t)
         surface = Surface.from_loads(circle.boundary.forces_of(read.tractions))
-        return Fields(circle.make_pair((self.t, z), surface, read, still), still)
+        return circle.make_pair((self.t, z), surface, read, still)
 
     def _moves_along(self, ways: Floats) -> Bools:
         """Return True for edges (b,) with an end that z_D moves along the directions `ways` (b, 2)."""
@@ -234,77 +229,38 @@ class Dual:
                 "support leaves free."
             )
 
-    def interval(self, primal: Fields) -> tuple[float, float]:
-        """Return the bounds of q(u) in a step."""
-        pair, circle, dual = primal.pair, self.primal, self.fields
+    def interval(self, pair: Pair) -> tuple[float, float]:
+        """Return the bounds of q(u) in a step with this pair."""
+        circle, dual = self.primal, self.pair
         edges, springs = circle.boundary.edges.outer_edges, circle.boundary.springs
-        energies, defects = circle.products(primal.richer, dual.richer)
-        one, other = (fields.pair.u[edges].reshape(-1, 4) for fields in (primal, dual))
-        middle = dual.quantity_of(primal) + dual.work(pair.surface.forces, pair.read.body)
+        energies, defects = circle.products(pair.richer, dual.richer)
+        one, other = (each.u[edges].reshape(-1, 4) for each in (pair, dual))
+        middle = pair.work_of(dual) + dual.work(pair.surface.forces, pair.read.body)
         middle -= float(energies.sum() + np.einsum("bi,bij,bj->", one, springs, other))
-        middle += float(0.5 * defects.sum()) - circle.work_of_stress(circle.prestress(pair.t), dual.richer)
-        width = self._unknown_work(pair) + float(np.sqrt(dual.A2 * (0.25 * primal.A2 + pair.law_defect)))
-        width += 0.5 * float(np.sum(np.sqrt(dual.pair.springs * pair.springs))) + _allowance(primal, dual)
+        middle += float(0.5 * defects.sum()) - circle.work_of_stress(pair.still, dual.richer)
+        width = self._unknown_work(pair) + float(np.sqrt(dual.richer_A2 * (0.25 * pair.richer_A2 + pair.law_defect)))
+        width += 0.5 * float(np.sum(np.sqrt(dual.springs * pair.springs))) + _allowance(pair, dual)
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
         """Return a bound on the work on z of friction that T omits: friction on edges with an end that z_D moves."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
-        ends, bent = self.fields.on_edges
+        # The values of z_h + w_z are linear between the ends of edges, plus a quadratic part.
+        numbered, values = self.primal.equilibrium.edges, self.pair.richer.outline.reshape(-1, 2)
+        ends = values[edges.outer_edges]
+        middles = values[len(values) - numbered.count + numbered.outer[:, 0, 0] // 4]
+        bent = middles - 0.5 * ends.sum(axis=1)
         size = np.abs(along(ends, edges.tangents)).sum(axis=1)
         work = most * edges.lengths * (0.5 * size + 2.0 / 3.0 * np.abs(np.sum(bent * edges.tangents, axis=1)))
         return float(np.sum(work[boundary.acting[0] & self._moves_along(edges.tangents)]))
 
 
-@dataclass(frozen=True, eq=False)
-class Fields:
-    """A pair with its richer displacement v + w inside cells."""
-
-    pair: Pair
-    still: Floats | None = None
-    """(n_cells, 3) the prestress of a quantity"""
-
-    @property
-    def circle(self) -> Hypercircle:
-        """The hypercircle of the pair."""
-        return self.pair.circle
-
-    @cached_property
-    def richer(self) -> Defect:
-        """The defect of v + w."""
-        return self.pair.richer
-
-    @property
-    def on_edges(self) -> tuple[Floats, Floats]:
-        """The values of v + w on boundary edges: at their ends (b, 2, 2), and the quadratic part (b, 2)."""
-        edges, values = self.circle.equilibrium.edges, self.richer.outline.reshape(-1, 2)
-        ends = values[self.circle.boundary.edges.outer_edges]
-        middles = values[len(values) - edges.count + edges.outer[:, 0, 0] // 4]
-        return ends, middles - 0.5 * ends.sum(axis=1)
-
-    @cached_property
-    def A2(self) -> float:
-        """The square A^2 of v + w."""
-        return float(self.circle.squares(self.richer).sum() + self.pair.springs.sum())
-
-    def work(self, forces: Floats, body: Floats) -> float:
-        """Return the work on v + w of body forces (n_cells, 6) and of forces int t phi (b, 2, 2) at ends of edges."""
-        on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
-        return float(on_edges + self.circle.works(body, self.richer).sum())
-
-    def quantity_of(self, other: Fields) -> float:
-        """Return the work of the load of this pair on the displacement of another pair."""
-        assert self.still is not None
-        work = other.work(self.pair.surface.loads, self.pair.read.body)
-        return work - other.circle.work_of_stress(self.still, other.richer)
-
-
-def _allowance(primal: Fields, dual: Fields) -> float:
+def _allowance(primal: Pair, dual: Pair) -> float:
     """Return the estimated change of q by omitted parts of the load and of the quantity."""
-    load, quantity = primal.pair.read, dual.pair.read
+    load, quantity = primal.read, dual.read
     if load.exact and quantity.exact:
         return 0.0
     eta, own = load.energy, quantity.energy
     works = dual.circle.misread(load, dual.richer) + primal.circle.misread(quantity, primal.richer)
-    return works + float(np.sqrt(dual.A2)) * eta + own * (primal.pair.upper + eta)
+    return works + float(np.sqrt(dual.richer_A2)) * eta + own * (primal.upper + eta)

@@ -172,7 +172,7 @@ class Reading:
     def misread(self, works: Sequence[Floats], bent: Floats) -> float:
         """Estimate |l_0(w)|, given the works on w of the differences between both readings.
 
-        `bent` (n_cells,) are the energies of w without its linear part. Remainders do no work on the linear part.
+        `bent` (n_cells,) are the energies of w without its linear part, on which remainders do no work.
         """
         left = np.sum(np.sqrt(self.local * np.maximum(bent, 0.0)))
         return float(SAFETY * sum(np.abs(one).sum() for one in works) + left)
@@ -263,7 +263,7 @@ class Reader:
         return inside, self._about_centres(inside)
 
     def _about_centres(self, inside: SamplePoints) -> LocalFit:
-        h = np.sqrt(self.edges.areas)
+        h = np.sqrt(self.edges.mesh.areas)
         about = (inside.x - self.centres[inside.owner]) / h[inside.owner, None]
         return LocalFit(inside.owner, np.column_stack([np.ones(len(about)), about]), inside.weights, len(h))
 
@@ -281,7 +281,7 @@ class Reader:
 
     def body(self, t: float) -> tuple[Floats, Floats, Floats]:
         """Return body forces (n_cells, 6), their differences in a second reading, and remainders (q, 2)."""
-        h = np.sqrt(self.edges.areas)
+        h = np.sqrt(self.edges.mesh.areas)
         if not self.body_loads:
             return np.zeros((len(h), 6)), np.zeros((len(h), 6)), np.zeros((0, 2))
         f, (coarse, fit) = self.body_force(self.inside, t), self._coarse
@@ -296,7 +296,7 @@ class Reader:
         """Return the force (n_cells, 2) of a body force (n_cells, 6) in each cell."""
         about = self.posed.space.mesh.centroids - self.centres
         values = np.column_stack([np.ones(len(about)), about])
-        return np.asarray(self.edges.areas[:, None] * np.einsum("cj,cjd->cd", values, body.reshape(-1, 3, 2)))
+        return np.asarray(self.edges.mesh.areas[:, None] * np.einsum("cj,cjd->cd", values, body.reshape(-1, 3, 2)))
 
     def at(self, now: Instant) -> Reading:
         """Return the data at an instant."""
@@ -341,7 +341,7 @@ class Reader:
 
     def energies(self, on_pieces: Floats, in_cells: Floats) -> Floats:
         """Return the energies (n_cells,) of tractions (k, 2) on pieces, and of body forces (q, 2) at points if any."""
-        edges, inside, n = self.edges, self.inside, len(self.edges.areas)
+        edges, inside, n = self.edges, self.inside, len(self.edges.mesh.areas)
         squares = totals(self.fine.piece_owner, self.pieces.weights * np.sum(on_pieces**2, axis=1), len(edges.outer))
         found = totals(edges.outer, self.compliances * squares, n)
         if len(in_cells):
@@ -352,7 +352,7 @@ class Reader:
     def between_nodes(self, now: Instant, compliant: bool = False) -> Floats:
         """Return the energies (b,) of gaps and ground motions that are not linear between nodes.
 
-        With `compliant`, they include the energies of the nonlinear pressure of compliant obstacles with linear gaps.
+        With `compliant`, add the energies of the nonlinear pressure of compliant obstacles with linear gaps.
         """
         squares = np.zeros(len(self.edges.outer))
         for friction in (one for one in self.frictions if one.ground is not None):
@@ -383,10 +383,8 @@ class Reader:
         return 2.0 * self.edges.shear[self.edges.outer] * np.sqrt(squares)
 
     def compliance_sums(self, values: Floats, unit: Floats) -> Floats:
-        """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces, the sum of both bodies.
-
-        If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a.
-        """
+        """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces, the sum of both bodies."""
+        # If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a.
         free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
         found, joints = np.where(free > ROUNDING, free * values, 0.0), self.edges.joints
         found[joints.first] += found[joints.second]
@@ -449,7 +447,7 @@ class Reader:
     def varies_inside_cells(self, t: float) -> bool:
         """Return True if moduli, eigenstrains or prestress vary inside cells."""
         at = self.inside.x, self.inside.owner
-        unit = np.ones((len(self.edges.areas), 3))
+        unit = np.ones((len(self.edges.mesh.areas), 3))
         return any(compare_stresses(self.posed, self.parts, at, t, strain)[0].any() for strain in (0.0 * unit, unit))
 
 

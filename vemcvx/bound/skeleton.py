@@ -1,12 +1,10 @@
 """The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
-Forces on the surface are loads, friction, pressure of contact and springs. Contact exerts opposite forces on the edges
-of the two bodies at an interface. Where the normal jump is prescribed, it has no multiplier; we use the normal force T
-that fits the normal stresses s_1 and s_2 of both sides best, with the weights w = d_e / (2 mu) of the residuals:
+Contact exerts opposite forces on the edges of the two bodies at an interface. Where the normal jump is prescribed, it
+has no multiplier; we use the normal force T that fits the normal stresses s_1 and s_2 of both sides best, with the
+weights w = d_e / (2 mu) of the residuals (d_e is the width of a cell across the edge):
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
-
-d_e is the width of a cell across the edge. Equal weights give the factor d_e / (4 mu), as for jumps inside one body.
 """
 
 from __future__ import annotations
@@ -98,11 +96,6 @@ class Skeleton:
     def sizes(self) -> Floats:
         """The sizes h_K (n_cells,)."""
         return extents(self.owner, self.mesh.points[self.sides] - self.mesh.centroids[self.owner, None])
-
-    @property
-    def areas(self) -> Floats:
-        """The areas (n_cells,) of cells."""
-        return self.mesh.areas
 
     @cached_property
     def lengths(self) -> Floats:
@@ -202,19 +195,17 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
-    """Return values (m, k) of rows at the two ends of edges, (b, 2, k); zero on edges without rows.
-
-    Where supports hold one end of an edge of an interface, this end has no row, and gets the value at the other end.
-    """
+    """Return values (m, k) of rows at the two ends of edges, (b, 2, k); zero on edges without rows."""
+    # Where supports hold one end of an edge of an interface, this end has no row, and gets the value at the other end.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)
     side = (rows.names[end, 0] != edges.outer_edges[edge, 0]).astype(int)
     np.add.at(found, (edge, side), values[row])
     known[edge, side] = True
-    for side_ in range(2):
-        bare = known[:, 1 - side_] & ~known[:, side_]
-        found[bare, side_] = found[bare, 1 - side_]
+    for one, other in ((0, 1), (1, 0)):
+        bare = known[:, other] & ~known[:, one]
+        found[bare, one] = found[bare, other]
     return found
 
 

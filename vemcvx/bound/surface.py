@@ -1,8 +1,7 @@
 """The surface of a body at an instant: supports, loads, and admissible tractions of friction and contact.
 
 All functions are linear on edges, and given by values at both ends. For loads and friction bounds, :mod:`.reading`
-gives these values; for gaps and ground motions, they are nodal values. The effects of the scene contribute a second
-time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`); this shows on which edges an effect acts.
+gives these values; for gaps and ground motions, they are nodal values.
 
 Let s be the slip of v in the step, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n - gap the
 depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the
@@ -122,7 +121,7 @@ class Boundary:
     # Supports.
 
     def _project_prescribed(self, joined: bool) -> Floats:
-        """Return projectors (b, 2, 2) on directions in which supports prescribe motions, or jumps if `joined`."""
+        """Return projectors (b, 2, 2) on directions in which supports prescribe motions, or, if `joined`, jumps."""
         squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
         for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
@@ -209,8 +208,7 @@ class Boundary:
     def _check_along_boundary(self, felt: Floats) -> None:
         """Raise SceneError unless all stiffness in addition to the material's is due to springs along edges.
 
-        `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations, sums of rows of their
-        matrix. Its entries for one component at two ends are >= 0, so its diagonal entries are at most these forces.
+        `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations.
         """
         stiffness, own = self.posed.springs, np.zeros((self.posed.space.mesh.n_nodes, 2, 2))
         if stiffness is None:
@@ -231,10 +229,7 @@ class Boundary:
         return energies
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
-        """Return the support from which nodal values (n_nodes, 2) differ most on edges, if any, and the difference.
-
-        `components` returns the prescribed components (m,) of a support.
-        """
+        """Return the support whose `components` (m,) differ most from u (n_nodes, 2) on edges, and the difference."""
         ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.reader.fine
         size, found, most = float(np.abs(u).max(initial=0.0)), None, 0.0
         for support in self.reader.supports:
@@ -374,10 +369,7 @@ class Boundary:
     def _balance(
         self, friction: tuple[Floats, Floats], pressing: tuple[Floats, tuple[Bools, Bools]], loads: Floats, body: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the nearest friction q (b, 2) within its bound, and pressures (2, b, 2), that balance the loads.
-
-        Nodal multipliers balance the loads on `motions`, but linear tractions between nodes have other moments.
-        """
+        """Return the nearest friction q (b, 2) within its bound, and pressures (2, b, 2), that balance the loads."""
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
@@ -404,10 +396,8 @@ class Boundary:
 
 
 def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
-    """Return projectors (nodes, 2, 2) on the directions in which nodes move independently, given orthonormal columns P.
-
-    These directions are the eigenvectors with eigenvalue one of the diagonal blocks of P P'.
-    """
+    """Return projectors (nodes, 2, 2) on directions in which nodes move independently, given orthonormal columns P."""
+    # They are the eigenvectors with eigenvalue one of the diagonal blocks of P P'.
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]

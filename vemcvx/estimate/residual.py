@@ -130,10 +130,7 @@ class Residuals:
         self.constant = CONSTANT if space.in_plane else IN_SPACE
 
     def indicators(self, now: Instant) -> dict[str, Floats]:
-        """Return the parts (n_cells,) of eta_K^2: "volume", "jumps", "boundary", "stabilisation" and "data".
-
-        In space, there is also "pressure".
-        """
+        """Return the parts (n_cells,) of eta_K^2 by name."""
         posed, pressure = self.posed, {}
         strain = strains(posed.space, now.u)
         sigma = stresses(posed.material.moduli, strain)
@@ -203,10 +200,8 @@ class Residuals:
 
     @cached_property
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """The problem for q: square roots (f + b,) of the weights of normal residuals, scaled matrix, and scales of q.
-
-        Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
-        """
+        """The problem for q: roots (f + b,) of the weights of normal residuals, scaled matrix, and scales of q."""
+        # Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
         sides, weights, joints = self.sides, self.weights, self.sides.joints
         across = np.arange(len(sides.outer))
         one, other = joints.first[joints.bonded], joints.second[joints.bonded]
@@ -246,10 +241,8 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return the forces (b, dim) on sides, given the forces per area (m, dim) of rows.
-
-        Where supports hold a node of an interface, it has no row. There the values at other nodes of the side are used.
-        """
+        """Return the forces (b, dim) on sides, given the forces per area (m, dim) of rows."""
+        # Where supports hold a node of an interface, it has no row, and the values at other nodes of the side are used.
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
         np.add.at(force, at, ends.data[:, None] * values[ends.row])

@@ -40,10 +40,10 @@ class DataErrors:
         """Return the squared energy norms (n_cells,) of the differences; `forces` (b, 2) are loads on edges."""
         reader, edges, posed, t = self.reader, self.edges, self.posed, now.t
         traction, on_pieces = reader.pieces.compare_means(reader.on_pieces(t), forces / edges.lengths[:, None])
-        body, in_cells = np.zeros((len(edges.areas), 2)), np.zeros((0, 2))
+        body, in_cells = np.zeros((len(edges.mesh.areas), 2)), np.zeros((0, 2))
         if any(callable(load.value) for load in reader.body_loads):
             body, in_cells = reader.cells.compare_means(
-                reader.body_force(reader.inside, t), body_forces(posed, t) / edges.areas[:, None]
+                reader.body_force(reader.inside, t), body_forces(posed, t) / edges.mesh.areas[:, None]
             )
             # The mean difference counts twice: in each cell, and as a force on the whole body.
             in_cells = in_cells + body[reader.inside.owner]
@@ -55,7 +55,7 @@ class DataErrors:
         local = totals(edges.outer, on_edges, len(body)) + reader.energies(on_pieces, in_cells)
         inside = reader.inside.x, reader.inside.owner, reader.inside.weights
         local += stress_squares(posed, reader.parts, inside, t, strain)
-        return local + reader.body_energies(force, edges.areas[:, None] * body)
+        return local + reader.body_energies(force, edges.mesh.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
         """Return the squared errors (b,) due to g - g_h, and the forces (b, 2) that its means exert on the body."""

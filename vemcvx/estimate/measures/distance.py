@@ -63,25 +63,8 @@ from vemcvx.vem import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class InnerStrain:
-    """The strains of a field, linear in every cell."""
-
-    mean: Floats
-    """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre; in space (n_cells, 6)"""
-    slope: Floats
-    """(n_cells, dim, 3) gradients of the strains"""
-    centre: Floats
-    """(n_cells, dim)"""
-
-    def at(self, cells: Ints, points: Floats) -> Floats:
-        """Return the strains (q, 3) at points (q, dim) of cells (q,)."""
-        off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
-        return self.mean[cells] + off_centre
-
-
-def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
-    """Return the strains of Pi u or, for "exact", of the virtual function."""
+def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: Floats) -> Floats:
+    """Return the strains (q, 3) of Pi u or, for "exact", of the virtual function, at points (q, dim) of cells (q,)."""
     plane = field.space.in_plane
     known = "neither a triangle nor a rectangle" if plane else "no tetrahedron"
     slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
@@ -95,7 +78,8 @@ def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
             )
         if plane and n == 4:
             slope[group.cells] = _slopes(group, field.displacement)
-    return InnerStrain(field.strain, slope, field.mesh.centroids)
+    off_centre = np.einsum("qk,qkl->ql", points - field.mesh.centroids[cells], slope[cells])
+    return np.asarray(field.strain[cells] + off_centre)
 
 
 def _rectangles(corners: Floats) -> Bools:
@@ -133,7 +117,7 @@ class Field:
     time : float
         The instant at which closed forms are evaluated.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
-        As for `Elasticity`; only nodal distances use it. None for runs read from files without a stabilisation.
+        As for `Elasticity`; only nodal distances use it.
 
     Raises
     ------
@@ -200,7 +184,7 @@ def step_at(history: Results, time: float) -> int:
     time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
-    # Instants of two runs may differ by this part of the time span, because linspace rounds.
+    # Instants of two runs may differ, because linspace rounds.
     if abs(times[nearest] - time) > SAME * span:
         raise HistoryError(
             f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
@@ -365,11 +349,11 @@ def energy_distance(
         raise MeshError(f"{subject}: one mesh has polygons, the other polyhedra; give two meshes of one kind.")
     if kind == "nodal":
         return _nodal(u, v)
-    fields = [inner_strain(field, kind, f"{subject} ({name} mesh)") for field, name in ((u, "first"), (v, "second"))]
     rule = common_rule(u.mesh, v.mesh)
     if not common:
         check_covered(rule, u.mesh, v.mesh, subject)
-    mine, there = fields[0].at(rule.first, rule.points), fields[1].at(rule.second, rule.points)
+    mine = evaluate_strain(u, kind, f"{subject} (first mesh)", rule.first, rule.points)
+    there = evaluate_strain(v, kind, f"{subject} (second mesh)", rule.second, rule.points)
     apart, C = mine - there, u.moduli[:, rule.first]
     squares, norm = (rule.weights * np.sum(strain * stresses(C, strain), axis=1) for strain in (apart, there))
     return make_measure(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _compare_moduli(rule, u, v))

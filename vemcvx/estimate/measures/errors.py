@@ -296,6 +296,6 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
 
 
 def _fraction(size: float) -> str:
-    """Return a size as text: 1/64 if it is one over a whole number up to rounding."""
+    """Format a size: 1/64 if it is one over a whole number up to rounding."""
     parts = round(1.0 / size) if size > 1e-9 else 0
     return f"1/{parts}" if parts > 1 and abs(parts * size - 1.0) < 1e-12 else f"{size:.4g}"

@@ -40,8 +40,8 @@ class BilateralContact(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Names of boundaries, or of interfaces between bodies. At an interface, u is the displacement of the first body
-        relative to the second, and n the outward normal of the first.
+        Names of boundaries, or of interfaces. At an interface, u is the displacement of the first body relative to the
+        second, and n the outward normal of the first.
 
     Examples
     --------
@@ -128,8 +128,7 @@ class UnilateralContact(Effect):
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the outward normal n of the undeformed
     boundary and the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). At shared nodes,
-    clamps and prescribed displacements take precedence, and the smaller of two gaps counts. `history.work` includes the
-    work of an obstacle whose gap changes.
+    clamps and prescribed displacements take precedence, and the smaller of two gaps counts.
 
     Parameters
     ----------
@@ -176,14 +175,13 @@ class NormalCompliance(Effect):
     """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
 
     The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
-    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. Where a clamp or a prescribed displacement
-    holds the normal component of a node, it takes precedence.
+    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. At shared nodes, clamps and prescribed
+    displacements take precedence.
 
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, > 0, force per length^2 (and unit thickness); constant in time (f is evaluated at
-        t = 0).
+        Pressure per penetration, > 0, force per length^2 (and unit thickness); f is evaluated at t = 0.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
@@ -224,8 +222,7 @@ class VelocityContact(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     damping : number or callable f(x) -> (m,), optional
-        Pressure per velocity, > 0: force times time per length^2 (and unit thickness); in space, force times time per
-        length^3. By default the body cannot approach.
+        Pressure per velocity, > 0, pressure times time per length. By default the body cannot approach.
 
     Examples
     --------
@@ -258,9 +255,8 @@ SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
 # For while_closed=True, a weight that jumps from 0 where p = 0 to the bound where p > 0 would leave some steps without
-# a solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) equals
-# the bound wherever the pressure exceeds g / STEEPNESS. It is continuous, so every step has a solution (Brouwer). This
-# is Coulomb's law with the coefficient STEEPNESS and the cap g.
+# a solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) is
+# continuous, so every step has a solution (Brouwer). It is Coulomb's law with the coefficient STEEPNESS and the cap g.
 STEEPNESS = 1e6
 
 
@@ -326,8 +322,7 @@ class TrescaFriction(_Friction):
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
         then depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes
-        without it, the step may be refused. False: g everywhere. None (default): g everywhere, with a warning if
-        friction acts where contact is open.
+        without it, the step may be refused. False: g everywhere. None (default): as False, with a warning.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
         Friction acts against the slip relative to the obstacle. Only the motion of the obstacle along the boundary
@@ -456,15 +451,14 @@ class SpeedFriction(_Friction):
 
     If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
     bounds the error. If `bound` falls, a step may have several solutions, or jump. A warning then compares `softening`
-    with the stiffness of the body, and the certificate is "for the given friction". For existence under bilateral
-    contact see Han and Sofonea (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002). `bound`
-    does not depend on pressure; a warning is issued if friction acts where one-sided contact is open.
+    with the stiffness of the body, and the certificate is "for the given friction". For existence see Han and Sofonea
+    (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002). A warning is issued if friction acts
+    where one-sided contact is open.
 
     Parameters
     ----------
     bound : callable f(speed) -> (m,)
-        The friction bound, >= 0, force per length (and unit thickness), in space per area. The speeds (m,) are >= 0,
-        length per time.
+        The friction bound, >= 0, force per length, in space per area. The speeds (m,) are >= 0, length per time.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     softening : number, optional

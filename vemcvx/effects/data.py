@@ -86,28 +86,12 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, or f(x); for materials also one value per cell, or the name of a cell datum (str is ArrayLike)."""
 
 
-@dataclass(frozen=True)
-class Holds:
-    """The shape and sign required of the values of a field of an effect, and this requirement in words."""
-
-    shape: str = "number"  # "number" or "vector", for each place
-    sign: str = ""  # "> 0", ">= 0", or "" for any; for vectors "!= 0"
-    rule: str = "it must be {sign}"
-
-    def values(self, value: Any, at: At | InCells, subject: str, name: str, label: str | None = None) -> Floats:
-        """Return the values of the field `name` at places; raise SceneError for a wrong shape or sign."""
-        found = at.read(value, f"{subject}: {name}", self.shape)
-        if isinstance(at, InCells) and at.inside is not None:
-            found = np.where(at.inside, found, 1.0 if self.sign else 0.0)
-        size = np.linalg.norm(found, axis=1) if self.shape == "vector" else found
-        lawful = {"> 0": size > 0, ">= 0": size >= 0, "!= 0": size != 0}.get(self.sign, np.ones(len(size), dtype=bool))
-        require(lawful, found, at, f"{subject}: found {label or name}", self.rule.format(sign=self.sign))
-        return found
-
-
 def holds(shape: str = "number", sign: str = "", rule: str = "it must be {sign}", **more: Any) -> dict[str, Any]:
-    """Return the metadata of a field that holds data of an effect: `field(metadata=data.holds(sign="> 0"))`."""
-    return {"holds": Holds(shape, sign, rule), **more}
+    """Return the metadata of a field that holds data of an effect: `field(metadata=data.holds(sign="> 0"))`.
+
+    Each value is a "number" or a "vector". `sign` is "> 0", ">= 0", or "" for any; for vectors "!= 0".
+    """
+    return {"shape": shape, "sign": sign, "rule": rule.format(sign=sign), **more}
 
 
 def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:

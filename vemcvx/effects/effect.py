@@ -220,7 +220,7 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """A surface of contact, one row per node and distinct normal. Friction and obstacles are such surfaces, too.
+    """A surface of contact, one row per node and distinct normal.
 
     Attributes
     ----------
@@ -233,7 +233,7 @@ class ContactSurface:
     lengths : (m,) array
         Integrals of the nodal basis functions over the edges (in space faces) with that normal.
     ends : EdgeEnds, optional
-        The edges of each row. Without `ends`, edges of this surface count as distinct from those of other surfaces.
+        The edges of each row. Without `ends`, they count as distinct from the edges of other surfaces.
     partners : (m,) array, optional
         Nodes of other bodies, or -1. With a partner, a row depends on u(node) - u(partner).
 
@@ -428,8 +428,7 @@ class Material:
     stabilisation : Stabilisation, optional
         S_K; None means "shear" (:func:`vemcvx.vem.softest_shear`).
     at : callable (x, cells) -> (moduli, thermal stress moduli), optional
-        The upper triangle of the elastic matrix and the thermal stress moduli at points x (k, dim) of cells (k,). None
-        if they are constant in every cell.
+        The moduli (as an upper triangle) at points x (k, dim) of cells (k,); None if they are constant in every cell.
 
     Examples
     --------
@@ -585,8 +584,7 @@ class Effect(ABC):
         """Return the contribution of this effect on the mesh of `space`.
 
         Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at t_n. For contact, the
-        method is called again with the planes of symmetry that supports define (`space.mirrors`), which change normals
-        at the ends of curves.
+        method is called again once the planes of symmetry are known, which change normals at the ends of curves.
 
         Raises
         ------
@@ -599,14 +597,19 @@ class Effect(ABC):
         """The name of the effect in messages, with the name of its boundary."""
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
-    def _read(self, name: str, at: data.At | data.InCells, value: object = None, label: str | None = None) -> Floats:
+    def _read(self, name: str, at: data.At | data.InCells, value: Any = None, label: str | None = None) -> Floats:
         """Return the values of a field at points or cells; raise SceneError unless `data.holds` allows shape and sign.
 
         `value` replaces the value of the field, and `label` its name in messages.
         """
-        (declared,) = (one.metadata["holds"] for one in fields(self) if one.name == name)  # type: ignore[arg-type]
-        given = getattr(self, name) if value is None else value
-        found: Floats = declared.values(given, at, self._subject, name, label)
+        (declared,) = (one.metadata for one in fields(self) if one.name == name)  # type: ignore[arg-type]
+        shape, sign = declared["shape"], declared["sign"]
+        found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}", shape)
+        if isinstance(at, data.InCells) and at.inside is not None:
+            found = np.where(at.inside, found, 1.0 if sign else 0.0)
+        size = np.linalg.norm(found, axis=1) if shape == "vector" else found
+        lawful = {"> 0": size > 0, ">= 0": size >= 0, "!= 0": size != 0}.get(sign, np.full(len(size), True))
+        data.require(lawful, found, at, f"{self._subject}: found {label or name}", declared["rule"])
         return found
 
     def _check_dimension(self, space: Space) -> None:

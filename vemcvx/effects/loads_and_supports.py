@@ -14,7 +14,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
 from vemcvx.effects.materials import nodes_of, region
-from vemcvx.vem import EdgeEnds, Part, SideRule, Space, cell_load, edge_load, rigid_modes
+from vemcvx.vem import EdgeEnds, Part, Space, cell_load, edge_load, rigid_modes
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,7 @@ class Pressure(Effect):
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        p, force per length (and unit thickness), in space per area, evaluated at t_n; compression positive, suction
-        negative.
+        p, force per length (and unit thickness), in space per area, evaluated at t_n; compression is positive.
     on : str or sequence of str
         Boundary names. At a corner, the pressure acts on each side along the normal of that side. At an interface (a
         crack or a joint filled with fluid), the pressure pushes both bodies apart, whether they touch or not.
@@ -93,8 +92,8 @@ class BodyForce(Effect):
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
         Cartesian components, force per area (in space per volume), evaluated at t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: the force acts where one of them is nonzero. By default it acts on
-        all cells. A function f that is zero outside a region is integrated less exactly in cells that the region cuts.
+        Names of cell data, such as names of bodies: the force acts where one of them is nonzero, by default everywhere.
+        A function f that is zero outside a region is integrated less exactly in cells that the region cuts.
 
     Examples
     --------
@@ -236,14 +235,13 @@ class PrescribedDisplacement(Effect):
     Parameters
     ----------
     value : constant or callable
-        With ``direction=None`` the whole vector, (dim,) or f(x, t) -> (m, dim), length; otherwise the component
-        u . direction, a number or f(x, t) -> (m,).
+        With ``direction=None`` the vector u, (dim,) or f(x, t) -> (m, dim); otherwise u . direction. Length.
     on : str or sequence of str
         Boundary names.
     direction : None, (dim,) vector, "normal" or "tangent"
-        "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only), so the body lies on the
-        left. A vector is normalised. At a corner of `on`, components along both normals (tangents) are prescribed.
-        Sides whose normals differ by less than 42.5 degrees form a curve; all its sides move outward by the value.
+        "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only). A vector is normalised.
+        At a corner of `on`, components along both normals (tangents) are prescribed. Sides whose normals differ by less
+        than 42.5 degrees form a curve; all its sides move outward by the value.
 
     Examples
     --------
@@ -481,14 +479,12 @@ SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 class ElasticFoundation(Effect):
     """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).
 
-    `history.energy` includes the energy of the springs; `history.reaction` does not include their force. A motion that
-    stretches the springs needs no other support.
+    `history.energy` includes the energy of the springs; `history.reaction` does not include their force.
 
     Parameters
     ----------
     normal, tangential : number, or callable f(x) -> (m,)
         k_n, k_t >= 0, traction per displacement: force per length^2 (and unit thickness), in space force per length^3.
-        They are constant in time.
     on : str or sequence of str
         Boundary names.
 
@@ -503,31 +499,23 @@ class ElasticFoundation(Effect):
     on: str | Sequence[str] = field(kw_only=True)
 
     def contribute(self, space: Space) -> Contribution:
-        part = space.part(self.on, "ElasticFoundation")
+        part, dim = space.part(self.on, "ElasticFoundation"), space.dim
         springs = sp.csr_matrix((space.n_unknowns, space.n_unknowns))
         for rule in part.rules(2):
-            blocks = self._side_matrices(rule, part.normals[rule.sides])
-            unknowns = rule.nodes[:, :, None] * space.dim + np.arange(space.dim)
-            rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape).ravel()
-            columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape).ravel()
-            springs = springs + sp.coo_matrix((blocks.ravel(), (rows, columns)), shape=springs.shape).tocsr()
-        return Contribution(stiffness=sp.csr_matrix(springs))
-
-    def _side_matrices(self, rule: SideRule, n: Floats) -> Floats:
-        """Return the matrices (m, n, dim, n, dim) of sides with normals n (m, dim), exactly symmetric."""
-        (m, count, q), dim = rule.shares.shape, n.shape[1]
-        across = n[:, :, None] * n[:, None, :]
-        along = np.eye(dim) - across
-        total = rule.shares.sum(axis=1, keepdims=True)
-        ends = np.divide(rule.shares, total, out=np.zeros_like(rule.shares), where=total > 0.0)
-        blocks = np.zeros((m, count, dim, count, dim))
-        for name, direction in (("normal", across), ("tangential", along)):
-            k = self._read(name, data.At(rule.points.reshape(-1, dim))).reshape(m, q)
-            mass = np.einsum("eiq,ejq,eq->eij", rule.shares, ends, k)
-            # The product above rounds (i, j) and (j, i) differently.
-            mass = 0.5 * (mass + mass.transpose(0, 2, 1))
-            blocks += mass[:, :, None, :, None] * direction[:, None, :, None, :]
-        return blocks
+            (m, _, q), normals = rule.shares.shape, part.normals[rule.sides]
+            weights = rule.shares.sum(axis=1, keepdims=True)
+            basis = np.divide(rule.shares, weights, out=np.zeros_like(rule.shares), where=weights > 0.0)
+            across = normals[:, :, None] * normals[:, None, :]
+            blocks = np.zeros(())
+            for name, projection in (("normal", across), ("tangential", np.eye(dim) - across)):
+                k = self._read(name, data.At(rule.points.reshape(-1, dim))).reshape(m, q)
+                blocks = blocks + np.einsum("eiq,ejq,eq,eab->eiajb", rule.shares, basis, k, projection)
+            unknowns = (rule.nodes[:, :, None] * dim + np.arange(dim)).reshape(m, -1)
+            rows, columns = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
+            places = rows.ravel(), columns.ravel()
+            springs = springs + sp.coo_matrix((blocks.ravel(), places), shape=springs.shape).tocsr()
+        # The products round (i, j) and (j, i) differently.
+        return Contribution(stiffness=sp.csr_matrix(0.5 * (springs + springs.T)))
 
     def describe(self) -> str:
         springs = f"normal {amount(self.normal, 'x')}, tangential {amount(self.tangential, 'x')}"

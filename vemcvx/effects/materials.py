@@ -60,10 +60,6 @@ class _Elastic(MaterialLaw):
     def _law(self, at: data.InCells, space: Space) -> Moduli:
         """Return the moduli at points of cells; raise SceneError for constants that are not admissible."""
 
-    @abstractmethod
-    def _constants(self) -> Sequence[object]:
-        """Return all constants of the law."""
-
     @property
     def _plane(self) -> str:
         return self._default_plane if self.plane is None else self.plane
@@ -84,6 +80,7 @@ class _Elastic(MaterialLaw):
             there = self._law(data.InCells(space.mesh, x, within), space)
             return vem.upper_triangle(vem.elastic_matrix(there.moduli, dim)), there.thermal_stress_moduli
 
+        constants = (one for given in vars(self).values() for one in (given if _is_sequence(given) else [given]))
         material = Material(
             subject=self._subject,
             moduli=law.moduli * inside,
@@ -92,7 +89,7 @@ class _Elastic(MaterialLaw):
             cells=cells,
             out_of_plane=(law.out_of_plane.T * inside).T if space.components == 3 else None,
             stabilisation=vem.stabilisation_of(self.stabilisation, law.shear * inside),
-            at=at if data.varies(*self._constants()) else None,
+            at=at if data.varies(*constants) else None,
         )
         return Contribution(material=material, supports=self._axis(space) if space.axisymmetric else ())
 
@@ -148,10 +145,9 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
 # Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
-# A free strain s in all three directions of space, blocked in the plane, causes the stress -b s in the plane. In space
-# and in plane strain (s is then blocked in all directions) b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress
-# b = 2 (lam + mu) = E / (1 - nu), with the reduced lam. In plane strain the out-of-plane stress is
-# sigma_zz = lam (e_xx + e_yy) - b s.
+# A free strain s in all directions of space, blocked in the plane, causes the stress -b s in the plane. In space and in
+# plane strain b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress b = 2 (lam + mu) = E / (1 - nu), with the reduced lam.
+# In plane strain sigma_zz = lam (e_xx + e_yy) - b s.
 STABILISATIONS = ("shear", "unit")
 
 
@@ -207,9 +203,6 @@ class Elasticity(_Elastic):
         constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
         return f"Elasticity: {constants}, {plane}{self._describe_stabilisation()}"
 
-    def _constants(self) -> Sequence[object]:
-        return self.young, self.poisson
-
     def _law(self, at: data.InCells, space: Space) -> Moduli:
         (lam, mu), strain = self._lame(at), self._plane != "stress"
         volume = 3 * lam + 2 * mu if strain else 2 * (lam + mu)
@@ -239,8 +232,8 @@ class Elasticity(_Elastic):
 # e = Q eps for vectors. The row of Q for e_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for eps_ij. So
 # the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
 #
-# In a plane body, axis 3 is normal to the plane. Plane strain (e_3 = 0) uses the rows xx, yy and xy of C; the row zz
-# gives the out-of-plane stress. In plane stress (sigma_3 = 0) S and C have no coupling to axis 3.
+# In a plane body, axis 3 is normal to the plane. Plane strain uses the rows xx, yy and xy of C; the row zz gives the
+# out-of-plane stress. In plane stress, S and C have no coupling to axis 3.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 
@@ -259,13 +252,12 @@ class Orthotropic(_Elastic):
     shear : G12 in the plane, (G12, G13, G23) in space
         Shear moduli, force per area, > 0.
     angle : number, (n_cells,) array, callable or name
-        The angle from x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi. In space the rotation is about
-        z, and axis 3 is z.
+        The angle from x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi. In space axis 3 is z.
     plane : {"stress", "strain"}, optional
         Plane stress (the default) or plane strain, for plane bodies. It must be left out for bodies in space.
     axes : (axis 1, axis 2), optional
-        In space, instead of `angle`: two vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Only
-        the part of axis 2 perpendicular to axis 1 counts.
+        In space, instead of `angle`: vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Only the
+        part of axis 2 perpendicular to axis 1 counts.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
@@ -287,10 +279,6 @@ class Orthotropic(_Elastic):
     on: str | Sequence[str] | None = None
     stabilisation: str | Stabilisation = "shear"
     _default_plane = "stress"
-
-    def _constants(self) -> Sequence[object]:
-        given = (self.young, self.poisson, self.shear, () if self.axes is None else self.axes)
-        return [self.angle, *(one for values in given for one in (values if _is_sequence(values) else [values]))]
 
     def _law(self, at: data.InCells, space: Space) -> Moduli:
         """Return the moduli. A plane body has the rows and columns xx, yy and xy of the law in space."""
@@ -426,9 +414,8 @@ class ThermalStrain(Effect):
 
     Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
     Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), with sigma_0 = C alpha theta I. `history.stress`
-    contains them: it is zero in a body that expands freely. `history.energy` is the energy of the total strain, and
-    `history.work` includes the work of thermal stresses. If theta(x, times[0]) != 0, begin with ``initial="settled"``
-    or "equilibrium".
+    contains them, `history.energy` is the energy of the total strain, and `history.work` includes the work of thermal
+    stresses. If theta(x, times[0]) != 0, begin with ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------
@@ -472,8 +459,8 @@ class ThermalStrain(Effect):
 class Prestress(Effect):
     """Initial stress, a stress at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    Initial stress acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`. Energy and work are
-    defined as for ThermalStrain. If sigma_0 is nonzero at times[0], begin with ``initial="settled"`` or "equilibrium".
+    Initial stress acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`. Energy, work and
+    the start of a run are as for ThermalStrain.
 
     Parameters
     ----------

@@ -291,12 +291,10 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     """Return K = P'A P."""
-    if supports.columns is not None:
-        K = A[supports.columns][:, supports.columns]
-        read_only(K.data)  # so that a System need not copy it
-        return K
     K = supports.P.T @ A @ supports.P
-    return sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
+    K = sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
+    read_only(K.data)  # so that a System need not copy it
+    return K
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

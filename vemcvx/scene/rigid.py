@@ -87,14 +87,12 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 
 
 # A piece of the body is a set of cells joined along edges (in space, along faces); without strain it moves as a rigid
-# body. Pieces that share single nodes only are hinged there. Let c_q be the rigid motion of piece q, and R_q c_q its
-# nodal values. An admissible field has one value per node for all pieces there, and obeys the supports. The squared
-# distance to the nearest admissible field is
+# body. Pieces that share single nodes only are hinged there. Let R_q c_q be the nodal values of a rigid motion of piece
+# q. The squared distance to the nearest field that has one value per node and obeys the supports is
 #
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 #
-# and the body floats if and only if this vanishes for some c != 0. With springs of matrix F, a field v of zero distance
-# floats if v'Fv = 0.
+# and the body floats if and only if this vanishes for some c != 0; with springs of matrix F, if also v'Fv = 0.
 FREE_FRACTION = 1e-12
 """A motion is free if supports resist less than this fraction of its square; one clamped node of 1e6 resists 1e-6."""
 
@@ -168,10 +166,7 @@ def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding:
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body with these supports, frictions and obstacles; none if one joins it to the ground.
-
-    Pins are placed at nodes on which none of `parts` acts. `points` (n_nodes, dim) are the coordinates of all nodes.
-    """
+    """Return pins at nodes on which none of `parts` acts; none if a part without partners acts against the ground."""
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
         return ()
@@ -203,10 +198,7 @@ def check_balance(force: Callable[[float], Floats], points: Floats, times: Seque
 
 
 def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that subtracts from a field u (n_u,) its rigid motion, body by body.
-
-    The result has the same strains, and is small where strains are small, however far the bodies have moved.
-    """
+    """Return a function that subtracts from a field u (n_u,) its rigid motion, body by body."""
 
     @cache
     def motions() -> sp.csr_matrix:
@@ -220,10 +212,7 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
 
 
 def _along_axes(loose: Floats) -> Floats:
-    """Return orthonormal columns of the same span, as near as possible to motions of one piece along one axis.
-
-    Such columns are needed because rounding mixes the eigenvectors of a multiple eigenvalue.
-    """
+    """Return orthonormal columns of the same span, as near as possible to motions of one piece along one axis."""
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])

@@ -174,8 +174,8 @@ def merge_terms(
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
     """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
 
-    Supports that hold a node fully are left out: usually, their directions are coordinate axes. If an axis replaced the
-    normal of a floor tilted by half a degree, a node that lifts off would also slide by a hundredth of its lift.
+    Supports that hold a node fully are left out, because their directions are coordinate axes: a floor that is tilted
+    by half a degree keeps its normal.
     """
     if not parts:
         return []

@@ -189,8 +189,7 @@ def active_parts(
 ) -> tuple[list[Contribution], list[str]]:
     """Drop parts without influence at any of `times`; return the contributions, and a sentence for each dropped part.
 
-    Such parts are loads that are zero at every instant, friction with a bound of zero, and springs and dashpots of zero
-    strength. Supports and reported contact surfaces are kept.
+    Such parts are loads, friction bounds, springs and dashpots that are zero at every instant.
     """
     notes: list[str] = []
     return [_without_inactive(effect, part, times, notes) for effect, part in contributions(effects, space)], notes

@@ -12,9 +12,8 @@ not hold. The load on c is M'H'f, contact rows may depend on c, and the forces m
 
 Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
 found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
-bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Rows that depend on
-earlier rows add nothing. Directions of the first two kinds are held, the others are columns of P. Each friction term
-thus has separate unknowns, and sticking is represented exactly, by y_i = 0.
+bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Directions of the
+first two kinds are held, the others are columns of P. Each friction term thus has its unknowns: sticking is y_i = 0.
 """
 
 from __future__ import annotations
@@ -45,7 +44,6 @@ class Supports:
     """The free unknowns of a body, and the displacement that supports prescribe."""
 
     P: sp.csr_matrix  # (n_u, n) orthonormal columns, one per free unknown, ordered by site
-    columns: Ints | None  # (n,) positions of free unknowns in u if P only selects (frames along the axes), else None
     owner: Ints  # (n,) the site of each free unknown
     sites: Ints  # (n_nodes,) the site of every node; sites are numbered in the order of their first nodes
     points: Floats
@@ -83,7 +81,7 @@ class Supports:
 
     def gather(self, f: Forces) -> Forces:
         """Return P'f, the forces on the free unknowns, for a vector (n_u,) or a sparse matrix (n_u, q)."""
-        return self.P.T @ f if self.columns is None else f[self.columns]
+        return self.P.T @ f
 
     def on_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
         """Return rows over u as rows over the free unknowns; entries near 0, 1 and -1 are made exact."""
@@ -187,12 +185,8 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     if spanned.shape[1] and P.shape[1] == 0:
         subjects = ", ".join(s.subject for s in given if s.patterns is not None)
         raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that can deform.")
-    P = sp.csr_matrix(sp.hstack([P, spanned])) if spanned.shape[1] else P
-    by_columns = sp.csc_matrix(P)
-    selects = by_columns.nnz == len(owner) and (by_columns.data == 1.0).all()
     return Supports(
-        P=P,
-        columns=by_columns.indices.astype(np.int64) if selects else None,
+        P=sp.csr_matrix(sp.hstack([P, spanned])) if spanned.shape[1] else P,
         owner=np.append(owner, np.full(spanned.shape[1], site.max() + 1)),
         sites=site,
         points=points,

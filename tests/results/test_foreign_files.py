@@ -75,7 +75,7 @@ def invoke(*arguments):
 
 @pytest.mark.long
 def test_a_command_whose_write_failed_is_resumed(tmp_path, monkeypatch):
-    def full(*_):
+    def full(*_, **__):
         raise vx.HistoryError("the disk is full")
 
     with monkeypatch.context() as patch:

@@ -77,6 +77,11 @@ def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
     return total
 
 
+def are_among(pairs: Ints, known: Ints) -> Bools:
+    """Return True (k,) for pairs (k, 2) of numbers that are among the `known` pairs (e, 2)."""
+    return np.isin(pairs @ [1, 1j], known @ [1, 1j])
+
+
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
     """Convert `raw` into a new array of floats, finite or not, or raise SceneError.
 

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints, choice
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, are_among, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
 from vemcvx.plots.contact import pressures, require_contact
 from vemcvx.plots.style import Units, Window, amount, instant, is_idle, label, label_axes, units_of, value_range, within
 from vemcvx.results import ALONG, Contact, Results
-from vemcvx.scene import pair_numbers
 from vemcvx.vem import Part, Space
 
 if TYPE_CHECKING:
@@ -62,11 +61,10 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
-    contact, number = require_contact(history, picture), mesh.n_nodes
-    rigid, pairs = contact.partners < 0, pair_numbers(contact.nodes, contact.partners, number)
-    joints = {name: found.pairs for name, found in mesh.interfaces.items()}
-    rows = {name: np.isin(pairs, pair_numbers(two[:, 0], two[:, 1], number)) for name, two in joints.items()}
-    rows["obstacles"] = rigid
+    contact = require_contact(history, picture)
+    pairs = np.column_stack([contact.nodes, contact.partners])
+    rows = {name: are_among(pairs, found.pairs) for name, found in mesh.interfaces.items()}
+    rows["obstacles"] = contact.partners < 0
     if on is not None and on not in rows:
         rows[on] = _facing(mesh, contact, Space(mesh).part(on, picture, contact=True))
     if on is not None and not rows[on].any():

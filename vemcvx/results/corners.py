@@ -22,7 +22,7 @@ from typing import Annotated
 
 import numpy as np
 
-from vemcvx.base.arrays import Bools, Ints
+from vemcvx.base.arrays import Bools, Ints, are_among
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects.effect import Load
 from vemcvx.meshes import Mesh, PolygonMesh
@@ -30,7 +30,7 @@ from vemcvx.meshes.interfaces import pairs_of
 from vemcvx.meshes.polygons import cross, next_corner
 from vemcvx.results.contact import Contact
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.rows import ContactRows, pair_numbers
+from vemcvx.scene.rows import ContactRows
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 LEAST = np.pi / 4
@@ -86,9 +86,7 @@ def find_sides(posed: PosedScene) -> Sides:
 
 def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
     """Return True for edges (b, 2) with an end on which some of the `rows` act."""
-    names, most = rows.names[rows.ends[some].indices], int(edges.max(initial=0))
-    known, wanted = (pair_numbers(pairs.min(axis=1), pairs.max(axis=1), most) for pairs in (names, edges))
-    return np.isin(wanted, known)
+    return are_among(np.sort(edges, axis=1), np.sort(rows.names[rows.ends[some].indices], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +142,7 @@ class Corners:
     def _between_bodies(self, edges: Ints) -> Bools:
         """Return True for edges (k, 2) of either body on an interface."""
         joined = [side for found in self.mesh.interfaces.values() for side in (found.edges, found.partners)]
-        own, known = (np.sort(pairs, axis=1) @ [self.mesh.n_nodes, 1] for pairs in (edges, np.concatenate(joined)))
-        return np.isin(own, known)
+        return are_among(np.sort(edges, axis=1), np.sort(np.concatenate(joined), axis=1))
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
         """Return the number of held directions of a side, and its name. Contact is judged away from the corner."""

@@ -15,8 +15,8 @@ interface, both sides have values; slip and traction of the second body have the
 the fields of `History.on_cells`.
 
 All files are written to a temporary folder inside the target folder and then moved, first the archive, last the
-summary. If writing fails, an older history remains unchanged. Files with these names that do not belong to a history
-are not replaced.
+summary. If writing fails, an older history remains unchanged. Without an archive, files with these names do not belong
+to a history, and are not replaced.
 
 The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
 and all other data as JSON in the array `about`.
@@ -66,7 +66,7 @@ PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "g
 """Attributes of a history that are not arrays and go into JSON unchanged."""
 WEIGHTS = "stabilisation.tau"  # The factors tau of the stabilisation S_K = tau h_K^(dim - 2) I.
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
-STEP = r"step_[0-9]+\.vtu"
+STEP = re.compile(r"step_[0-9]+\.vtu")
 
 
 def write_archive(history: Results, path: Path) -> None:
@@ -268,13 +268,10 @@ def write_results(
     written. `progress(written, stored)` is called after every step. Raise HistoryError if the folder cannot be written
     to, or if other files have these names; SceneError if a probe is outside the body.
     """
-    strange = np.argwhere(~np.isfinite(history.displacement))
-    if len(strange):
-        row, node, _ = strange[0]
-        found = history.displacement[row, node]
+    if not np.isfinite(history.displacement).all():
         raise HistoryError(
-            f"write: the displacement of node {node} in step {history.stored[row]} is {found}; only finite fields are "
-            "written. Run with check=True to see the error."
+            "write: found NaN or infinite displacements; only finite fields are written. Run with check=True to see "
+            "the error."
         )
     folder, start = writable_folder(folder), time.perf_counter()
     try:
@@ -318,15 +315,6 @@ def _write_series(history: Results, folder: Path, progress: Callable[[int, int],
     ET.ElementTree(root).write(folder / SERIES, encoding="utf-8", xml_declaration=True)
 
 
-def _list_steps(path: Path) -> set[str]:
-    """Return the names of the step files that the PVD file `path` lists, if it exists."""
-    try:
-        listed = [str(item.get("file")) for item in ET.parse(path).iter("DataSet")]
-    except (OSError, ET.ParseError):
-        return set()
-    return {name for name in listed if re.fullmatch(STEP, name)}
-
-
 def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
     """Return displacement and contact as nodal fields; contact vectors change sign on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
@@ -351,13 +339,10 @@ def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES
 
 
 def _files_of_history(folder: Path) -> set[str]:
-    """Return the names of the files of the history in a folder, from its series and its summary."""
+    """Return the names of the files of the history in a folder; none if its archive is not that of a history."""
     if not _is_archive(folder / ARCHIVE):
         return set()
-    tables: set[str] = set()
-    with suppress(OSError, ValueError, TypeError, KeyError):
-        tables = set(FILES.values()) & set(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["tables"])
-    return {ARCHIVE, SERIES, SUMMARY} | tables | _list_steps(folder / SERIES)
+    return {ARCHIVE, SERIES, SUMMARY, *FILES.values()} | {name for name in os.listdir(folder) if STEP.fullmatch(name)}
 
 
 def _is_archive(path: Path) -> bool:

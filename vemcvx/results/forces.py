@@ -26,7 +26,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, one_point, sum_columns
+from vemcvx.base.arrays import Bools, Floats, Ints, are_among, brief, one_point, sum_columns
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import ArrayRecord
 from vemcvx.effects import ContactSurface, Effect, MaterialLaw
@@ -75,9 +75,7 @@ class BoundaryForces(ArrayRecord):
 
     def through(self, names: Ints) -> Bools:
         """Return True (q,) for rows that act through sides with these ends (e, 2)."""
-        count = max(self.ends.max(initial=0), names.max(initial=0)) + 1 - ACROSS
-        own, wanted = (pairs[:, 0] * count + pairs[:, 1] - ACROSS for pairs in (self.ends, names))
-        return np.isin(own, wanted)
+        return are_among(self.ends, names)
 
 
 class _Rows(NamedTuple):
@@ -232,7 +230,7 @@ def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
         own = np.zeros(len(support.nodes))
         if cause >= 0 and not support.contact and not isinstance(posed.scene.canonical[cause], MaterialLaw):
             row, names, share = _shares(posed, cause, support.nodes, support.directions)
-            through = np.isin(names @ [1, 1j], ends @ [1, 1j])
+            through = are_among(names, ends)
             np.add.at(own, row[through], share[through])
             own *= support.directions @ axis
         found.append(own)

@@ -50,7 +50,7 @@ PAPER = "problems/feng_han_huang.py"
 FEW, LONG, ONE_SLOW = (
     "tests/vem/test_patch.py",
     "tests/meshes/test_mesh_refine.py",
-    "tests/cost/test_cost.py -k two_materials",
+    "tests/cost/test_cost.py -k ended_sweep",
 )
 HOW = {
     'python3 -m venv .venv && .venv/bin/pip install -q -e ".[plot,test]" && .venv/bin/python -m pytest -n 2': As(

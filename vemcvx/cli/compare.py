@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -213,8 +212,7 @@ class Compare:
             if path is not None:
                 check_writable(path, option)
         problem, solvers = read_problem(self.file), entrants(self)
-        # A warning that several solvers cause is shown once.
-        with warnings.catch_warnings(action="once"), limit_log(1), progress_bar("posing") as show:
+        with limit_log(1), progress_bar("posing") as show:
             posed = self.pose(problem)
             system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
             attempts = list[Attempt]()
@@ -222,10 +220,13 @@ class Compare:
                 row = Row(solver=solver.name, settings=settings, asked=solver.accuracy, options=_list_settings(solver))
                 doing = f"{row.label}, {i + 1} of {len(solvers)}"
                 show(doing, 0, self.steps)
-                if self.time_limit is None:
-                    row, run = attempt(problem, self, row, solver, partial(show, doing))
-                else:
-                    row, run = _attempt_within(self.time_limit, problem, self, i, row)
+                try:
+                    if self.time_limit is None:
+                        row, run = attempt(problem.path, self, i, row, partial(show, doing))
+                    else:
+                        row, run = call_in_process(attempt, problem.path, self, i, row, False, seconds=self.time_limit)
+                except (Crashed, VemcvxError) as error:
+                    row, run = replace(row, outcome=FAILED, message=_own_words(str(error))), None
                 words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
                 say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
                 attempts.append((row, run))
@@ -237,7 +238,12 @@ class Compare:
         title = f"{problem.name}: {problem.title}"
         size = f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {count_steps(self.steps)}"
         if self.json is not None:
-            write_text(self.json, as_json(found, title, size), "--json")
+            rows = [
+                {key: finite_or_none(x) if isinstance(x, float) else x for key, x in asdict(row).items()}
+                for row in found.rows
+            ]
+            contents = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
+            write_text(self.json, f"{json.dumps(contents, indent=1)}\n", "--json")
         if self.csv is not None:
             write_text(self.csv, csv([asdict(row) for row in found.rows]), "--csv")
         say(in_words(found, title, size))
@@ -278,33 +284,16 @@ def _list_settings(solver: Solver) -> str:
     return ", ".join([*made, *(f"{name} = {value!r} (by --option)" for name, value in solver.options.items())])
 
 
-def _attempt_within(seconds: float, problem: Problem, command: Compare, i: int, row: Row) -> Attempt:
-    """Solve the problem by solver `i` in a separate process, which is stopped at the time limit."""
+def attempt(path: Path, command: Compare, i: int, row: Row, progress: Callable[[int, int], None] | bool) -> Attempt:
+    """Solve the problem by solver `i`; its errors become an outcome."""
+    posed = replace(command.pose(read_problem(path)), solver=entrants(command)[i][0])
     try:
-        return call_in_process(attempt_in_process, problem.path, command, i, row, seconds=seconds)
-    except (Crashed, VemcvxError) as error:
-        return replace(row, outcome=FAILED, message=_own_words(str(error))), None
-
-
-def attempt_in_process(path: Path, command: Compare, i: int, row: Row) -> Attempt:
-    """Solve the problem by solver `i` in this new process."""
-    return attempt(read_problem(path), command, row, entrants(command)[i][0], None)
-
-
-def attempt(
-    problem: Problem, command: Compare, row: Row, solver: Solver, progress: Callable[[int, int], None] | None
-) -> Attempt:
-    """Solve the problem by one solver; errors become an outcome."""
-    posed = replace(command.pose(problem), solver=solver)
-    try:
-        history = posed.simulate(check=False, progress=progress or False)
+        history = posed.simulate(check=False, progress=progress)
     except (NotAccepted, NotCertified) as error:
         first_clause = re.split(r"[;.](?:\s|$)", _own_words(str(error)), maxsplit=1)[0]
         return replace(row, outcome=REFUSED if isinstance(error, NotAccepted) else MISSED, message=first_clause), None
     except MemoryError:
         return replace(row, outcome=FAILED, message="it ran out of memory"), None
-    except VemcvxError as error:
-        return replace(row, outcome=FAILED, message=_own_words(str(error))), None
     return replace(row, seconds=sum(history.seconds.values())), history.trajectory
 
 
@@ -336,12 +325,3 @@ def in_words(found: Comparison, title: str, size: str) -> str:
     cells = [[_cell(getattr(row, name), form) for name, form in COLUMNS.values()] for row in found.rows]
     rows = [[row.solver, row.settings, *own] for row, own in zip(found.rows, cells, strict=True)]
     return "\n".join([title, size, "", Table(("solver", "settings", *COLUMNS), rows).text(), "", *found.remarks])
-
-
-def as_json(found: Comparison, title: str, size: str) -> str:
-    """Return all rows as JSON; numbers that are not finite are null."""
-    rows = [
-        {key: finite_or_none(x) if isinstance(x, float) else x for key, x in asdict(row).items()} for row in found.rows
-    ]
-    contents = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
-    return json.dumps(contents, indent=1) + "\n"

@@ -89,7 +89,9 @@ class Cost:
         """Measure the cost of accuracy: true errors against seconds and unknowns, for meshes, steps and solvers."""
         problem = read_problem(self.file)
         choice(self.of, "--of", "quantity", list(QUANTITIES), ProblemError)
-        targets = self._targets(problem)
+        usual = SPACE_TARGETS if problem.in_space() else DEFAULT_TARGETS
+        typed = self.target or (usual if self.n is None else None)
+        targets = sorted(parse_list("--target", typed, _fraction, FRACTIONS), reverse=True) if typed else []
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
@@ -108,12 +110,6 @@ class Cost:
         lines = [f"{problem.name}: {problem.title}", *_describe_reference(found), *_describe_rows(found), ""]
         lines += advice(found.rows, targets or reachable_levels(found.rows))
         say("\n".join([*lines, "", _write_files(found, targets, folder, f"{problem.name}: what accuracy costs")]))
-
-    def _targets(self, problem: Problem) -> tuple[float, ...]:
-        """Return the targets of adaptive runs; there are none with --n and without --target."""
-        usual = SPACE_TARGETS if problem.in_space() else DEFAULT_TARGETS
-        typed = self.target or (usual if self.n is None else None)
-        return tuple(sorted(parse_list("--target", typed, _fraction, FRACTIONS), reverse=True)) if typed else ()
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
         """Return all combinations, the largest first.

@@ -137,10 +137,13 @@ class Terminated(BaseException):
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Turn an error inside the block into a line and an exit code, and each warning into a line."""
+    """Turn an error inside the block into a line and an exit code, and each new warning into a line."""
+    shown = set[str]()
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:
-        say(f"vemcvx: warning: {message}", err=True)
+        if str(message) not in shown:
+            say(f"vemcvx: warning: {message}", err=True)
+        shown.add(str(message))
 
     def end(words: str, code: int) -> typer.Exit:
         say(f"vemcvx: {words}", err=True)

@@ -1,10 +1,9 @@
 """`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
 
-Tolerances of two solvers cannot be compared: one bounds a duality gap, another a residual, a third both, relative to
-norms of its own. So each solver runs with many tolerances. In a trial, a solver runs with one tolerance. The true error
-of its answer d is |d - d*|_K / |d*|_K, where d* is the certified optimum of the file. The true error is known up to the
-certificate of d*; the certified error of d does not need d*. The time of a solver to the error E on an instance is the
-time of the *cheapest* trial with a true error of at most E. The benchmark computes from these times
+Tolerances of two solvers cannot be compared, because they bound different quantities. So each solver runs with many
+tolerances; a run with one tolerance is a trial. The true error of its answer d is |d - d*|_K / |d*|_K, where d* is the
+certified optimum of the file. The time of a solver to the error E on an instance is the time of the *cheapest* trial
+with a true error of at most E. The benchmark computes from these times
 
 - for every E, the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
   answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);
@@ -13,17 +12,14 @@ time of the *cheapest* trial with a true error of at most E. The benchmark compu
 - the performance profile (Dolan and Moré 2002): the fraction of instances on which a solver takes at most x times as
   long as the fastest solver.
 
-An instance counts at E if its optimum is certified to E/10. Instances with discs (friction in space) have their own
-table, because not every solver accepts their cones. Sequences and programs without an optimum have tables, too. For a
-program without an optimum, only the status, "infeasible" or "unbounded", is judged to be right or wrong.
+An instance counts at E if its optimum is certified to E/10. For a program without an optimum, only the status,
+"infeasible" or "unbounded", is judged.
 
-Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries. Two
-settings differ: one tolerance replaces all tolerances of the library, and the time limit replaces limits on iterations.
-The target of solvers of vemcvx and of users' files is the duality gap 1/2 (tolerance |d*|)^2. A sequence is solved step
-by step; the answer to a step is a warm start for the next step if the solver can use it. The error of a sequence is the
+Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
+tolerances and limits on iterations. The target of other solvers is the duality gap 1/2 (tolerance |d*|)^2. The answer
+to a step of a sequence is a warm start for the next step if the solver can use it. The error of a sequence is the
 largest error of all steps, in units of the largest |d*|_K, and its time is the sum over steps. Seconds are processor
-time of all threads for set-up and solve in the library, without the compilation in cvxpy. The minimum of up to five
-calls within a tenth of a second counts. The time limit is wall-clock time.
+time for set-up and solve in the library: the minimum of up to five calls within a tenth of a second.
 """
 
 from __future__ import annotations
@@ -36,7 +32,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, fields, replace
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -45,7 +40,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from threadpoolctl import threadpool_limits
 
 from vemcvx.base.canvas import as_png, light_grid, new_figure, plain_logarithms
 from vemcvx.base.errors import NotAccepted, ProblemError, SolverFailed, VemcvxError, quietly
@@ -53,9 +47,11 @@ from vemcvx.base.owned_files import Owned
 from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection.writing import INFEASIBLE, MANIFEST, UNBOUNDED
-from vemcvx.cli.options import NONE, Options, solver_names
-from vemcvx.cli.solver_names import make_solver, read_options
+from vemcvx.cli.doctor import version_of
+from vemcvx.cli.options import solver_names
+from vemcvx.cli.solver_names import make_solver
 from vemcvx.cli.terminal import parse_list, progress_bar, say
+from vemcvx.cost.workers import use_one_thread
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.plots.style import SERIES
 from vemcvx.program import Answer, SolvedProgram, StepProgram
@@ -65,8 +61,7 @@ from vemcvx.solvers.solver import ScaledSolver, name_failures
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ERRORS = 1e-3, 1e-6, 1e-9
-"""The relative errors in energy norm at which solvers are compared."""
+ERRORS = 1e-3, 1e-6, 1e-9  # The relative errors in energy norm at which solvers are compared.
 BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
 """Outcomes of a trial: unfinished; an answer of any accuracy; no answer; time limit exceeded; program not accepted."""
 PLANE, DISCS, NO_OPTIMUM, SEQUENCE = "plane", "discs", "no optimum", "sequence"
@@ -91,14 +86,10 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
 }
 """Solver -> names of its tolerances in cvxpy, a limit on iterations so large that the time limit is reached first, and
 the smallest tolerance that the library accepts. Other solvers run once, with default settings."""
-PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}
-"""Solver in cvxpy -> its package, if the two names differ."""
-REPEATS, LONG_ENOUGH = 5, 0.1
-"""Largest number of calls in a trial, and seconds after which no further call begins; the shortest call counts."""
-BATCH = 10
-"""Number of instances for which one process runs a solver; progress is shown between processes."""
-MEAN_SHIFT = 0.01
-"""Shift of the geometric mean, in seconds: differences that are much smaller do not count."""
+PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Solver in cvxpy -> its package, if the two names differ.
+REPEATS, LONG_ENOUGH = 5, 0.1  # Largest number of calls in a trial, and seconds after which no further call begins.
+BATCH = 10  # Number of instances for which one process runs a solver.
+MEAN_SHIFT = 0.01  # Shift of the geometric mean, in seconds.
 TABLE, WORDS, PROFILES = "trials.csv", "benchmark.md", "profiles.png"
 
 
@@ -119,7 +110,6 @@ class Benchmark:
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="Tolerances of the solvers.", show_default="1e-1,1e-2,...,1e-15")
     ] = ",".join(f"1e-{k}" for k in range(1, 16))
-    options: Options = NONE
     only: Annotated[
         str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
     ] = None
@@ -134,11 +124,12 @@ class Benchmark:
         if not all(0 < one < 1 for one in tolerances):
             raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
         names = () if self.solvers is None else parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
-        options, out = read_options(self.options, names), self.out or self.folder / "benchmark"
-        entrants = [Entrant(name, tuple(options.get(name, {}).items())) for name in names]
-        labels = [entrant.label for entrant in entrants]  # An unknown name raises an error here.
+        out = self.out or self.folder / "benchmark"
+        entrants = {name: Entrant(name) for name in names}
+        labels = {name: entrant.label for name, entrant in entrants.items()}  # An unknown name raises an error here.
         with Owned(out) as files, progress_bar("benchmark") as show:
-            for entrant, label in zip(entrants, labels, strict=True):
+            for name, entrant in entrants.items():
+                label = labels[name]
                 kept = files.take(re.sub(r"[^\w.=+ -]+", "_", label).replace(" ", "_") + ".jsonl")
                 ladder = entrant.ladder(tolerances)
                 new = [(Trial(one["name"], one["sha256"], self.time_limit), ladder) for one in instances]
@@ -295,25 +286,24 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
     Each trial is sent with a time limit, in seconds, for the arrival of the next trial; None means no limit.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
-    os.environ |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with threadpool_limits(limits=1):
-        for trial, ladder in work:
-            programs = sequence_from_npz(folder / f"{trial.instance}.npz")
-            status = json.loads((folder / f"{trial.instance}.json").read_text(encoding="utf-8")).get("status", "")
-            trial = replace(trial, tolerance=ladder[0])
-            try:
-                pipe.send((trial, None))
-                calls = entrant.make_calls(programs)
-                for tolerance in ladder:
-                    trial = replace(trial, tolerance=tolerance)
-                    pipe.send((trial, trial.limit))
-                    ended = replace(trial, outcome=ANSWERED, **measure(calls, programs, tolerance, status))
-                    pipe.send((ended, None))
-                    if ended.is_enough:
-                        break
-            except VemcvxError as error:
-                outcome = REFUSED if isinstance(error, NotAccepted) else FAILED
-                pipe.send((replace(trial, outcome=outcome, message=str(error)), None))
+    use_one_thread()
+    for trial, ladder in work:
+        programs = sequence_from_npz(folder / f"{trial.instance}.npz")
+        status = json.loads((folder / f"{trial.instance}.json").read_text(encoding="utf-8")).get("status", "")
+        trial = replace(trial, tolerance=ladder[0])
+        try:
+            pipe.send((trial, None))
+            calls = entrant.make_calls(programs)
+            for tolerance in ladder:
+                trial = replace(trial, tolerance=tolerance)
+                pipe.send((trial, trial.limit))
+                ended = replace(trial, outcome=ANSWERED, **measure(calls, programs, tolerance, status))
+                pipe.send((ended, None))
+                if ended.is_enough:
+                    break
+        except VemcvxError as error:
+            outcome = REFUSED if isinstance(error, NotAccepted) else FAILED
+            pipe.send((replace(trial, outcome=outcome, message=str(error)), None))
 
 
 # Calls of a solver, and the errors of its answers.
@@ -326,30 +316,24 @@ Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
 
 @dataclass(frozen=True)
 class Entrant:
-    """A solver of the benchmark: its name as the user typed it, and settings other than the tolerance."""
+    """A solver of the benchmark: its name as the user typed it."""
 
     typed: str
-    options: tuple[tuple[str, Any], ...] = ()
 
     @property
     def solver(self) -> Solver:
         """The solver, which belongs to vemcvx, to cvxpy, or to a user's file."""
-        return make_solver(self.typed, None, "--solvers", dict(self.options))
+        return make_solver(self.typed, None, "--solvers")
 
     @property
     def label(self) -> str:
-        """The name with its settings, and the version of the library or of vemcvx, or a hash of the user's file."""
+        """The name, with the version of the library or of vemcvx, or a hash of the user's file."""
         solver, name = self.solver, self.typed.lower()
         if ":" in self.typed:
-            name, edition = solver.name, sha256(Path(self.typed.rpartition(":")[0]).read_bytes()).hexdigest()[:8]
-        elif isinstance(solver, ThroughCvxpy):
-            try:
-                edition = version(PACKAGES.get(solver.solver, name))
-            except PackageNotFoundError:
-                edition = "unknown"
-        else:
-            edition = __version__
-        return " ".join([name, *(f"{key}={value}" for key, value in self.options), edition])
+            return f"{solver.name} {sha256(Path(self.typed.rpartition(':')[0]).read_bytes()).hexdigest()[:8]}"
+        if isinstance(solver, ThroughCvxpy):
+            return f"{name} {version_of(PACKAGES.get(solver.solver, name)) or 'unknown'}"
+        return f"{name} {__version__}"
 
     def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
         """Return the tolerances for this solver, from loose to tight."""
@@ -360,17 +344,12 @@ class Entrant:
         return tuple(sorted({max(one, least) for one in tolerances}, reverse=True))
 
     def make_calls(self, programs: Sequence[StepProgram]) -> list[Call]:
-        """Return functions that solve these programs; their common operators are compiled or prepared once.
-
-        Raise NotAccepted if the solver does not accept such a program, or is not installed.
-        """
+        """Return functions that solve these programs; raise NotAccepted if the solver does not accept them."""
         solver, operators = self.solver, programs[0].operators
         if missing := operators.features - solver.accepts:
             raise NotAccepted(f"solver {solver.name}: accepts no {' and no '.join(sorted(missing))}.")
         if operators.kernel is not None and not solver.semidefinite:
-            raise NotAccepted(
-                f"solver {solver.name}: accepts no semidefinite K; only friction and contact hold the body."
-            )
+            raise NotAccepted(f"solver {solver.name}: accepts no semidefinite K.")
         if isinstance(solver, ThroughCvxpy):
             scaling = ScaledSolver(solver, operators)
             alpha = max(scaling.length(program) for program in programs)
@@ -425,8 +404,8 @@ def measure(
 ) -> dict[str, Any]:
     """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
 
-    A single step is solved several times, and the smallest number of seconds counts. For a program without an optimum,
-    `status` is the right status; any other status is an infinite error. Raise SolverFailed without a finite answer.
+    For a program without an optimum, `status` is the right status; any other status is an infinite error. Raise
+    SolverFailed without a finite answer.
     """
     memory: Memory = {}
     unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""
@@ -454,8 +433,7 @@ def measure(
 
 def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, float]:
     """Return the true and the certified error of an answer, relative to `unit`."""
-    if not isinstance(program, SolvedProgram):
-        raise ProblemError("benchmark: an instance has no certified optimum to compare with.")
+    assert isinstance(program, SolvedProgram)
     certificate = program.certify(answer.d, answer.lam, answer.p)
     true = program.operators.energy_norm(answer.d - program.answer.d)
     return true / unit, float(certificate.error + certificate.error_floor) / unit
@@ -521,10 +499,7 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
 
 
 def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
-    """Return a table with one row per solver, the fastest solver to 1e-6 first.
-
-    Means are over the instances that all these solvers accept. Names are wrapped to 16 of 80 columns.
-    """
+    """Return a table with one row per solver, the fastest solver to 1e-6 first."""
     rows, errors = [], [f"1e{round(np.log10(error))}" for error in ERRORS]
     for label, own in select_common(entries, instances, kind, max(ERRORS))[0].items():
         counts, means = [], []

@@ -39,13 +39,11 @@ from vemcvx.results import programs_of_steps
 from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
-VERSION = 5
-"""The version of the list below: it changes whenever instances change, even under the same names."""
+VERSION = 5  # The version of the list below: it changes whenever instances change, even under the same names.
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files in this folder that are copied into a collection, with its version numbers filled in."""
-ACCURACY = 1e-14
-"""The requested accuracy of optima, below what rounding permits."""
+ACCURACY = 1e-14  # The requested accuracy of optima, below what rounding permits.
 INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
 
@@ -60,9 +58,7 @@ class CollectionInstance:
     step: int
     settings: tuple[str, ...] = ()  # parameters of the scene, "name=value"
     condense: bool = True
-    # True: weights of sticking terms are lowered to the norm of their multipliers. The optimum does not change, but
-    # these terms have zero slip and a multiplier at its bound.
-    degenerate: bool = False
+    degenerate: bool = False  # weights of sticking terms are lowered to the norm of their multipliers
     without: str = ""  # reason why there is no optimum: INFEASIBLE or UNBOUNDED
     steps: int = 1  # number of steps of a sequence that ends with `step`
 
@@ -76,7 +72,7 @@ class CollectionInstance:
 
     @property
     def run(self) -> tuple[str, int, int, tuple[str, ...]]:
-        """The run to which the step belongs."""
+        """The problem, its number of cells, the number of steps, and the settings."""
         return self.problem, self.n, self.of, self.settings
 
 
@@ -229,9 +225,7 @@ def write_collection(
 
     `beside` is a further format of the files. `progress` is called with (name, done, total).
     """
-    forms = dict.fromkeys(
-        [choice("npz" if beside is None else beside, "--format", "format", list(FORMATS), ProblemError), "npz"]
-    )
+    forms = dict.fromkeys([choice(beside or "npz", "--format", "format", list(FORMATS), ProblemError), "npz"])
     rows, sums = list[dict[str, Any]](), dict[str, str]()
     with Owned(folder) as files:
 
@@ -282,8 +276,7 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return sentences on instances that differ from the published instances of this version in the file OPTIMA.
 
     Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
-    the last digits of condensed matrices and of states before a step depend on the machine. With another BLAS, the
-    optimum on a graded mesh moved by 1.6e-11, while K moved by 2e-12.
+    the last digits of condensed matrices and of states before a step depend on the machine.
     """
     with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
         published = {row["name"]: row for row in csv.DictReader(file)}
@@ -302,7 +295,7 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
-    """Return suffix -> contents for the files of one program or of a sequence; JSON comes last.
+    """Return suffix -> contents for the files of one program or of a sequence.
 
     In the JSON of a sequence, the value and its bounds are sums over all steps; errors are the largest of all steps.
     """
@@ -369,7 +362,6 @@ def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     motions = [sign * motion for motion in operators.kernel.T for sign in (1.0, -1.0)]
     # Rounding of the entries of r must not exclude a motion along an obstacle.
     ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
-    held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1))
-    held = held or float(np.abs(program.g).max())
+    held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1)) or np.abs(program.g).max()
     g = program.g + (2.0 * held - program.g @ ray) / (ray @ ray) * ray
     return StepProgram(operators, g, program.w, program.b, program.e), ray

@@ -11,7 +11,7 @@ from scenes import mostly_long, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.cli.solver_names import make_solver
-from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, Operators, StepProgram
+from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC
 from vemcvx.solvers import as_solver
 
 TIMES = np.linspace(0.0, 1.0, 5)
@@ -129,16 +129,6 @@ def test_increments_suffice_where_rows_share_unknowns(mesh):
     scene = vx.Scene(vx.Elasticity(1000.0, 0.3), vx.Clamp(on="right"), top, *rough)
     history = vx.simulate(scene, mesh, TIMES, solver=Mine(attrgetter("d")))
     assert history.certificate.max() <= 1e-12
-
-
-def test_multipliers_are_recovered_in_closed_form():
-    """One unknown slips, the other is pressed: lam and p balance g - K d."""
-    operators = Operators(np.diag([2.0, 3.0]), B=np.eye(2)[:1], D=np.eye(2)[1:])
-    program = StepProgram(operators, g=np.array([3.0, 5.0]), w=np.ones(1), b=np.zeros(1), e=np.array([0.5]))
-    answer = as_solver(Mine(attrgetter("d"))).prepare(operators).solve(program, 1e-12, np.zeros((1, 1)))
-    assert np.allclose(answer.d, [1.0, 0.5], rtol=1e-14, atol=0)
-    assert np.allclose(answer.lam, [[1.0]], rtol=1e-14, atol=0)
-    assert np.allclose(answer.p, [3.5], rtol=1e-14, atol=0)
 
 
 @pytest.fixture

@@ -30,13 +30,13 @@ def less(x, t):
     return run(0.0) - run(t), 0.0
 
 
-def tresca(ground, held, **settings):
-    return vx.Scene(STEEL, held, TOUCHING, vx.TrescaFriction(1.0, on="bottom", ground=ground, **settings))
+def tresca(ground, held):
+    return vx.Scene(STEEL, held, TOUCHING, vx.TrescaFriction(1.0, on="bottom", ground=ground))
 
 
-def coulomb(ground, held, **settings):
+def coulomb(ground, held):
     press = vx.Traction(lambda x, t: (0.0, -8.0 * min(1.0, 5 * t)), on="top")
-    rubs = vx.CoulombFriction(0.3, on="bottom", ground=ground, **settings)
+    rubs = vx.CoulombFriction(0.3, on="bottom", ground=ground)
     return vx.Scene(STEEL, held, press, vx.UnilateralContact(on="bottom"), rubs)
 
 
@@ -51,9 +51,7 @@ def closed(ground, held):
 
 KINDS = {
     "Tresca": tresca,
-    "integral": lambda ground, held: tresca(ground, held, quadrature="integral"),
     "Coulomb": coulomb,
-    "capped": lambda ground, held: coulomb(ground, held, cap=1.0),
     "while closed": closed,
     "viscous": viscous,
 }

@@ -100,20 +100,6 @@ def test_the_answer_of_a_run_solves_its_programs(name, condense):
     assert n == len(TIMES) - 1
 
 
-@pytest.mark.parametrize("name", ["Tresca", "moving supports", "soft"])
-def test_cvxpy_solves_a_program_within_both_certificates(name):
-    """Clarabel has its default settings."""
-    program = list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(4), TIMES))[2]
-    posed = program.to_cvxpy()
-    posed.problem.solve(solver="CLARABEL")
-    d = program.feasible(posed.d.value)
-    theirs, away = program.certify(d, posed.lam, posed.p), d - program.answer.d
-    apart = np.sqrt(away @ program.operators.K @ away)
-    assert apart <= theirs.error + theirs.error_floor + program.certificate.error + program.certificate.error_floor
-    assert theirs.gap < 1e-4 * abs(program.bounds[0])
-    assert program.bounds[0] - 1e-6 <= posed.problem.value <= program.bounds[1] + 1e-6
-
-
 @pytest.mark.long
 def test_a_program_needs_the_stored_state_before_its_step():
     scene, mesh = vx.Scene(*SCENES["Tresca"]), vx.meshes.squares(2)

@@ -37,19 +37,12 @@ def test_friction_work_and_work_are_of_second_order():
         assert first[1] > 0.4 * first[0]
         assert second[1] < 0.34 * second[0]
         assert second[0] < 0.2 * first[0]
+    balance = truth.energy - truth.energy[0] + truth.dissipated_second_order
+    assert truth.work_second_order == pytest.approx(balance, rel=1e-14)
+    worn = truth.contact.wear_second_order @ truth.contact.friction_lengths
+    assert worn == pytest.approx(truth.dissipated_second_order, rel=1e-12, abs=1e-15)
     wear = [runs[steps].contact.wear_second_order[-1] for steps in (24, 48, 384)]
     assert np.abs(wear[1] - wear[2]).max() < 0.34 * np.abs(wear[0] - wear[2]).max()
-
-
-@pytest.mark.long
-def test_work_of_second_order_balances_and_wear_sums_to_dissipation():
-    history = pressed_and_rubbed(24)
-    contact = history.contact
-    assert history.work_second_order == pytest.approx(
-        history.energy - history.energy[0] + history.dissipated_second_order, rel=1e-14
-    )
-    lost = contact.wear_second_order @ contact.friction_lengths
-    assert lost == pytest.approx(history.dissipated_second_order, rel=1e-12, abs=1e-15)
 
 
 def test_both_friction_works_agree_for_constant_bounds():

@@ -4,7 +4,6 @@ import pickle
 import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -21,18 +20,6 @@ def test_errors_survive_pickling(error):
     again = pickle.loads(pickle.dumps(error))
     assert type(again) is type(error)
     assert (str(again), vars(again)) == (str(error), vars(error))
-
-
-def _missed(_):
-    raise ERRORS[0]
-
-
-@pytest.mark.long
-def test_errors_reach_the_parent_of_a_process_pool():
-    """An error that cannot be unpickled would block the parent for ever."""
-    with get_context("spawn").Pool(1) as pool, pytest.raises(vx.NotCertified, match="missed") as caught:
-        pool.map_async(_missed, [0]).get(timeout=120)
-    assert caught.value.reached == 1e-3
 
 
 def simulated(solver):

@@ -48,10 +48,9 @@ _find_libraries = cache(ThreadpoolController)  # The search for BLAS libraries t
 
 @contextmanager
 def one_thread(unknowns: int) -> Iterator[None]:
-    """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns.
+    """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns, which is faster.
 
-    Several threads are slower on dense systems of that size. The limit holds for the whole process, so only the main
-    thread sets it.
+    The limit holds for the whole process, so only the main thread sets it.
     """
     if unknowns >= 2_000 or current_thread() is not main_thread():
         yield

@@ -96,10 +96,7 @@ class PETScFactor(IterativeFactor):
 
 
 class Ranks:
-    """One rank's block of K's rows, its part of the hierarchy, and its messages to other ranks.
-
-    Rank 0 receives the whole K (n, n), motions (n, k) and vectors (n,), and returns whole vectors.
-    """
+    """One rank's block of K's rows, its part of the hierarchy, and its messages to other ranks."""
 
     def __init__(self) -> None:
         # A rank that spins while it waits would take cores from ranks that compute.

@@ -108,8 +108,7 @@ class Delassus:
 def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Floats | LinearOperator:
     """Return u A K^{-1} A' u (N, N) plus the diagonal `yielding` (N,).
 
-    The product has double precision: in single precision, terms at their bounds without slip would alternate between
-    stick and slip. If A has too many nonzero columns for an array, an operator is returned, which solves with K.
+    If A has too many nonzero columns for an array, an operator is returned, which solves with K.
     """
     rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
     dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None

@@ -175,10 +175,7 @@ class StepProgram(ArrayRecord):
         return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0, balanced on K's kernel if possible.
-
-        Balancing changes mostly the multipliers of rows that stick or touch at d, because this adds least to the gap.
-        """
+        """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0, balanced on K's kernel if possible."""
         lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
         if N is None or has_diverged(d):
             return lam, p
@@ -445,11 +442,7 @@ class Answer(ArrayRecord):
 
 
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """Convert a solver's return value into an Answer, and compute missing multipliers.
-
-    An integer at the end of a tuple is the number of iterations. Raise SolverFailed if shapes do not fit the program,
-    or if the solver has diverged.
-    """
+    """Convert a solver's return value into an Answer, and compute missing multipliers."""
     own, shapes = isinstance(raw, Answer), program.shapes
     parts = (raw.d, raw.lam, raw.p, raw.iterations) if own else raw if isinstance(raw, tuple) else (raw,)
     counted = len(parts) > 1 and is_whole(parts[-1])

@@ -322,10 +322,7 @@ class OSQP(ThroughCvxpy):
 
 
 class _PreparedConic:
-    """A cvxpy problem, compiled once with g, w, b, e as parameters; if K is sparse, it is posed anew in every step.
-
-    A sparse program is large: with a parameter g of 33,000 entries, one for each unknown, compiling takes 26 s.
-    """
+    """A cvxpy problem, compiled once with g, w, b, e as parameters; if K is sparse, it is posed anew in every step."""
 
     def __init__(self, settings: ThroughCvxpy, newton: PreparedNewton):
         self._settings, self._newton = settings, newton

@@ -36,10 +36,7 @@ class Solves(Protocol):
 
 
 def as_solver(given: Solver | Solves) -> Solver:
-    """Return a Solver unchanged, and wrap any other object with `solve`.
-
-    Raise SceneError for a class, for an object without `solve`, and if `accepts` contains words that name no feature.
-    """
+    """Return a Solver unchanged, and wrap any other object with `solve`."""
     if isinstance(given, Solver):
         _features(given.accepts, given.name)
         return given
@@ -61,10 +58,7 @@ def _features(accepts: Any, name: str) -> frozenset[str]:
 
 
 class AdaptedSolver(Solver):
-    """A wrapper around a user's object with `solve(program, target)`.
-
-    By default it accepts every feature, its accuracy is 1e-6, and K must be positive definite.
-    """
+    """A wrapper around a user's object with `solve(program, target)`."""
 
     accepts: frozenset[str] = FEATURES
 
@@ -210,10 +204,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
-    """Return the given solver, or the default solver for the programs of `operators`.
-
-    Raise NotAccepted if the given solver does not accept a feature of these programs.
-    """
+    """Return the given solver, or the default solver for the programs of `operators`."""
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
         log.info("solver: %s, the default for %s", solver.name, name_features(operators.features))

@@ -408,8 +408,7 @@ def correct_answer(
     """Correct increments and forces once, and return the increments and the point.
 
     The correction removes the residual, motions of held rows, slips across their forces, and (if weights depend on
-    slips) the difference between slips and the slips for which weights were computed. It matters if contact
-    balances most of a load: increments are then small differences of large numbers.
+    slips) the difference between slips and the slips for which weights were computed.
     """
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)

@@ -422,8 +422,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
     If a given state violates (2.1) only by rounding of the largest load, the run begins after a step at this instant.
-    With damping an unbalanced load sets the body in motion, so that every given state is accepted. Under a law of slip
-    rates the end of another run is accepted, too: its friction depends on the rate of the last step of that run.
+    With damping every given state is accepted, and under a law of slip rates the end of another run.
     """
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)

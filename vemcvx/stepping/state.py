@@ -141,10 +141,7 @@ class PreparedRun:
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """Return the frame of steps of length k: K + C / k replaces K, and compliances of dashpots are those for k.
-
-        Frames are cached by length up to rounding.
-        """
+        """Return the frame of steps of length k: K + C / k replaces K, and compliances of dashpots are those for k."""
         system, key = self.system, f"{k:.11e}"
         if not system.is_viscous or k == 0.0:
             return self.elastic
@@ -209,10 +206,7 @@ class State:
         return self.full
 
     def predict_multipliers(self, t: float, m: int) -> tuple[Floats, Floats]:
-        """Return multipliers (m, block) and (r,) extrapolated linearly in time to the next instant `t`.
-
-        The extrapolation changes them by at most their change in the last step, and keeps p >= 0.
-        """
+        """Return multipliers (m, block) and (r,) extrapolated linearly in time to the next instant `t`."""
         before, lam, p = self.earlier or (self.t, self.lam, self.p), self.lam, self.p
         share = min(1.0, (t - self.t) / (self.t - before[0])) if before[0] < self.t else 0.0
         if share > 0.0:
@@ -229,8 +223,7 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
 
     Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
     r = load - B'lam - D'p - K y of all unknowns; it is zero if r is only rounding, which the floor covers. If this
-    energy is too large, interior unknowns are corrected once. The part of r on K's kernel is removed, because
-    multipliers balance the forces on the kernel.
+    energy is too large, interior unknowns are corrected once. On K's kernel, multipliers balance r.
     """
     if not states:
         return []

@@ -285,10 +285,7 @@ TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """The recorder of a trajectory's rows at the instants `times`; arrays are stored for the steps `kept` (S,).
-
-    States to be stored wait until a batch of them is certified in full.
-    """
+    """The recorder of a trajectory's rows at the instants `times`; arrays are stored for the steps `kept` (S,)."""
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
@@ -304,10 +301,7 @@ class Recorder:
         }
 
     def begin(self) -> tuple[int, State] | None:
-        """Return the last stored step of an earlier run and its state, or None.
-
-        Raise HistoryError if the storage contains another run, or if rows of it are missing.
-        """
+        """Return the last stored step of an earlier run and its state, or None."""
         folder = self._storage
         if not (isinstance(folder, Folder) and folder.resumes):
             return None
@@ -326,10 +320,7 @@ class Recorder:
         return n, state
 
     def add(self, n: int, state: State) -> None:
-        """Add the state after step `n`; step 0, the initial state, begins a new run.
-
-        Raise NotCertified if a stored step misses the accuracy on the full system.
-        """
+        """Add the state after step `n`; step 0, the initial state, begins a new run."""
         if n == 0:
             self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
@@ -399,10 +390,7 @@ def _row(state: State, accuracy: float) -> dict[str, Any]:
 
 
 def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) -> State:
-    """Return the state at `t` from the rows of a stored step, or of the initial state.
-
-    The state is complete, except that `earlier` (the multipliers one step before) is not stored.
-    """
+    """Return the state at `t` from the rows of a stored step, or of the initial state."""
     now = StepData.evaluate(run.condensation, t)
     if "state" not in row:
         return make_given_state(run, now, np.array(row["initial"]))

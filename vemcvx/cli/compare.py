@@ -224,7 +224,7 @@ class Compare:
                     if self.time_limit is None:
                         row, run = attempt(problem.path, self, i, row, partial(show, doing))
                     else:
-                        row, run = call_in_process(attempt, problem.path, self, i, row, False, seconds=self.time_limit)
+                        row, run = call_in_process(attempt, problem.path, self, i, row, seconds=self.time_limit)
                 except (Crashed, VemcvxError) as error:
                     row, run = replace(row, outcome=FAILED, message=_own_words(str(error))), None
                 words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
@@ -284,7 +284,9 @@ def _list_settings(solver: Solver) -> str:
     return ", ".join([*made, *(f"{name} = {value!r} (by --option)" for name, value in solver.options.items())])
 
 
-def attempt(path: Path, command: Compare, i: int, row: Row, progress: Callable[[int, int], None] | bool) -> Attempt:
+def attempt(
+    path: Path, command: Compare, i: int, row: Row, progress: Callable[[int, int], None] | bool = False
+) -> Attempt:
     """Solve the problem by solver `i`; its errors become an outcome."""
     posed = replace(command.pose(read_problem(path)), solver=entrants(command)[i][0])
     try:

@@ -405,62 +405,58 @@ class SideEnds:
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
         """Return the rows; `matrix` (e, q) maps g at points (q, dim) to int g phi_i ds over the side of each end."""
-        order, row = self._group_ends()
+        row, order = self._group_ends(), np.argsort(self.nodes, kind="stable")
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
-        nodes[row], partners[row] = self.nodes[order], self.partners[order]
-        lengths, total = self.lengths[order], totals(row, self.lengths[order], k)
-        normals = np.zeros((k, self.normals.shape[1]))
-        np.add.at(normals, row, self._weights(order, row, k)[:, None] * self.normals[order])
+        nodes[row], partners[row] = self.nodes, self.partners
+        total, normals = totals(row, self.lengths, k), np.zeros((k, self.normals.shape[1]))
+        np.add.at(normals, row, self._weights(row, k)[:, None] * self.normals)
         normals = normals / np.linalg.norm(normals, axis=1)[:, None] + 0.0
         if self.mirrors is not None:
             noise = np.zeros(k)
-            np.maximum.at(noise, row, self.noise[order])
+            np.maximum.at(noise, row, self.noise)
             normals = _mirror_normals(normals, self.mirrors.across(normals, nodes, partners), noise)
-        normals = self._interpolate_normals(normals, order, row)
-        along = totals(row, lengths * np.einsum("ei,ei->e", normals[row], self.normals[order]), k)
-        each = matrix[order].tocoo()
+        normals = self._interpolate_normals(normals, row)
+        along = totals(row, self.lengths * np.einsum("ei,ei->e", normals[row], self.normals), k)
+        each = matrix.tocoo()
         return BoundaryRows(
             nodes=read_only(nodes),
             normals=read_only(normals),
             lengths=read_only(total),
             points=read_only(points),
             matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
-            ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
+            ends=EdgeEnds(read_only(row[order]), read_only(self.beyond[order]), read_only(self.lengths[order])),
             partners=read_only(partners),
             cosines=read_only(np.divide(along, total, out=np.ones(k), where=along < (1.0 - TOLERANCE) * total)),
         )
 
-    def _weights(self, order: Ints, row: Ints, k: int) -> Floats:
+    def _weights(self, row: Ints, k: int) -> Floats:
         """Return the weights (e,) of the normals of ends in the means of k rows."""
-        length, curvature = self.sizes[order], self.curvature[order]
         longest, most = np.zeros(k), np.zeros(k)
-        np.maximum.at(longest, row, length)
-        np.maximum.at(most, row, curvature)
-        part = (length / longest[row]) ** 4
+        np.maximum.at(longest, row, self.sizes)
+        np.maximum.at(most, row, self.curvature)
+        part = (self.sizes / longest[row]) ** 4
         # If no face has an angle at a node, because the node hangs in edges, only areas count.
-        relative = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
+        relative = np.divide(self.curvature, most[row], out=np.zeros(len(row)), where=most[row] > 0)
         # Sides shorter than 0.03 of the longest side at their node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part
 
-    def _interpolate_normals(self, normals: Floats, order: Ints, row: Ints) -> Floats:
+    def _interpolate_normals(self, normals: Floats, row: Ints) -> Floats:
         """Return the normals (k, dim) of rows, at hanging nodes interpolated between the ends of their sides."""
         if self.whole_sides is None or self.position is None:
             return normals
         (one, other), s = self.whole_sides.T, self.position[:, None]
-        place = np.empty_like(row)
-        place[order] = row
-        start, stop = normals[place[one]], normals[place[other]]
+        start, stop = normals[row[one]], normals[row[other]]
         turns = np.linalg.norm(stop - start, axis=1) > self.noise[one] + self.noise[other]
-        here = np.arange(len(order))
+        here = np.arange(len(row))
         hung = np.flatnonzero(turns & (here != one) & (here != other))
         between = ((1.0 - s) * start + s * stop)[hung]
         found = normals.copy()
-        found[place[hung]] = between / np.linalg.norm(between, axis=1)[:, None] + 0.0
+        found[row[hung]] = between / np.linalg.norm(between, axis=1)[:, None] + 0.0
         return found
 
-    def _group_ends(self) -> tuple[Ints, Ints]:
-        """Return the order of the ends by node, and the row of each: one row per normal and partner."""
+    def _group_ends(self) -> Ints:
+        """Return the row (e,) of each end: rows are ordered by node, one row per normal and partner."""
         order = np.argsort(self.nodes, kind="stable")
         leader = np.full(len(order), -1)
         while (waiting := np.flatnonzero(leader < 0)).size:
@@ -471,7 +467,9 @@ class SideEnds:
             near = apart <= CURVE_DISTANCE + self.noise[one] + self.noise[other]
             joins = near & (self.partners[one] == self.partners[other])
             leader[waiting[joins]] = ahead[joins]
-        return order, np.unique(leader, return_inverse=True)[1]
+        row = np.empty_like(order)
+        row[order] = np.unique(leader, return_inverse=True)[1]
+        return row
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:

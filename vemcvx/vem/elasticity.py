@@ -100,16 +100,11 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
 
     If many rows are distinct, all rows count as distinct.
     """
-    every = np.arange(len(arrays[0]))
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    # The first 64 cells show whether many are translates.
     if len(np.unique(rows[:64], axis=0)) > 32:
-        return slice(None), every
-    # Hash the bits modulo 2^64: sums of floats may be equal although the rows differ by rounding.
-    weights = np.random.default_rng(0).integers(2**64, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
-    hashes = (rows.view(np.uint64) * weights).sum(axis=1)
-    _, some, same = np.unique(hashes, return_index=True, return_inverse=True)
-    return (some, same) if (rows == rows[some[same]]).all() else (slice(None), every)
+        return slice(None), np.arange(len(rows))
+    _, some, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return some, same.ravel()
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:

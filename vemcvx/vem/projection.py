@@ -16,6 +16,7 @@ from vemcvx.meshes.polygons import (
     RADON_WEIGHTS,
     cross,
     polygon_centroids,
+    right_of,
     spans,
     split_at_vertices,
 )
@@ -28,10 +29,9 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
 #
-# eps(q) runs through all constant symmetric matrices. So, by the first condition, eps(Pi v) is the mean of eps(v) over
-# K; by the third, the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, for each
-# component separately. By Gauss' theorem, with v linear on the edges e_i = [x_i, x_{i+1}] with the outward normals n_i
-# (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
+# The first condition makes eps(Pi v) the mean of eps(v) over K, and the third makes the rotation the mean rotation.
+# Together: grad Pi v = 1/|K| int_K grad v dx, for each component separately. By Gauss' theorem, with v linear on the
+# edges e_i = [x_i, x_{i+1}] with the outward normals n_i (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
 #
 #     grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
 #     G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
@@ -40,17 +40,13 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i.
 #
-# Nothing here divides by an edge length, so edges may be as short as rounding allows. All quantities are homogeneous
-# in the coordinates: scaling these by a power of two changes no bit of G |K| / h, w and Pi.
+# Nothing here divides by an edge length, so edges may be as short as rounding allows.
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
     """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin.
 
     The area is computed as |K| = sum_i x_i |K| (G_i)_x: then the computed gradient of the function x is exactly one.
     """
-    chord = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
-    gradients = np.empty_like(corners)
-    np.multiply(chord[:, :, 1], 0.5, out=gradients[:, :, 0])
-    np.multiply(chord[:, :, 0], -0.5, out=gradients[:, :, 1])
+    gradients = 0.5 * right_of(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1))
     return np.einsum("ci,ci->c", corners[:, :, 0], gradients[:, :, 0]), gradients
 
 
@@ -157,7 +153,7 @@ class FaceGroup:
 
 def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:
     """Yield groups of faces with equally many vertices; face f has ``vertices[offsets[f]:offsets[f + 1]]``."""
-    counts = (offsets[1:] - offsets[:-1])[faces]
+    counts = np.diff(offsets)[faces]
     for n in np.unique(counts):
         some = faces[counts == n]
         nodes = vertices[offsets[some][:, None] + np.arange(n)]
@@ -223,14 +219,9 @@ class CellGroup:
 
     @cached_property
     def corners(self) -> Floats:
-        """The vertex coordinates (c, n, dim) relative to the first vertex of each cell.
-
-        Differences of neighbouring coordinates are exact, products of large coordinates are not. So a body far from the
-        origin has no rounding errors except the rounding of its points.
-        """
+        """The vertex coordinates (c, n, dim) relative to the first vertex: exact, also far from the origin."""
         corners = self.points.take(self.nodes, axis=0)  # twice as fast as indexing
-        corners -= corners[:, :1].copy()
-        return read_only(corners)
+        return read_only(corners - corners[:, :1])
 
     @property
     def simplices(self) -> bool:
@@ -280,11 +271,13 @@ class CellGroup:
 
     def vertex_values(self) -> Floats:
         """Return Pi in vertex values, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
+        return self.values_at(self.corners)
+
+    def values_at(self, x: Floats) -> Floats:
+        """Return Pi of the n basis functions, (c, q, n), at points x (c, q, dim) relative to the first vertices."""
         (measures, gradients), w = self.gradients(), self.boundary_means()
-        centre = np.einsum("ci,cia->ca", w, self.corners)
-        arms = (self.corners - centre[:, None]) / measures[:, None, None]
-        linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
-        return linear + w[:, None, :]
+        arms = (x - np.einsum("ci,cia->ca", w, self.corners)[:, None]) / measures[:, None, None]
+        return np.asarray(np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None])
 
     def chunks(self) -> Iterator[CellGroup]:
         """Yield the group in pieces whose local n x n matrices have about `CACHED_NUMBERS` numbers together."""
@@ -305,8 +298,7 @@ class CellGroup:
 #     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
 #     w_i = sum_f a_{f,i} / |dK|.
 #
-# The mean over the surface determines the constant of Pi, like the mean over the outline in the plane. All quantities
-# are homogeneous in the coordinates, and on a tetrahedron Pi v = v.
+# The mean over the surface determines the constant of Pi, and on a tetrahedron Pi v = v.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
     """A group of polyhedra with equally many vertices, which are in ascending order in each cell."""
@@ -398,15 +390,12 @@ class RingGroup(CellGroup):
 
     def load_shares(self) -> Floats:
         """Return the means (c, n) of Pi phi_i over each cell: loads f / r with constant f are then exact."""
-        (areas, g), w = self.gradients(), self.boundary_means()
-        arms = self.centres - np.einsum("ci,cia->ca", w, self.corners)
-        return w + np.einsum("cia,ca->ci", g, arms) / areas[:, None]
+        return self.values_at(self.centres[:, None])[:, 0]
 
     def strain_rows(self) -> tuple[Floats, Floats]:
         """Return 2 pi V (c,), and 2 pi V times the mean strains (c, 4, n, 2): rr, zz, rz and the hoop strain."""
         areas, g = self.gradients()
-        edge = np.roll(self.corners, -1, axis=1) - self.corners
-        outward = np.stack([edge[:, :, 1], -edge[:, :, 0]], axis=2)
+        outward = right_of(np.roll(self.corners, -1, axis=1) - self.corners)
         # r minus the radius of the centroid: a body far from the axis loses no digits.
         r = self.corners[:, :, 0] - self.centres[:, :1]
         after = np.roll(r, -1, axis=1)
@@ -425,8 +414,8 @@ class RingGroup(CellGroup):
         rows = (g / areas[:, None, None]).transpose(0, 2, 1).copy()
         rows[:, 0] -= self.load_shares() / self.radii[:, None]
         M = second_moments(self.corners - self.centres[:, None])
-        both: Floats = np.matmul(rows.transpose(0, 2, 1), np.matmul(M, rows))
-        return (np.pi / self.radii)[:, None, None] * (both + both.transpose(0, 2, 1))
+        both = (np.pi / self.radii)[:, None, None] * np.matmul(rows.transpose(0, 2, 1), np.matmul(M, rows))
+        return np.asarray(both + both.transpose(0, 2, 1))
 
 
 def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]:

@@ -102,11 +102,7 @@ class Space:
             if not mine.any():
                 continue
             some = group.part(place[mine])
-            measures, g = some.gradients()
-            means = some.boundary_means()
-            to = self.mesh.points[some.nodes] - x[point[mine], None]
-            centre = np.einsum("ci,cia->ca", means, to)
-            values = means - np.einsum("cia,ca->ci", g / measures[:, None, None], centre)
+            values = some.values_at((x[point[mine]] - self.mesh.points[some.nodes[:, 0]])[:, None])[:, 0]
             rows = np.repeat(point[mine], values.shape[1])
             total = total + sp.csr_matrix((values.ravel(), (rows, some.nodes.ravel())), shape=total.shape)
         return total

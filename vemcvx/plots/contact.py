@@ -106,11 +106,7 @@ def require_contact(history: Results, picture: str) -> Contact:
 
 
 def friction_traction(
-    history: Results,
-    step: int | None = None,
-    *,
-    ax: Axes | None = None,
-    units: Units | None = None,
+    history: Results, step: int | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
     """Draw the friction traction on the body and its bound +-g at a stored step: nodes slip at g, and stick below.
 
@@ -326,11 +322,7 @@ def along_contact(
 
 
 def wear(
-    history: Results,
-    steps: int | Iterable[int] | None = None,
-    *,
-    ax: Axes | None = None,
-    units: Units | None = None,
+    history: Results, steps: int | Iterable[int] | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
     """Draw the friction work up to some steps along contact: wear is proportional to it (Archard 1953).
 

@@ -8,7 +8,7 @@ Backward Euler loses more energy than friction dissipates. The excess vanishes w
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,19 +32,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def energy_ledger(
-    history: Results,
-    *,
-    ax: Axes | Sequence[Axes] | None = None,
-    units: Units | None = None,
-) -> Figure:
+def energy_ledger(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the energies of every step, and the certificates of the steps on a logarithmic axis.
 
     Parameters
     ----------
     history, units : as for `friction_traction`
-    ax : Axes, or two of them, optional
-        Where to draw the energies, and the certificates if there are two; by default on a new figure.
+    ax : Axes, optional
+        Where to draw the energies; by default there is a new figure, which also has the certificates.
 
     Returns
     -------
@@ -64,8 +59,7 @@ def energy_ledger(
     """
     units = units_of(history, units)
     contact.list_steps(history, "energy_ledger")
-    given = canvas.new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
-    panels = list(given) if isinstance(given, Iterable) else [given]
+    panels = canvas.row_of_axes(2, 3.8, 3.9) if ax is None else [ax]
     energy = unit(units, "energy")
     words = "energy" if energy == "energy" else f"energy ({energy})" + ", per thickness" * _is_plane(history)
     _energies(panels[0], history, words)
@@ -157,11 +151,7 @@ def _certificates(ax: Axes, history: Results) -> None:
 
 
 def hysteresis_loop(
-    history: Results,
-    on: str | None = None,
-    *,
-    ax: Axes | None = None,
-    units: Units | None = None,
+    history: Results, on: str | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
     """Draw the force on a driven boundary against its mean motion, along the axis on which its path is longest.
 

@@ -99,19 +99,16 @@ class Corners:
 
     def sentence(self, nodes: Sequence[int], row: int) -> str:
         """Return the warning for a stress or contact force near these nodes in a row (stored step); "" if none."""
-        return self.at_load(nodes) or self.at_corner(nodes, row)
+        if self.sides is None:
+            return ""
+        corners = (self._corner(self.sides, node, row) for node in nodes if node in self.sides.edges)
+        found = next((f"{where}: may grow {WITHOUT_LIMIT}" for where in corners if where), "")
+        return self.at_load(nodes) or found
 
     def at_load(self, nodes: Sequence[int]) -> str:
         """Return the warning for an extreme near a point load at one of these nodes; "" if there is none."""
         there = self.sides is not None and self.sides.loaded is not None and np.isin(nodes, self.sides.loaded).any()
         return f"at a point load: grows {WITHOUT_LIMIT}" if there else ""
-
-    def at_corner(self, nodes: Sequence[int], row: int) -> str:
-        """Return the warning for a corner at one of these nodes; "" if there is none."""
-        if self.sides is None:
-            return ""
-        corners = (self._corner(self.sides, node, row) for node in nodes if node in self.sides.edges)
-        return next((f"{where}: may grow {WITHOUT_LIMIT}" for where in corners if where), "")
 
     def _corner(self, sides: Sides, node: int, row: int) -> str:
         """Describe the corner at a node; "" if stress is bounded there."""

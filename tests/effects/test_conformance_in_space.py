@@ -4,28 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_conformance_effects import (
-    HELD,
-    OF_PROBLEMS,
-    PRESSED,
-    PULLED,
-    REST,
-    SHAKEN,
-    SPRUNG,
-    STEEL,
-    TOUCHING,
-    UNPRESSED,
-    belt,
-    creep,
-    grip,
-    lift,
-    pull,
-    slide,
-    stiff,
-    uneven,
-    weigh,
-)
-from test_conformance_effects import SAMPLES as FLAT
+import test_conformance_effects as flat
 
 import vemcvx as vx
 from cohesive_interface import Glue
@@ -33,11 +12,11 @@ from vemcvx.testing import EffectSample, Other, effect_suite
 
 
 def less(x, t):
-    return 0.5 * uneven(x, t)
+    return 0.5 * flat.uneven(x, t)
 
 
 def slight(x, t):
-    return 0.3 * grip(x, t)
+    return 0.3 * flat.grip(x, t)
 
 
 def around(x):
@@ -45,11 +24,11 @@ def around(x):
 
 
 def turning(x, t):
-    return creep(x, t)[:, None] * (1.0, 2.0, 0.0)
+    return flat.creep(x, t)[:, None] * (1.0, 2.0, 0.0)
 
 
 RUBBING = vx.TrescaFriction(bound=2.0, on="bottom")
-RUBBED = STEEL, HELD, PULLED, TOUCHING, RUBBING
+RUBBED = flat.STEEL, flat.HELD, flat.PULLED, flat.TOUCHING, RUBBING
 UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad, vx.Rigid, vx.PrescribedSlip
 
 
@@ -62,92 +41,96 @@ def in_space(sample):
 
 
 SAMPLES = {
-    **{name: in_space(one) for name, one in FLAT.items() if "," not in name and not isinstance(one.effect, UNLIKE)},
+    **{
+        name: in_space(one)
+        for name, one in flat.SAMPLES.items()
+        if "," not in name and not isinstance(one.effect, UNLIKE)
+    },
     "Elasticity": EffectSample(
-        STEEL,
+        flat.STEEL,
         RUBBED[1:],
         (vx.Elasticity(100.0, 0.3),),
         {"young": 1, "poisson": 1},
-        {"young": 150.0, "poisson": 0.2, "stabilisation": "unit", "on": REST},
+        {"young": 150.0, "poisson": 0.2, "stabilisation": "unit", "on": flat.REST},
     ),
     "Orthotropic": EffectSample(
         vx.Orthotropic(
             (200.0, 60.0, 80.0), (0.3, 0.3, 0.2), (40.0, 30.0, 20.0), axes=((1.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         ),
         RUBBED[1:],
-        (STEEL,),
+        (flat.STEEL,),
         others={
             "young": (200.0, 80.0, 80.0),
             "poisson": (0.2, 0.3, 0.2),
-            "shear": (stiff, 30.0, 20.0),
+            "shear": (flat.stiff, 30.0, 20.0),
             "angle": Other(0.3, {"axes": None}),
             "axes": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
             "stabilisation": "unit",
-            "on": REST,
+            "on": flat.REST,
         },
     ),
     "PrescribedDisplacement, oblique": EffectSample(
-        vx.PrescribedDisplacement(lift, on="left", direction=(1.0, 2.0, -1.0)),
-        (STEEL, HELD, TOUCHING, RUBBING),
+        vx.PrescribedDisplacement(flat.lift, on="left", direction=(1.0, 2.0, -1.0)),
+        (flat.STEEL, flat.HELD, flat.TOUCHING, RUBBING),
         data={"value": 1},
         others={"value": 0.0, "on": "bottom", "direction": (2.0, 1.0, 0.0)},
     ),
     "Rigid": EffectSample(
-        vx.Rigid(on="left", force=pull, moment=weigh),
-        (STEEL, vx.ElasticFoundation(normal=20.0, tangential=10.0, on="right")),
+        vx.Rigid(on="left", force=flat.pull, moment=flat.weigh),
+        (flat.STEEL, vx.ElasticFoundation(normal=20.0, tangential=10.0, on="right")),
         data={"force": 3, "moment": 3},
         others={
             "on": "west",
             "at": (0.0, 1.0, 0.5),
-            "force": weigh,
-            "moment": pull,
-            "motion": (0.0, lift, None, None, 0.0, None),
+            "force": flat.weigh,
+            "moment": flat.pull,
+            "motion": (0.0, flat.lift, None, None, 0.0, None),
         },
     ),
     "PrescribedSlip": EffectSample(
         vx.PrescribedSlip(turning, on="bottom"),
-        (STEEL, SPRUNG, PULLED),
+        (flat.STEEL, flat.SPRUNG, flat.PULLED),
         data={"value": 3},
         others={"value": (0.0, 0.0, 0.0), "on": "left"},
     ),
     "PointLoad": EffectSample(
-        vx.PointLoad(pull, at=(0.0, 1.0, 1.0)),
-        (STEEL, HELD, TOUCHING, RUBBING),
+        vx.PointLoad(flat.pull, at=(0.0, 1.0, 1.0)),
+        (flat.STEEL, flat.HELD, flat.TOUCHING, RUBBING),
         data={"force": 3},
-        others={"force": weigh, "at": [(0.0, 1.0, 1.0), (0.0, 0.0, 1.0)]},
+        others={"force": flat.weigh, "at": [(0.0, 1.0, 1.0), (0.0, 0.0, 1.0)]},
     ),
     "TrescaFriction by direction": EffectSample(
-        vx.TrescaFriction(uneven, on="bottom", direction=around, across=less),
-        (STEEL, HELD, SHAKEN, TOUCHING),
-        (vx.TrescaFriction(uneven, on="bottom"),),
+        vx.TrescaFriction(flat.uneven, on="bottom", direction=around, across=less),
+        (flat.STEEL, flat.HELD, flat.SHAKEN, flat.TOUCHING),
+        (vx.TrescaFriction(flat.uneven, on="bottom"),),
         {"ground": 3},
         {
             "bound": Other(2.0, {"across": 1.0}),
             "on": "left",
             "quadrature": "integral",
-            "while_closed": UNPRESSED,
-            "ground": belt,
+            "while_closed": flat.UNPRESSED,
+            "ground": flat.belt,
             "direction": (0.2, 1.0, 0.3),
             "across": 0.0,
         },
     ),
     "CoulombFriction by direction, on a belt": EffectSample(
-        vx.CoulombFriction(grip, on="bottom", ground=belt, direction=around, across=slight),
-        (STEEL, HELD, PRESSED, vx.UnilateralContact(on=["bottom", "left"])),
-        (vx.CoulombFriction(grip, on="bottom", ground=belt),),
+        vx.CoulombFriction(flat.grip, on="bottom", ground=flat.belt, direction=around, across=slight),
+        (flat.STEEL, flat.HELD, flat.PRESSED, vx.UnilateralContact(on=["bottom", "left"])),
+        (vx.CoulombFriction(flat.grip, on="bottom", ground=flat.belt),),
         {"cap": 1, "ground": 3},
         {
             "coefficient": Other(0.1, {"across": 0.2}),
             "on": "left",
             "cap": 0.1,
-            "ground": slide,
+            "ground": flat.slide,
             "direction": (0.2, 1.0, 0.3),
             "across": 0.0,
         },
     ),
-    "SlipWeakening": OF_PROBLEMS["SlipWeakening"],
+    "SlipWeakening": flat.OF_PROBLEMS["SlipWeakening"],
     "Glue": replace(
-        OF_PROBLEMS["Glue"], effect=Glue(1.0, 0.2, on="bottom"), others={"strength": 0.5, "way": 0.3, "on": "left"}
+        flat.OF_PROBLEMS["Glue"], effect=Glue(1.0, 0.2, on="bottom"), others={"strength": 0.5, "way": 0.3, "on": "left"}
     ),
 }
 
@@ -158,5 +141,5 @@ test_every_effect_in_space = pytest.mark.long(
 
 
 def test_no_effect_is_missing_from_the_samples_in_space():
-    plane, space = ({type(sample.effect) for sample in samples.values()} for samples in (FLAT, SAMPLES))
+    plane, space = ({type(sample.effect) for sample in samples.values()} for samples in (flat.SAMPLES, SAMPLES))
     assert plane <= space

@@ -9,10 +9,6 @@ STEEL = vx.Elasticity(200.0, 0.3)
 BLOCK = vx.meshes.squares((8, 4), box=((0, 2), (0, 1)))
 
 
-def nodes_on(mesh, name):
-    return np.unique(mesh.boundaries[name])
-
-
 def pressed(n):
     """Return the mesh of a block under a tool of n x n cells, with its clamp and contact."""
     box = (0.25, 0.75), (1, 1.5)
@@ -24,7 +20,7 @@ def test_a_bar_with_a_rigid_end_stretches_uniformly():
     """u = F L / (E A), the end stays straight, and the rigid end has no reaction."""
     scene = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Rigid(on="right", force=(3.0, 0.0)))
     history = vx.simulate(scene, vx.meshes.voronoi(5, seed=1), [0.0, 1.0], initial="settled")
-    end = history.displacement[-1][nodes_on(history.mesh, "right")]
+    end = history.displacement[-1][np.unique(history.mesh.boundaries["right"])]
     assert end == pytest.approx(np.tile([3.0 / 200.0, 0.0], (len(end), 1)), abs=1e-15)
     assert history.reaction("right")[-1] == pytest.approx([0.0, 0.0], abs=1e-13)
     assert history.reaction("left")[-1] == pytest.approx([-3.0, 0.0], abs=1e-13)

@@ -363,8 +363,7 @@ class TrescaFriction(_Friction):
 
         acts: dict[str, Any] = {"law": _limit_by_pressure(lambda t: STEEPNESS, integrate)}
         if not closed:
-            steady, in_the_air = not varies(self.bound), self.while_closed is None
-            acts = {"weights": lambda t: integrate(t), "steady": steady, "in_the_air": in_the_air}
+            acts = {"weights": lambda t: integrate(t), "in_the_air": self.while_closed is None}
         return self._rub(space, rows, "bound", lambda name, t: integrate(t, name) / rows.lengths, **acts)
 
     def describe(self) -> str:

@@ -267,8 +267,6 @@ class Friction(ContactSurface):
     ----------
     weights : callable t -> (m,)
         Integrals of the friction bound times the nodal basis functions, force; infinite where the node always sticks.
-    steady : bool
-        True if the weights are the same at all times.
     in_the_air : bool
         True if a warning is issued where one-sided contact is open and friction acts.
     ground : Ground, optional
@@ -291,7 +289,6 @@ class Friction(ContactSurface):
     """
 
     weights: Callable[[float], Floats] = lambda t: np.zeros(())
-    steady: bool = False
     in_the_air: bool = False
     ground: Ground | None = None
     law: Law | None = None

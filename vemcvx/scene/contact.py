@@ -173,7 +173,7 @@ class Terms(ContactRows):
             return None
         return Norms(
             B=supports.on_free(self.acting_rows),
-            w=self.weights(0.0)[:m] if all(f.steady for f in self.frictions) else lambda t: self.weights(t)[:m],
+            w=lambda t: self.weights(t)[:m],
             block=block,
             places=supports.places(self.nodes),
             law=self.law_of(slice(0, m)),

@@ -168,6 +168,31 @@ def test_invalid_sets_of_bodies_are_refused():
         cubes(4).cut("crack", {"a": [21], "b": [22]})
 
 
+def make_slab(heights, is_lower, middle):
+    """Return 3 x 3 cells below or above triangles; `middle` (0 or 1) is the diagonal of the middle cell."""
+    x, y = np.meshgrid(range(4), range(4))
+    z = np.append(heights, np.full(16, -1.0 if is_lower else 3.0))
+    points = np.column_stack([np.tile([x.ravel(), y.ravel()], 2).T, z])
+    cells = []
+    for k, corner in enumerate(i + 4 * j for j in range(3) for i in range(3)):
+        near = corner + np.array([0, 1, 5, 4])
+        turned = np.roll(near, middle if k == 4 else 0)
+        faces = [turned[[0, 1, 2]], turned[[0, 2, 3]], near[::-1] + 16]
+        faces += [np.array([near[e - 1], near[e - 1] + 16, near[e] + 16, near[e]]) for e in range(4)]
+        cells.append([face if is_lower else face[::-1] for face in faces])
+    return vx.PolyhedralMesh(points, cells)
+
+
+def test_a_pocket_between_bodies_is_refused():
+    """Let two surfaces of triangles differ in the diagonal of the middle cell only, where both have the same nodes."""
+    heights = np.ones(16)
+    heights[[5, 10]] = 0.8
+    lower = make_slab(heights, True, 0)
+    assert len(bodies({"a": lower, "b": make_slab(heights, False, 0)}).boundaries["a|b"]) == 18
+    with pytest.raises(vx.MeshError, match=r"surfaces of two bodies do not match near \(1\.\d+, 1\.\d+, 0\.\d+\)"):
+        bodies({"a": lower, "b": make_slab(heights, False, 1)})
+
+
 def test_invalid_interfaces_are_refused():
     mesh = bodies({"a": cubes(1), "b": cubes(1, NEXT_DOOR)})
     found = mesh.interfaces["a|b"]

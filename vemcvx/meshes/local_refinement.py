@@ -175,12 +175,11 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     inner = long[side]
     inner[first] = False
     away = np.where(inner, np.abs(begin - 0.5), np.inf)
-    nearest = np.minimum.reduceat(away, first)
-    is_nearest = first + first_in_row(away == nearest[side], np.append(first, len(side)))
+    nearest = least_of_each(side, away)
     # a vertex within 0.2 side lengths of the midpoint is taken as the midpoint
-    taken = nearest <= 0.2
+    taken = away[nearest] <= 0.2
     between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
-    return is_nearest[taken], np.flatnonzero(between)
+    return nearest[taken], np.flatnonzero(between)
 
 
 def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats:

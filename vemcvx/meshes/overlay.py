@@ -12,7 +12,6 @@ tolerance get one place, so a node near both edges of a corner of 30 degrees or 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes.checks.space import find_touching_faces
-from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     close_pairs,
@@ -41,7 +39,6 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-Kind = TypeVar("Kind", bound=Mesh)
 CORNER_FACTOR = 4.0
 """1 / sin(15 degrees), rounded up."""
 COVERAGE_TOLERANCE = 1e-3
@@ -50,19 +47,13 @@ Rows = tuple[Ints, Ints]
 """Offsets and entries of rows."""
 
 
-class JoinedBodies(NamedTuple, Generic[Kind]):
-    """Bodies in one mesh, with nodes in the same places where their boundaries coincide."""
-
-    mesh: Kind
-    body: Ints  # (n_nodes,)
-    place: Ints  # (n_nodes,) the first node in the same place
-    origin: Ints  # (m,) original edge or face of each boundary piece, numbered through the boundaries of all bodies
-
-
-def overlay_tilings(apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float) -> JoinedBodies[PolyhedralMesh]:
+def overlay_tilings(
+    apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float
+) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
     """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
 
-    In the mesh `apart`, bodies have no common node; `body` and `place` are the body and the place of each node.
+    In the mesh `apart`, bodies have no common node; `body` and `place` are the body and the place of each node. Return
+    the mesh, both for its nodes, and for each boundary face the number (m,) of the old boundary face.
     """
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
@@ -95,7 +86,7 @@ def overlay_tilings(apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: f
     origin = np.empty(len(faces.face_cells), dtype=np.int64)
     origin[faces.cell_faces] = old
     mesh = PolyhedralMesh.unchecked(points[place], *faces)
-    return JoinedBodies(mesh, body, leader[number], apart._places(origin[mesh._boundary]))
+    return mesh, body, leader[number], apart._places(origin[mesh._boundary])
 
 
 def _join(one: Rows, other: Rows) -> Rows:

@@ -23,7 +23,7 @@ from vemcvx.meshes.box import WHOLE, check_cell_data, check_mapping, check_name
 from vemcvx.meshes.checks.plane import check_cells, find_misfit, lowest
 from vemcvx.meshes.checks.space import check_polyhedral_mesh, find_touching_faces, is_enclosed
 from vemcvx.meshes.interfaces import Interface, coinciding_sides, on_boundary, pairs_of, places_of
-from vemcvx.meshes.overlay import CORNER_FACTOR, JoinedBodies, mismatch_error, overlay_tilings
+from vemcvx.meshes.overlay import CORNER_FACTOR, mismatch_error, overlay_tilings
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     TOLERANCE,
@@ -103,7 +103,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the origin of each boundary edge or face (see `JoinedBodies.origin`)."""
+    """Return the mesh of :func:`bodies`, and the origin of each boundary edge or face, numbered through all bodies."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -124,7 +124,10 @@ def join(
     if len(alone):  # nodes of two bodies coincide outside interfaces
         raise _position_error(names, body[[alone[0], place[alone[0]]]], mesh.points[alone[0]])
     if not in_plane:
-        _check_whole(mesh)
+        try:
+            check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
+        except MeshError as error:
+            raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
     # the parts of named boundaries outside interfaces
     start, named = 0, {}
     for own, given in meshes.items():
@@ -183,11 +186,10 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
     return place
 
 
-# In the plane.
-
-
-def _match_in_plane(apart: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> JoinedBodies[PolygonMesh]:
-    """Insert the nodes of each body into coinciding edges of the others."""
+def _match_in_plane(
+    apart: PolygonMesh, body: Ints, place: Ints, tolerance: float
+) -> tuple[PolygonMesh, Ints, Ints, Ints]:
+    """Insert the nodes of each body into coinciding edges of the others; return the same as `overlay_tilings`."""
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
@@ -195,7 +197,7 @@ def _match_in_plane(apart: PolygonMesh, body: Ints, place: Ints, tolerance: floa
     mesh = type(apart).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
     body = np.append(body, body[apart._boundary[edge, 0]])
     origin = np.repeat(np.arange(len(apart._boundary)), 1 + np.bincount(edge, minlength=len(apart._boundary)))
-    return JoinedBodies(mesh, body, np.append(place, place[node]), origin)
+    return mesh, body, np.append(place, place[node]), origin
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
@@ -224,9 +226,6 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
     return points, node[order], edge[order]
 
 
-# Names of interfaces.
-
-
 def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
@@ -234,29 +233,28 @@ def _by_name(
     named = _check_names(interfaces, names)
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
-    for a, b in np.column_stack(np.divmod(np.unique(first * len(names) + second), len(names))):
-        here = (first == a) & (second == b)
-        edges, partners = (side[here] for side in sides)
-        pair = names[a], names[b]
-        name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
-        if pair[::-1] in named:
-            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]  # the first body is left of its edges
+    for a, b in np.unique(np.column_stack([first, second]), axis=0):
+        edges, partners = (side[(first == a) & (second == b)] for side in sides)
+        own = names[a], names[b]
+        name, pair = named.get(frozenset(own), ("|".join(own), own))
+        if pair != own:
+            edges, partners = partners[:, ::-1], edges[:, ::-1]  # the first body is left of its edges
         found[name] = Interface(pair, edges, partners)
-    missing = [pair for pair, name in named.items() if name not in found]
-    if missing:
-        (a, b), there = missing[0], ", ".join(repr("|".join(interface.bodies)) for interface in found.values())
-        raise MeshError(
-            f"bodies: interface {named[a, b]!r} is to join {a!r} and {b!r}, whose boundaries do not coincide. "
-            f"Interfaces: {there or 'none'}. Bring the bodies together, or give a larger tolerance=."
-        )
+    for name, (a, b) in named.values():
+        if name not in found:
+            there = ", ".join(repr("|".join(interface.bodies)) for interface in found.values())
+            raise MeshError(
+                f"bodies: interface {name!r} is to join {a!r} and {b!r}, whose boundaries do not coincide. Interfaces: "
+                f"{there or 'none'}. Bring the bodies together, or give a larger tolerance=."
+            )
     return found
 
 
 def _check_names(
     interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
-) -> dict[tuple[str, str], str]:
-    """Return the given names of interfaces, (first body, second body) -> name, or raise MeshError."""
-    named: dict[tuple[str, str], str] = {}
+) -> dict[frozenset[str], tuple[str, tuple[str, str]]]:
+    """Return the given names of interfaces, both bodies -> (name, (first body, second body)), or raise MeshError."""
+    named: dict[frozenset[str], tuple[str, tuple[str, str]]] = {}
     for name, pair in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
         check_name(name)
         given = tuple(pair) if isinstance(pair, (tuple, list)) else ()
@@ -265,9 +263,9 @@ def _check_names(
                 f"bodies: interface {name!r} must be between two of the bodies {', '.join(map(repr, known))}; got "
                 f"{brief(pair)}."
             )
-        if given in named or given[::-1] in named:
+        if frozenset(given) in named:
             raise MeshError(f"bodies: the interface of {given[0]!r} and {given[1]!r} is named twice; name it once.")
-        named[given] = name
+        named[frozenset(given)] = name, given
     return named
 
 
@@ -298,9 +296,6 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
     )
 
 
-# In space.
-
-
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
 
@@ -314,48 +309,29 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
     upon = free[find_touching_faces(mesh.points, offsets, vertices, shapes, width, body=of_face[free])]
     if upon.size:
         raise _position_error(names, of_face[upon[:, 0]], mesh.face_centroids[upon[1, 0]])
-    rim = np.unique(vertices[np.bincount(place)[place[vertices]] == 1])
+    shared = np.bincount(place)[place] > 1
+    rim = np.unique(vertices[~shared[vertices]])
     outwards = np.zeros((mesh.n_nodes, 3))
     np.add.at(outwards, vertices, np.repeat(shapes.normals, np.diff(offsets), axis=0))
     below = (mesh.face_centroids - width * mesh.face_normals)[mesh._boundary]
     places = np.concatenate([mesh.points[rim], mesh.points[rim] + width * outwards[rim], below])
     owner = np.concatenate([body[rim], body[rim], of_face[mesh._boundary]])
-    offsets, vertices = mesh._outlines
     for number in range(len(names)):
-        rows = rows_in_order(offsets, vertices, np.flatnonzero(body[vertices[offsets[:-1]]] == number))
-        x = mesh.points[rows[1]]
+        own = rows_in_order(*mesh._outlines, np.flatnonzero(of_face[mesh._boundary] == number))
+        x = mesh.points[own[1]]
         near = (places >= x.min(axis=0)) & (places <= x.max(axis=0))
         there = np.flatnonzero((owner != number) & near.all(axis=1))
-        inside = there[is_enclosed(places[there], mesh.points, *rows)]
+        inside = there[is_enclosed(places[there], mesh.points, *own)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    _check_pockets(mesh, body, place)
-
-
-def _check_whole(mesh: PolyhedralMesh) -> None:
-    """Raise MeshError if the joined cells are not valid polyhedra, or do not fit together."""
-    try:
-        check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
-    except MeshError as error:
-        raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
-
-
-def _check_pockets(mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError if faces of two bodies face each other, and all their nodes coincide, but faces do not match."""
-    free = mesh._boundary[mesh._outer]
-    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, free)
-    shared = np.bincount(place)[place] > 1
+    # faces of two bodies that face each other in a pocket: all their nodes coincide, but the faces do not match
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
-    one, other = (cell_of_corner(rows)[corner] for corner in find_all_in(place[nodes], place[nodes]))
-    apart = body[nodes[rows[one]]] != body[nodes[rows[other]]]
-    normals = mesh.face_normals[free[some]]
-    pocket = one[apart & (np.einsum("ki,ki->k", normals[one], normals[other]) < FACING_COSINE)]
+    one, other = (some[cell_of_corner(rows)[corner]] for corner in find_all_in(place[nodes], place[nodes]))
+    cosine = np.einsum("ki,ki->k", shapes.normals[one], shapes.normals[other])
+    pocket = one[(of_face[free[one]] != of_face[free[other]]) & (cosine < FACING_COSINE)]
     if len(pocket):
-        raise mismatch_error(mesh.face_centroids[free[some[pocket[0]]]])
-
-
-# Cell data and arguments.
+        raise mismatch_error(shapes.centroids[pocket[0]])
 
 
 def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:

@@ -30,6 +30,7 @@ from vemcvx.meshes.polygons import (
     reverse_rows,
 )
 
+CELL = "cell {}".format
 Name = Callable[[int], str]  # from the number of a polygon or row of nodes to its name in messages
 
 
@@ -48,10 +49,10 @@ def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, I
     Only nodes at interfaces may coincide. They count as one node when the tiling is checked.
     """
     points = check_points(points)
-    offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), _cell)
+    offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), CELL)
     if len(offsets) < 2:
         raise MeshError("a mesh needs at least one cell; got none.")
-    check_polygons(offsets, own, len(points), _cell)
+    check_polygons(offsets, own, len(points), CELL)
     interfaces = check_interfaces(interfaces, len(points))
     place = places_of(pairs_of(interfaces), points)
     vertices = place[own]
@@ -159,16 +160,12 @@ def check_coincident(points: Floats, vertices: Ints) -> None:
         )
 
 
-def _cell(number: int) -> str:
-    return f"cell {number}"
-
-
 def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     """Return signed areas (n_cells,), or raise MeshError for the first cell that is no simple polygon with an area."""
     places, sizes = points[vertices], diameters(points, offsets, vertices)
     areas = areas_and_centroids(points, offsets, vertices)[0]
     rounding = roundings(places, offsets)
-    check_areas(areas, sizes, rounding, _cell)
+    check_areas(areas, sizes, rounding, CELL)
     check_simple(places, offsets, rounding, lambda k: f"cell {k} {brief_row(offsets, vertices, k)}")
     return areas
 

@@ -182,22 +182,9 @@ def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSh
             f"cell {flat[0]} has no volume (volume {volumes[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}). Remove it "
             "or correct its faces."
         )
-    _check_outer_faces(points, faces, shapes, SINGLE_EPS * float((volumes / sizes**2).min()))
-    try:
-        hull = float(ConvexHull(points[np.unique(nodes)]).volume)
-    except QhullError:  # the points lie in a plane up to rounding
-        hull = np.inf
-    if volumes.sum() > (1.0 + SINGLE_EPS) * hull:
-        raise MeshError(
-            f"cells overlap: their volumes add up to {volumes.sum():.6g}, but the convex hull of all cells has only "
-            f"{hull:.6g}. Remove or correct some of them."
-        )
-
-
-def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: float) -> None:
-    """Raise MeshError if two boundary faces at most `width` apart lie on one another."""
     outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
     rows = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
+    width = SINGLE_EPS * float((volumes / sizes**2).min())
     upon = find_touching_faces(points, *rows, FaceShapes(*(values[outer] for values in shapes)), width)
     if upon.size:
         first, second = (
@@ -208,6 +195,15 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
             f"{first} and {second} lie on one another. Two cells must meet in whole "
             "faces of both: split the larger face into the faces of its neighbours, and insert a node on an edge into "
             "every face with this edge. If the cells overlap, correct the vertices."
+        )
+    try:
+        hull = float(ConvexHull(points[np.unique(nodes)]).volume)
+    except QhullError:  # the points lie in a plane up to rounding
+        hull = np.inf
+    if volumes.sum() > (1.0 + SINGLE_EPS) * hull:
+        raise MeshError(
+            f"cells overlap: their volumes add up to {volumes.sum():.6g}, but the convex hull of all cells has only "
+            f"{hull:.6g}. Remove or correct some of them."
         )
 
 

@@ -29,30 +29,6 @@ test_iterative = pytest.mark.long(needs("pyamg")(linear_suite(Iterative())))
 test_petsc = needs("petsc4py")(linear_suite(vx.PETSc()))
 
 
-ONE_BLOCK_SCRIPT = """
-import numpy as np, scipy.sparse as sp
-from vemcvx.linear import Pardiso
-K = np.ones(({n}, {n})) + {n} * np.eye({n})
-K[{size}:-1, -1] = K[-1, {size}:-1] = 0
-factor, S = Pardiso().eliminate(sp.csr_matrix(K), np.arange({n}), np.array([0, {n} - 1]))
-inner = np.arange(1, {n} - 1)
-c = [0, {n} - 1]
-wanted = K[np.ix_(c, c)] - K[np.ix_(c, inner)] @ np.linalg.solve(K[np.ix_(inner, inner)], K[np.ix_(inner, c)])
-assert np.abs(S - wanted).max() < 1e-12 * {n}
-assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
-"""
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
-@needs("pymklpardiso")
-def test_pardiso_solves_cells_of_many_vertices(size):
-    # A fault of PARDISO at blocks of 257 unknowns with equal rows would end this process: the code runs in another.
-    code = ONE_BLOCK_SCRIPT.format(n=2 * size + 1, size=size)
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-
-
 MANY_FACTORS_SCRIPT = """
 import numpy as np, vemcvx as vx
 from vemcvx.linear import order_by_minimum_degree

@@ -36,21 +36,6 @@ def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
         assert history.trajectory.norm[n] <= 10 * accuracy * 20 * np.abs(motion).max()
 
 
-@mostly_long("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
-def test_a_body_returns_to_rest_when_its_load_vanishes(solver):
-    """Errors remain relative to the largest state so far."""
-    scene = vx.Scene(
-        vx.Elasticity(1000.0, 0.3),
-        vx.Clamp(on="top"),
-        vx.UnilateralContact("bottom", 0.001),
-        vx.Traction(lambda x, t: [0.0, -40.0 * max(np.sin(2 * np.pi * t), 0.0)], on="right"),
-    )
-    history = vx.simulate(scene, small("voronoi", 3), np.linspace(0, 1, 9), solver=solver)
-    assert history.certificate.max() <= solver.accuracy
-    assert history.trajectory.norm[-1] <= 2 * history.certificate_total[-1] * history.trajectory.norm.max()
-    assert (history.contact.pressure > 0).any()
-
-
 KINDS = "Tresca", "contact", "Coulomb", "viscous"
 
 

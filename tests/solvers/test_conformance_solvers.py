@@ -117,6 +117,8 @@ def test_wrong_answers_are_not_certified(mistake):
     with pytest.raises(vx.NotCertified, match=message) as caught:
         vx.simulate(make_scene(), small("squares", 4), TIMES, solver=solver)
     assert ("The largest part of the gap is at node" in str(caught.value)) == ("multipliers" in mistake)
+    assert (caught.value.step, caught.value.time, caught.value.asked) == (1, TIMES[1], 1e-6)
+    assert caught.value.reached > 1e-6
 
 
 def test_the_most_specialised_solver_that_accepts_the_program_is_chosen_and_named(caplog):

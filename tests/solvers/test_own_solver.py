@@ -1,7 +1,6 @@
 """User-defined solvers: any object with solve(program, target), in Python and on the command line."""
 
 import json
-from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
@@ -110,14 +109,14 @@ class Plain(vx.Solver):
 
     accepts = frozenset({QUADRATIC, ABSOLUTE_VALUES})
 
-    def __init__(self, accuracy, **changes):
-        self.accuracy, self._changes = accuracy, changes
+    def __init__(self, accuracy):
+        self.accuracy = accuracy
 
     def prepare(self, operators):
         return self
 
     def solve(self, program, target, lam, p=None):
-        return replace(vx.Newton().prepare(program.operators).solve(program, target, lam, p), **self._changes)
+        return vx.Newton().prepare(program.operators).solve(program, target, lam, p)
 
 
 @mostly_long("mesh", [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"])

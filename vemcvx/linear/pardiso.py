@@ -4,9 +4,8 @@ If `perm` marks m unknowns c and iparm[35] = 2, phase 12 factorises all of K, an
 m x m numbers at the beginning of the solution array. Phase 33 solves with the same factors; phase 333 substitutes
 backward, with K = L L', and leaves x_c unchanged. PARDISO orders the unknowns itself, and runs on one thread.
 
-The package's public class factorises before `perm` can be set, so we use its base class, _PardisoSolver. Unknowns whose
-rows have the same pattern may form blocks (iparm[36] = -100), which saves a fifth of the time. A block of more than 256
-unknowns crashes the process. No block is larger than a row, so we request blocks only if rows are short.
+The package's public class factorises before `perm` can be set, so we use its base class, _PardisoSolver. We do not
+request blocks of unknowns whose rows have the same pattern (iparm[36]): more than 256 crash the process.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ from vemcvx.linear.superlu import SuperLU, SuperLUFactor
 PACKAGE = "pymklpardiso"
 POSITIVE_DEFINITE = 2
 """PARDISO's number for real matrices that are symmetric and positive definite."""
-LONGEST_ROW = 128
-"""Largest number of entries in a row for which blocks are requested."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +137,6 @@ def _create_solver(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
     settings = {0: 1, 1: 2, 23: 1, 34: 1}
     if len(last):
         settings[35] = 2
-    if np.diff(K.indptr).max() <= LONGEST_ROW:
-        settings[36] = -100
     for number, value in settings.items():
         solver.set_iparm(number, value)
     ia = np.append(0, np.cumsum(upper))[K.indptr].astype(np.int64)

@@ -94,16 +94,3 @@ def test_in_100_cycles_slip_stops_below_the_factor_and_goes_on_above():
     assert below[1:].max() < 1e-10 * below[0]
     assert above[50:] == pytest.approx(above[-1], rel=1e-6)
     assert above[-1] > 1e-4 * above[0]
-
-
-@pytest.mark.long
-def test_along_a_circle_slip_stops_below_the_factor_and_goes_on_above():
-    mesh, times = shakedown.space_mesh(2), np.arange(20 * 12 + 1) / 12
-    below, above = (
-        np.diff(run.trajectory.dissipated[::12])
-        for part in (0.98, 1.02)
-        for run in [vx.simulate(shakedown.circle_scene(part * shakedown.circle_factor()), mesh, times, store="last")]
-    )
-    assert below[2:].max() < 1e-10 * below[0]
-    assert above[-1] == pytest.approx(above[-2], rel=1e-6)
-    assert above[-1] > 0.1 * above[0]

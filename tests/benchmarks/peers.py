@@ -132,13 +132,7 @@ def compare_siconos(n: int, steps: int, python: str) -> None:
         np.savez(f"{folder}/data.npz", W=W, q=q, mu=np.full(m, FRICTION))
         theirs = run_peer(python, SICONOS, f"{folder}/data.npz", f"{folder}/made.npz")
         forces = np.load(f"{folder}/made.npz")["forces"]
-    report(
-        f"{m} contacts: a step",
-        "Siconos NSGS 1e-8",
-        (seconds, statistics.median(theirs)),
-        ours,
-        forces,
-    )
+    report(f"{m} contacts: a step", "Siconos NSGS 1e-8", (seconds, statistics.median(theirs)), ours, forces)
 
 
 def compare_getfem(n: int, steps: int, python: str) -> None:

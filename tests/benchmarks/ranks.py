@@ -6,7 +6,7 @@ A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top an
 Set-up is done once per run and includes the bound on the spectrum; a solve is K^{-1} b to 1e-12, for forces of three
 shapes. These are wall seconds of rank 0, which depend on other work of the machine. Every rank prints its peak memory,
 its CPU seconds, and its floating-point operations (in solves and matrix products only). `--linear iterative` on one
-rank does the same with PyAMG; `--save` and `--beside` compare the displacements of two runs.
+rank does the same with PyAMG.
 """
 
 from __future__ import annotations
@@ -57,12 +57,6 @@ def measure(given: argparse.Namespace) -> float:
     off = max(np.linalg.norm(f - system.K @ x) / np.linalg.norm(f) for f, x in zip(forces, answers, strict=True))
     solve, load = np.median(seconds), os.getloadavg()[0]
     print(f"set-up {set_up:.2f} s, a solve {solve:.2f} s, residual {off:.1e}; load {load:.1f}")
-    if given.save:
-        np.save(given.save, answers)
-    if given.beside:
-        others = np.load(given.beside)
-        apart = max(np.abs(x - y).max() / np.abs(y).max() for x, y in zip(answers, others, strict=True))
-        print(f"displacements are {apart:.1e} apart")
     return posed
 
 
@@ -71,8 +65,6 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=40, help="cubes along a side")
     parser.add_argument("--linear", choices=("petsc", "iterative"), default="petsc")
     parser.add_argument("--solves", type=int, default=3)
-    parser.add_argument("--save")
-    parser.add_argument("--beside")
     given = parser.parse_args()
     before, own = seconds_here(), "rank 0"
     if given.linear == "iterative" or not petsc.serve():

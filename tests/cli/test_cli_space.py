@@ -12,23 +12,13 @@ from vemcvx.cli import problem_file
 from vemcvx.cli.problem_file import read_problem
 
 BLOCK = '''"""A block dragged in space."""
-import numpy as np
-import vemcvx as vx
-
-
+import numpy as np, vemcvx as vx
 def scene(bound=4.0):
-    return vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.PrescribedDisplacement(lambda x, t: [0.1 * np.sin(t), 0.1 - 0.1 * np.cos(t), 0.0], on="top"),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(bound, on="bottom"),
-    )
-
-
+    drag = vx.PrescribedDisplacement(lambda x, t: [0.1 * np.sin(t), 0.1 - 0.1 * np.cos(t), 0.0], on="top")
+    floor = vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound, on="bottom")
+    return vx.Scene(vx.Elasticity(200.0, 0.3), drag, *floor)
 def mesh(n, family="cubes"):
     return vx.meshes.SPACE_FAMILIES[family](n)
-
-
 def times(steps):
     return np.linspace(0.0, 3.0, steps + 1)
 '''

@@ -169,8 +169,7 @@ def test_the_picture_has_a_line_for_each_value_of_the_second_parameter():
         for k, b in enumerate(("x", "y"))
     ]
     failed = {"set.a": "3", "set.b": "x", "set.c": "1", "status": "refused", "message": "no"}
-    figure = study.picture([*rows, failed], ["slip", "pressure"], {"slip": "largest slip"}, "title")
-    (ax,) = (ax for ax in figure.axes if ax.lines)
+    (ax,) = study.picture([*rows, failed], ["slip"], {"slip": "largest slip"}, "title").axes
     assert [line.get_label() for line in ax.lines] == ["b = x", "b = y"]
     assert ax.lines[1].get_xydata().tolist() == [[1.0, 1.0], [2.0, 2.0], [10.0, 10.0]]
     assert np.isnan(ax.lines[0].get_ydata()[2])

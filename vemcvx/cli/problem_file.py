@@ -278,7 +278,7 @@ class Problem:
         if not callable(getattr(self.module, part, None)):
             raise ProblemError(
                 f"{self.path}: it has stages and no {PARTS[part]}; only `vemcvx run` and `show` take stages. Define "
-                f"{PARTS['scene']} and {PARTS['times']} beside stages() for the other commands."
+                f"{PARTS['scene']} and {PARTS['times']}, too."
             )
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
@@ -300,9 +300,8 @@ def read_problem(file: str | Path) -> Problem:
     needed = ("mesh",) if callable(getattr(module, "stages", None)) else tuple(PARTS)
     missing = [PARTS[name] for name in needed if not callable(getattr(module, name, None))]
     if missing:
-        raise ProblemError(
-            f"{path}: does not define {' nor '.join(missing)}; a problem file defines {', '.join(PARTS.values())}."
-        )
+        wanted = ", ".join(PARTS.values())
+        raise ProblemError(f"{path}: does not define {' nor '.join(missing)}; a problem file defines {wanted}.")
     return Problem(path, module)
 
 

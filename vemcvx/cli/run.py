@@ -36,7 +36,7 @@ from vemcvx.results import files, largest
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
 from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
-from vemcvx.stepping import CHECKPOINT, Folder, choose_stored_steps
+from vemcvx.stepping import CHECKPOINT, Folder
 
 ROWS = "rows"
 """The subfolder of the output folder in which a run keeps completed steps until the history is written."""
@@ -116,7 +116,7 @@ class Run:
         unestimated = list[str]()  # Why the report has no error estimates.
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
-                check_memory(problem, n, self.mesh, len(choose_stored_steps(stored, steps)) if folder is None else 1)
+                check_memory(problem, n, self.mesh)
             mesh = problem.mesh(n, self.mesh, self.settings)
             if problem.has_stages:
                 history, words = self._simulate_stages(problem, mesh, stored, show=show, folder=folder)
@@ -151,10 +151,7 @@ class Run:
         """Run all combinations, each in its own process and folder, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
         if self.resume is not None or (self.report and self.out is None):
-            raise ProblemError(
-                "--set: found several runs. Each has its own folder in DIR of --out DIR, which --report needs; none of "
-                "them can be resumed."
-            )
+            raise ProblemError("--set: found several runs; --report needs --out DIR, and they cannot be resumed.")
         drawings = self.out or Path("results") / problem.name
         if self.plot:
             new_figure()
@@ -247,10 +244,8 @@ class Run:
         given = {"--steps": self.steps, "--target": self.target, "--resume": self.resume, "--bound": self.bound or None}
         given["--store last"] = True if self.store == "last" else None
         if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
-            raise ProblemError(
-                f"{found[0]}: {problem.name} has stages, which have their own instants and run one after the other. "
-                f"Leave out {', '.join(given)} for problem files with stages()."
-            )
+            left = ", ".join(given)
+            raise ProblemError(f"{found[0]}: {problem.name} has stages with their own instants; leave out {left}.")
         fixed = self.resume or self.store != "all" or self.linear is not None or not self.condense
         if self.target is not None and fixed:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
@@ -291,7 +286,7 @@ class Run:
 LEAST_MEMORY = 2000.0  # Least memory that solvers need, bytes per unknown.
 
 
-def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> None:
+def check_memory(problem: Problem, n: int, family: str | None) -> None:
     """Refuse a mesh before it is made if the machine has less memory than any solver would need.
 
     The number of unknowns is extrapolated from two coarse meshes.
@@ -304,23 +299,19 @@ def check_memory(problem: Problem, n: int, family: str | None, stored: int) -> N
     except VemcvxError:
         return  # The file may have no coarse meshes.
     unknowns = finer * (finer / coarse) ** np.log2(n / 16)
-    needed, most = (LEAST_MEMORY + 24.0 * stored) * unknowns, machine_memory()
+    needed, most = LEAST_MEMORY * unknowns, machine_memory()
     if needed > most:
         raise ProblemError(
             f"--n {n}: about {unknowns:.2g} unknowns need at least {needed / 1e9:.2g} GB of memory, and this machine "
-            f"has {most / 1e9:.2g} GB. Take fewer cells, --store last, or --target 0.02, which refines only where "
-            "the error is large."
+            f"has {most / 1e9:.2g} GB. Take fewer cells, or --target 0.02, which refines only where the error is large."
         )
 
 
 def machine_memory() -> float:
-    """Return the bytes of memory of the machine or of its control group; infinite if unknown."""
-    found = [np.inf]
+    """Return the bytes of memory of the machine; infinite if unknown."""
     with suppress(AttributeError, OSError, ValueError):
-        found.append(float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES"))
-    with suppress(OSError, ValueError):
-        found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
-    return min(found)
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    return np.inf
 
 
 def _attempt(run: Run) -> tuple[Row, dict[str, str]]:

@@ -161,15 +161,14 @@ def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
     try:
         rows = [{**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ProblemError(
-            f"{folder}: has no {MANIFEST} of a collection ({error}); write one by vemcvx collection --out {folder}."
-        ) from error
-    words = () if only is None else parse_list("--only", only, str, "words such as core,discs,degenerate")
-    wanted = [
-        row
-        for row in rows
-        if not words or any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words)
-    ]
+        how = f"write one by vemcvx collection --out {folder}"
+        raise ProblemError(f"{folder}: has no {MANIFEST} of a collection ({error}); {how}.") from error
+    if only is None:
+        return rows
+    words, wanted = parse_list("--only", only, str, "words such as core,discs,degenerate"), list[Row]()
+    for row in rows:
+        if any(w == row["grade"] or w in row["name"] or (w == "core" and row.get("core")) for w in words):
+            wanted.append(row)
     if not wanted:
         grades = ", ".join(sorted({row["grade"] for row in rows}))
         raise ProblemError(f"--only: no grade or name has {only!r}; the grades are {grades}; core is the core set.")
@@ -480,7 +479,7 @@ def geometric_mean(seconds: Sequence[float], limit: float) -> float:
 
 
 def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[str, str]:
-    """Return a table for each kind of instances, as text for a terminal and as Markdown."""
+    """Return the tables as text for a terminal and as Markdown."""
     text, markdown = "", "# Solvers at equal true accuracy\n\n"
     for kind, title in KINDS.items():
         if select_common(entries, instances, kind, max(ERRORS))[0]:

@@ -11,8 +11,6 @@ from scenes import mostly_slow, paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
-from vemcvx.estimate.residual import Residuals
-from vemcvx.scene import pose_scene
 
 TYPICAL, MOST = 1.6, 4.0
 QUICK = ("block 128x4", "sheared 4x64", "cantilever 10 4", "cantilever 100 4", "block voronoi 16h", "heavy hanging 16v")
@@ -62,24 +60,3 @@ def test_true_errors_meet_the_target_from_stretched_cells(start):
     truth = simulated(paper_scene, squares, 256, 256)
     assert found.met
     assert vx.measures.energy_distance(found.history, truth).relative <= 0.08
-
-
-def depths(points, cells):
-    """Return the depths d and lengths of the boundary edges, and the sizes h of the cells."""
-    mesh = vx.PolygonMesh(points, cells).with_boundary("some", lambda x: x[:, 0] < 1e-9)
-    residuals = Residuals(pose_scene(vx.Scene(vx.Elasticity(1.0, 0.0), vx.Clamp(on="some")), mesh))
-    sides = residuals.sides
-    return sides.depths(sides.outer, sides.normals), sides.sizes, residuals.sizes
-
-
-def test_depths_across_edges_are_adjacent_sides_of_rectangles_and_heights_of_triangles_and_never_exceed_the_cell():
-    d, lengths, h = depths([[0, 0], [16, 0], [16, 1], [0, 1]], [[0, 1, 2, 3]])
-    assert d == pytest.approx(16.0 / lengths)
-    assert h == pytest.approx([16.0])
-    d, lengths, _ = depths([[0, 0], [8, 0], [0, 1]], [[0, 1, 2]])
-    assert d == pytest.approx(8.0 / lengths)
-    # For the short edge, area over length would be 11,000.
-    d, lengths, h = depths([[0, 0], [16, 0], [16, 1], [1e-3, 1], [0, 1 - 1e-3]], [[0, 1, 2, 3, 4]])
-    assert lengths.min() < 2e-3
-    assert d.max() <= 16.0
-    assert h.max() <= 16.0 + 1e-6

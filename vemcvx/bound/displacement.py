@@ -70,8 +70,7 @@ def triangle_forms(fans: Fans) -> Floats:
     form[..., :20, 20:] = -np.kron(LOADS.T, np.eye(2))
     form[..., 20:, :20] = form[..., :20, 20:].swapaxes(2, 3)
     order = np.r_[12:20, 0:12, 20:26]
-    found: Floats = form[..., order[:, None], order]
-    return found
+    return np.asarray(form[..., order[:, None], order])
 
 
 def _slots(n: int) -> Ints:

@@ -200,7 +200,7 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
 def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -> ErrorBound:
     """Return the bounds of steps with these pairs."""
     at, circle = np.array(steps), pairs[0].circle
-    eta, misread = np.transpose([pair.allowances() for pair in pairs])
+    eta, omitted = np.transpose([pair.allowances() for pair in pairs])
     names = "upper", "norm", "potential", "lower", "A2", "law_defect"
     upper, norm, potential, lower, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
     upper = upper + eta
@@ -211,7 +211,7 @@ def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -
         upper=upper,
         lower=np.maximum(lower - eta, 0.0),
         energy=_energies(norm, upper),
-        potential=(potential - 0.5 * (A2 + eta**2) - gap - misread, potential - 0.5 * lower**2 + misread),
+        potential=(potential - 0.5 * (A2 + eta**2) - gap - omitted, potential - 0.5 * lower**2 + omitted),
         cells=upper.max() ** 2 * shares / (shares.sum() or 1.0),
         parts={
             "mesh": np.sqrt([pair.cells.sum() for pair in pairs]),

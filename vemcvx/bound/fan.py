@@ -16,7 +16,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
@@ -92,10 +91,8 @@ class Fans:
     def apply(self, matrices: Floats, data: Floats) -> Floats:
         """Return the products (c, r) of matrices (k, r, s), one per shape, with vectors (c, s) of cells."""
         if len(matrices) == 1:
-            alone: Floats = data @ matrices[0].T
-            return alone
-        products: Floats = np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0]
-        return products
+            return np.asarray(data @ matrices[0].T)
+        return np.asarray(np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0])
 
     @property
     def n(self) -> int:
@@ -120,8 +117,7 @@ class Fans:
     @cached_property
     def areas(self) -> Floats:
         """The areas (c,) of the cells."""
-        areas: Floats = 0.5 * self.doubled_areas.sum(axis=1)
-        return areas
+        return np.asarray(0.5 * self.doubled_areas.sum(axis=1))
 
     @cached_property
     def normals(self) -> Floats:
@@ -137,8 +133,7 @@ class Fans:
     def gradients(self) -> Floats:
         """The means over cells of the gradients (c, 2 n, 2) of quadratic Lagrange functions of outline points."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
-        means: Floats = np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None])
-        return means
+        return np.asarray(np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None]))
 
     @cached_property
     def forces(self) -> Floats:
@@ -147,8 +142,7 @@ class Fans:
         values = np.concatenate([np.ones((*corners.shape[:3], 1)), corners], axis=3)
         mass = (np.ones((3, 3)) + np.eye(3)) / 24.0 * self.doubled_areas[..., None, None]
         scalar = np.matmul(mass, values)
-        found: Floats = np.einsum("ctkj,ab->ctkajb", scalar, np.eye(2)).reshape(*scalar.shape[:2], 6, FORCES)
-        return found
+        return np.asarray(np.einsum("ctkj,ab->ctkajb", scalar, np.eye(2)).reshape(*scalar.shape[:2], 6, FORCES))
 
 
 def condense(M: Floats, first: int) -> Floats:
@@ -156,8 +150,7 @@ def condense(M: Floats, first: int) -> Floats:
     # Solve instead of multiplying by inverses, which lost all but five digits at lambda = 1e6.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
-    symmetric: Floats = 0.5 * (left + left.swapaxes(-1, -2))
-    return symmetric
+    return np.asarray(0.5 * (left + left.swapaxes(-1, -2)))
 
 
 def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
@@ -170,10 +163,10 @@ def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
     by_force = np.zeros((*each.shape[:2], 18, 12 + FORCES))
     by_force[..., :12, :12], by_force[..., 12:, 12:] = np.eye(12), fans.forces
     each = np.matmul(by_force.swapaxes(-1, -2), np.matmul(each, by_force))
-    size = int(places.max()) + 1
-    where = (places[:, :, None] * size + places[:, None]).ravel()
-    added = sp.csr_matrix((np.ones(len(where)), (where, np.arange(len(where)))), shape=(size * size, len(where)))
-    return condense(np.ascontiguousarray((added @ each.reshape(len(each), -1).T).T).reshape(-1, size, size), inside)
+    whole = np.zeros((len(each), places.max() + 1, places.max() + 1))
+    for triangle, at in enumerate(places):
+        whole[:, at[:, None], at] += each[:, triangle]
+    return condense(whole, inside)
 
 
 def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:

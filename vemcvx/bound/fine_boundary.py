@@ -43,8 +43,7 @@ class FineBoundary:
         """Interpolate linearly, at new nodes, between values (b, 2, ...) at the ends of edges."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
-        line: Floats = (1.0 - s) * start + s * stop
-        return line
+        return np.asarray((1.0 - s) * start + s * stop)
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
         """Convert values (m, j) of rows to values (b, 2, j) at ends of boundary edges; nan on edges without rows."""

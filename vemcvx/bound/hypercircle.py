@@ -42,7 +42,7 @@ from vemcvx.bound.stress import stress_form
 from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
-from vemcvx.scene import PosedScene
+from vemcvx.scene import InitialStresses, PosedScene
 from vemcvx.vem import elastic_matrix
 
 
@@ -64,13 +64,11 @@ class Forms:
         n = 4 * self.fans.n
         L = np.eye(n + FORCES)
         L[:n, :n] = to_edges(self.fans.n)
-        defect: Floats = self.displacement - L.T @ self.stress @ L
-        return defect
+        return np.asarray(self.displacement - L.T @ self.stress @ L)
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
         """Return the values (c,) of forms for vectors (c, m) of cells."""
-        values: Floats = np.einsum("cm,cm->c", one, self.fans.apply(matrices, other))
-        return values
+        return np.asarray(np.einsum("cm,cm->c", one, self.fans.apply(matrices, other)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +96,8 @@ class Pair:
     """(n_nodes, 2) nodal values of v"""
     surface: Surface
     read: Reading
-    still: Floats
-    """(n_cells, 3) the prestress"""
+    prestress: Floats
+    """(n_cells, 3) sigma_0"""
     defect: Defect
     w: Floats
     """(2 nodes + 2 E,) w at vertices and at middles of edges"""
@@ -127,7 +125,7 @@ class Pair:
 
     def work_of(self, load: Pair) -> float:
         """Return the work of loads and prestress of another pair on v + w."""
-        return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.still, self.richer)
+        return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.prestress, self.richer)
 
     def work(self, forces: Floats, body: Floats) -> float:
         """Return the work on v + w of forces int t phi (b, 2, 2) at ends of edges and of body forces (n_cells, 6)."""
@@ -139,7 +137,9 @@ class Pair:
         if self.read.exact:
             return 0.0, 0.0
         eta = self.read.energy
-        return eta, self.circle.misread(self.read, self.defect) + SAFETY * self.read.on_gaps + eta * self.upper
+        return eta, self.circle.estimate_omitted_work(
+            self.read, self.defect
+        ) + SAFETY * self.read.on_gaps + eta * self.upper
 
     @property
     def A2(self) -> float:
@@ -181,14 +181,17 @@ class Hypercircle:
             )
         read = boundary.reader.at(now)
         surface = boundary.at(now, before, read, self.work(read.body, boundary.motions))
-        return self.make_pair((now.t, now.u), surface, read, self.prestress(now.t))
+        return self.make_pair((now.t, now.u), surface, read, self.posed.prestress)
 
-    def make_pair(self, at: tuple[float, Floats], surface: Surface, read: Reading, still: Floats) -> Pair:
-        """Return the pair of a displacement (n_nodes, 2) at an instant, with the prestress `still` (n_cells, 3)."""
+    def make_pair(
+        self, at: tuple[float, Floats], surface: Surface, read: Reading, stresses: InitialStresses | None
+    ) -> Pair:
+        """Return the pair of a displacement (n_nodes, 2) at an instant."""
         (t, u), boundary, numbered = at, self.boundary, self.equilibrium.edges
+        prestress = np.zeros((len(read.body), 3)) if stresses is None else stresses.stress(t)
         defect = Defect(np.zeros(4 * numbered.count), numbered.outline(u), read.body)
         ends = u[boundary.edges.outer_edges]
-        tractions, work = self._forces_of(defect, still)
+        tractions, work = self._forces_of(defect, prestress)
         pull = np.einsum("bij,bj->bi", boundary.springs, ends.reshape(-1, 4)).reshape(ends.shape)
         given = -tractions
         np.add.at(given, numbered.outer, surface.forces - pull)
@@ -196,7 +199,7 @@ class Hypercircle:
         motion = self.equilibrium.solve(given, largest)
         w, lower = self._best(self.work_of_tractions(surface.loads) - work)
         defect, springs = replace(defect, motion=motion), boundary.spring_energies(ends).sum()
-        energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.work_of_stress(still, defect)
+        energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.work_of_stress(prestress, defect)
         loads = float(self.works(read.body, defect).sum() + np.sum(surface.loads * ends))
         return Pair(
             circle=self,
@@ -204,7 +207,7 @@ class Hypercircle:
             u=u,
             surface=surface,
             read=read,
-            still=still,
+            prestress=prestress,
             defect=defect,
             w=w,
             cells=self.squares(defect),
@@ -214,28 +217,23 @@ class Hypercircle:
             lower=lower,
         )
 
-    def prestress(self, t: float) -> Floats:
-        """Return sigma_0 (n_cells, 3)."""
-        stresses = self.posed.prestress
-        return np.zeros((len(self.boundary.edges.mesh.areas), 3)) if stresses is None else stresses.stress(t)
-
     def work_of_tractions(self, forces: Floats) -> Floats:
         """Return forces (2 nodes + 2 E,) on vertices and middles that do the same work as int t phi (b, 2, 2)."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
-        work: Floats = edges.motions.T @ whole
-        return work
+        return np.asarray(edges.motions.T @ whole)
 
-    def _forces_of(self, defect: Defect, still: Floats) -> tuple[Floats, Floats]:
+    def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
         """Return forces (4 E,) on edges by the stress of L v, and (2 nodes + 2 E,) on outlines by the stress of v.
 
-        Both contain body forces and the prestress `still` (n_cells, 3).
+        Both contain body forces and the prestress (n_cells, 3).
         """
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
             L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
-            even = edge_forces(one.fans, np.matmul(one.fans.C, strain[:, :, None])[:, :, 0] + still[one.fans.cells])
+            stress = np.matmul(one.fans.C, strain[:, :, None])[:, :, 0] + prestress[one.fans.cells]
+            even = edge_forces(one.fans, stress)
             tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([bent @ L.T, f], axis=1)))
             works.append(even @ L + one.fans.apply(one.displacement[:, :n], np.concatenate([bent, f], axis=1)))
         edges = self.equilibrium.edges
@@ -303,7 +301,7 @@ class Hypercircle:
             total += float(one.fans.areas @ np.einsum("ck,ck->c", stress[one.fans.cells], strain))
         return total
 
-    def misread(self, read: Reading, v: Defect) -> float:
+    def estimate_omitted_work(self, read: Reading, v: Defect) -> float:
         """Return the estimate of |l_0(v)| for the omitted load l_0 and the displacement v of a defect."""
         edges = self.equilibrium.edges
         forces = self.boundary.forces_of(read.tractions_apart)
@@ -314,7 +312,7 @@ class Hypercircle:
             inside = split_outline(one.fans, v.outline[one.outlines])[1]
             bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside, inside)
             bent[one.fans.cells] -= one.forms(one.displacement[:, n:, n:], f, f)
-        return read.misread((self.works(read.body_apart, v), along), bent)
+        return read.estimate_omitted_work((self.works(read.body_apart, v), along), bent)
 
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
@@ -348,8 +346,7 @@ def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
     """Return the positions (c, 4 n) of vertices and middles of a chunk, given positions (c, 4 n) of edge motions."""
     edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
     nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
-    found: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
-    return found
+    return np.asarray((2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1))
 
 
 def _find_free(

@@ -150,8 +150,7 @@ class Dual:
         points = space.mesh.points
         if not supports:
             return np.zeros_like(points)
-        moved: Floats = -resolve(supports, (), points).motion(self.t).reshape(points.shape)
-        return moved
+        return np.asarray(-resolve(supports, (), points).motion(self.t).reshape(points.shape))
 
     @cached_property
     def lifted(self) -> Floats:
@@ -193,9 +192,8 @@ class Dual:
         self._check_supports(z)
         reader = Reader(posed, edges, circle.boundary.reader.centres, self.effects)
         read = reader.at(Instant(t=self.t, u=z, lam=np.zeros((0, 1)), p=none, weights=none, worn=none))
-        still = np.zeros((len(edges.mesh.areas), 3)) if prestress is None else prestress.stress(self.t)
         surface = Surface.from_loads(circle.boundary.forces_of(read.tractions))
-        return circle.make_pair((self.t, z), surface, read, still)
+        return circle.make_pair((self.t, z), surface, read, prestress)
 
     def _moves_along(self, ways: Floats) -> Bools:
         """Return True for edges (b,) with an end that z_D moves along the directions `ways` (b, 2)."""
@@ -219,8 +217,7 @@ class Dual:
             jumps = moved[support.nodes]
             if support.partners is not None:
                 jumps = jumps - np.where(support.partners[:, None] >= 0, moved[support.partners], 0.0)
-            components: Floats = np.einsum("md,md->m", support.directions, jumps)
-            return components
+            return np.asarray(np.einsum("md,md->m", support.directions, jumps))
 
         if self.primal.boundary.off_supports(z, components_of)[0] is not None:
             raise SceneError(
@@ -237,7 +234,7 @@ class Dual:
         one, other = (each.u[edges].reshape(-1, 4) for each in (pair, dual))
         middle = pair.work_of(dual) + dual.work(pair.surface.forces, pair.read.body)
         middle -= float(energies.sum() + np.einsum("bi,bij,bj->", one, springs, other))
-        middle += float(0.5 * defects.sum()) - circle.work_of_stress(pair.still, dual.richer)
+        middle += float(0.5 * defects.sum()) - circle.work_of_stress(pair.prestress, dual.richer)
         width = self._unknown_work(pair) + float(np.sqrt(dual.richer_A2 * (0.25 * pair.richer_A2 + pair.law_defect)))
         width += 0.5 * float(np.sum(np.sqrt(dual.springs * pair.springs))) + _allowance(pair, dual)
         return middle - width, middle + width
@@ -262,5 +259,7 @@ def _allowance(primal: Pair, dual: Pair) -> float:
     if load.exact and quantity.exact:
         return 0.0
     eta, own = load.energy, quantity.energy
-    works = dual.circle.misread(load, dual.richer) + primal.circle.misread(quantity, primal.richer)
+    works = dual.circle.estimate_omitted_work(load, dual.richer) + primal.circle.estimate_omitted_work(
+        quantity, primal.richer
+    )
     return works + float(np.sqrt(dual.richer_A2)) * eta + own * (primal.upper + eta)

@@ -87,8 +87,7 @@ class LocalFit:
 
     def at_points(self, coefficients: Floats) -> Floats:
         """Return the values (q, d) of coefficients (count, j, d) at the points."""
-        values: Floats = np.einsum("qj,qjd->qd", self.basis, coefficients[self.owner])
-        return values
+        return np.asarray(np.einsum("qj,qjd->qd", self.basis, coefficients[self.owner]))
 
     @cached_property
     def second(self) -> LocalFit:
@@ -169,7 +168,7 @@ class Reading:
         apart = self.reader.body_energies(on_edges, self.reader.forces_of(self.body_apart))
         return float(np.sqrt(self.local.sum()) + SAFETY * np.sqrt(apart.sum()))
 
-    def misread(self, works: Sequence[Floats], bent: Floats) -> float:
+    def estimate_omitted_work(self, works: Sequence[Floats], bent: Floats) -> float:
         """Estimate |l_0(w)|, given the works on w of the differences between both readings.
 
         `bent` (n_cells,) are the energies of w without its linear part, on which remainders do no work.
@@ -233,8 +232,7 @@ class Reader:
         for part in self.parts:
             if part.material is None and part.stiffness is not None:
                 springs += (part.stiffness @ each).reshape(-1, 2, 2)
-        found: Floats = springs[self.fine.old :] / self.fine.lengths[:, None, None]
-        return found
+        return np.asarray(springs[self.fine.old :] / self.fine.lengths[:, None, None])
 
     # Loads.
 
@@ -332,8 +330,7 @@ class Reader:
     @cached_property
     def compliances(self) -> Floats:
         """The compliances l_e / (2 mu), (b,)."""
-        compliances: Floats = self.edges.lengths / (2.0 * self.edges.shear[self.edges.outer])
-        return compliances
+        return np.asarray(self.edges.lengths / (2.0 * self.edges.shear[self.edges.outer]))
 
     def sums(self, at: Ints | slice, values: Floats) -> Floats:
         """Return integrals over edges of values at new nodes."""
@@ -439,16 +436,15 @@ class Reader:
         modes = np.zeros((len(r), 0)) if kernel is None else np.linalg.qr(kernel.modes)[0]
         y = self._factor.solve(r - modes @ (modes.T @ r))
         work = totals(cells, np.abs(np.einsum("kd,kd->k", forces, (P @ y).reshape(-1, 2)[nodes])), len(none))
-        squares: Floats = float(r @ y) * np.divide(work, work.sum(), out=none, where=work > 0)
-        return squares
+        return np.asarray(float(r @ y) * np.divide(work, work.sum(), out=none, where=work > 0))
 
     # Variation inside cells.
 
     def varies_inside_cells(self, t: float) -> bool:
         """Return True if moduli, eigenstrains or prestress vary inside cells."""
-        at = self.inside.x, self.inside.owner
         unit = np.ones((len(self.edges.mesh.areas), 3))
-        return any(compare_stresses(self.posed, self.parts, at, t, strain)[0].any() for strain in (0.0 * unit, unit))
+        apart = (compare_stresses(self.posed, self.parts, self.inside, t, strain)[0] for strain in (0.0 * unit, unit))
+        return any(one.any() for one in apart)
 
 
 def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None = None) -> list[Contribution]:
@@ -459,10 +455,10 @@ def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None
 
 
 def compare_stresses(
-    posed: PosedScene, parts: Sequence[Contribution], at: tuple[Floats, Ints], t: float, strain: Floats
+    posed: PosedScene, parts: Sequence[Contribution], at: SamplePoints, t: float, strain: Floats
 ) -> tuple[Floats, Floats]:
-    """Return (C - C_K) eps + sigma_0 - sigma_0K (q, k) at points (q, dim) of cells (q,), and C there (q, k, k)."""
-    (x, owner), material, dim = at, posed.material, posed.space.dim
+    """Return (C - C_K) eps + sigma_0 - sigma_0K (q, k) at points, and C there (q, k, k)."""
+    x, owner, material, dim = at.x, at.owner, posed.material, posed.space.dim
     C_K, blocked_K = elastic_matrix(material.moduli, dim), material.thermal_stress_moduli
     C, blocked = C_K[owner], blocked_K[owner]
     for law in (part.material for part in parts if part.material):

@@ -100,8 +100,7 @@ class Skeleton:
     @cached_property
     def lengths(self) -> Floats:
         """The lengths (b,) of boundary edges."""
-        lengths: Floats = np.linalg.norm(self.outer_normals, axis=1)
-        return lengths
+        return np.asarray(np.linalg.norm(self.outer_normals, axis=1))
 
     @cached_property
     def units(self) -> Floats:
@@ -116,8 +115,7 @@ class Skeleton:
     def jumps(self, u: Floats) -> Floats:
         """Return u (n_nodes, 2) at both ends of boundary edges, minus u of the second body at interfaces, (b, 2, 2)."""
         across = self.joints.across
-        jumps: Floats = u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0)
-        return jumps
+        return np.asarray(u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0))
 
 
 def extents(owner: Ints, arms: Floats) -> Floats:

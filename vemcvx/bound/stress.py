@@ -98,8 +98,7 @@ def _least(data: Floats) -> Floats:
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
-    found: Floats = weighed @ np.linalg.pinv(stacked @ weighed) @ data
-    return found
+    return np.asarray(weighed @ np.linalg.pinv(stacked @ weighed) @ data)
 
 
 def _piola(B: Floats) -> Floats:
@@ -146,8 +145,7 @@ def triangle_forms(fans: Fans) -> Floats:
     form[..., :12, 12:] += mixed
     form[..., 12:, :12] += mixed.swapaxes(2, 3)
     form[..., 12:, 12:] -= np.matmul(hat.swapaxes(2, 3), np.matmul(A[..., 9:, 9:], hat))
-    found: Floats = form
-    return found
+    return np.asarray(form)
 
 
 def _slots(n: int) -> Ints:

@@ -37,14 +37,12 @@ MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 
 def products(a: Floats, b: Floats) -> Floats:
     """Return the means (b,) of products of two functions (b, 2) that are linear on edges, given at their ends."""
-    mean: Floats = np.einsum("bi,ij,bj->b", a, MASS, b)
-    return mean
+    return np.asarray(np.einsum("bi,ij,bj->b", a, MASS, b))
 
 
 def along(ends: Floats, ways: Floats) -> Floats:
     """Return the components (b, 2) along directions `ways` (b, 2) of motions (b, 2, 2) of the ends of edges."""
-    components: Floats = np.einsum("bed,bd->be", ends, ways)
-    return components
+    return np.asarray(np.einsum("bed,bd->be", ends, ways))
 
 
 def squares_above_zero(z: Floats) -> Floats:
@@ -52,8 +50,7 @@ def squares_above_zero(z: Floats) -> Floats:
     least, most = np.sort(z, axis=1).T
     crossing = (least < 0.0) & (most > 0.0)
     span = np.where(crossing, most - least, 1.0)
-    mean: Floats = np.where(crossing, most**3 / (3.0 * span), products(np.maximum(z, 0.0), np.maximum(z, 0.0)))
-    return mean
+    return np.asarray(np.where(crossing, most**3 / (3.0 * span), products(np.maximum(z, 0.0), np.maximum(z, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,15 +96,13 @@ class _Pressing:
         """Upper bounds (b,) of the mean of k z_+^2 / 2 on edges."""
         if self.stiffness is None:
             return np.zeros(len(self.ends))
-        stored: Floats = 0.5 * self.stiffness.max(axis=1) * squares_above_zero(self.depth)
-        return stored
+        return np.asarray(0.5 * self.stiffness.max(axis=1) * squares_above_zero(self.depth))
 
     def law_defect(self, p: Floats) -> Floats:
         """Return the mean defect (b,) in the law of contact for pressures p (b, 2)."""
         if self.stiffness is None:
             return products(p, np.maximum(-self.depth, 0.0))
-        law_defect: Floats = self.stored + 0.5 * products(p, p) / self.stiffness.min(axis=1) - products(p, self.depth)
-        return law_defect
+        return np.asarray(self.stored + 0.5 * products(p, p) / self.stiffness.min(axis=1) - products(p, self.depth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +125,7 @@ class Boundary:
             np.add.at(squares, owner, np.einsum("qi,qj->qij", d, d))
         values, vectors = np.linalg.eigh(squares)
         kept = values > 1e-4 * values.max(initial=0.0)
-        projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
-        return projectors
+        return np.asarray(np.einsum("bik,bk,bjk->bij", vectors, kept, vectors))
 
     @cached_property
     def bonds(self) -> Floats:
@@ -225,8 +219,7 @@ class Boundary:
     def spring_energies(self, motion: Floats) -> Floats:
         """Return int k m . m, (b,), for motions (b, 2, 2) of the ends of edges."""
         flat = motion.reshape(-1, 4)
-        energies: Floats = np.einsum("bi,bij,bj->b", flat, self.springs, flat)
-        return energies
+        return np.asarray(np.einsum("bi,bij,bj->b", flat, self.springs, flat))
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
         """Return the support whose `components` (m,) differ most from u (n_nodes, 2) on edges, and the difference."""
@@ -278,8 +271,7 @@ class Boundary:
 
     def forces_of(self, tractions: Floats) -> Floats:
         """Return int t phi at both ends of edges, (b, 2, 2), for linear tractions (b, 2, 2) given at the ends."""
-        forces: Floats = np.matmul(self.edges.lengths[:, None, None] * MASS, tractions)
-        return forces
+        return np.asarray(np.matmul(self.edges.lengths[:, None, None] * MASS, tractions))
 
     def law_defect(self, before: Surface, now: Surface) -> float:
         """Return D >= 0, the defect in Tresca's law in a step, for friction and displacements linear in time."""
@@ -320,8 +312,7 @@ class Boundary:
         """Return q (b, 2) at the ends of edges, from the multipliers."""
         terms = self.posed.terms
         against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
-        clipped: Floats = np.clip(along(against, self.edges.tangents), -g, g)
-        return clipped
+        return np.asarray(np.clip(along(against, self.edges.tangents), -g, g))
 
     def _pressing(self, now: Instant, compliant: bool) -> _Pressing:
         """Return the pressure of rigid or of compliant obstacles, from the multipliers."""
@@ -402,5 +393,4 @@ def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]
     values, vectors = np.linalg.eigh(blocks)
-    alone: Floats = np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - SAME, vectors)
-    return alone
+    return np.asarray(np.einsum("nik,nk,njk->nij", vectors, values > 1.0 - SAME, vectors))

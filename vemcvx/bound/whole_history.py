@@ -145,5 +145,4 @@ def _off_lines(system: System, times: Floats) -> Floats:
         for instants in (times, inside)
     )
     lines = np.column_stack([np.interp(inside, times, datum) for datum in known.T])
-    off: Floats = inside[(np.abs(values - lines) > SAME * np.abs(known).max(axis=0, initial=0.0)).any(axis=1)]
-    return off
+    return np.asarray(inside[(np.abs(values - lines) > SAME * np.abs(known).max(axis=0, initial=0.0)).any(axis=1)])

@@ -1,18 +1,12 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
-Each pass simulates the whole history on its mesh. Friction depends on the path, so a history transferred from a coarser
-mesh would keep the errors of that mesh. Costs grow geometrically: passes together cost little more than twice the last.
-
-A pass refines the smallest set of cells that contains a given part theta of the squared indicators (Dorfler, *A
-convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If a smaller set is predicted to
-reach the target, the pass refines that set; refinement is assumed to divide the squared indicator of a cell by 4.
+Each pass simulates the whole history on its mesh, because results with friction depend on the path. A pass refines the
+smallest set of cells that contains a part THETA of the squared indicators (Dorfler, *A convergent adaptive algorithm
+for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If a smaller set is predicted to reach the target, the pass
+refines that set; refinement is assumed to divide the squared indicator of a cell by 4.
 
 The time error is measured at the instants of the run. So each bend, extremum and jump of the data becomes an instant
-before the first pass (:mod:`vemcvx.stepping.course`). Then each pass splits the smallest set of steps that contains a
-given part of the time error.
-
-If the target is friction work, work or wear, two more runs per pass estimate the mesh and time errors of this quantity
-(:mod:`.quantities`). Cells are still marked by energy indicators, scaled to this error.
+before the first pass. Then each pass splits the smallest set of steps that contains a given part of the time error.
 """
 
 from __future__ import annotations

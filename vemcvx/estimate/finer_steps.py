@@ -1,16 +1,12 @@
 """The error of time steps: a comparison with the same run in finer steps, with instants where data bend and jump.
 
-Steps of a condensed system are cheap. The run is repeated on the same mesh with FINER steps per step, more steps where
-data vary faster, and an instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). At the instants of the
-coarse run, both runs have the same data, so only their contact forces differ. For the run u and the finer run v,
+The run is repeated on the same mesh with FINER steps per step, more steps where data vary faster, and an instant
+wherever data bend or jump (:mod:`vemcvx.stepping.course`). For the run u and the finer run v,
 
     |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n)     with contact unknowns y of u, z of v, and condensed matrix S.
 
-If errors are of first order, the error of the finer run is 1/FINER of the error of the run, and
-
-    |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER).
-
-Without friction, viscosity and VelocityContact, nothing depends on the path, and steps make no error.
+If errors are of first order, |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). Without friction, viscosity and
+VelocityContact, nothing depends on the path, and steps make no error.
 """
 
 from __future__ import annotations

@@ -6,11 +6,8 @@ the same scene estimate the errors of Q due to k and to the mesh size h:
     steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
     mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
 
-For wear, the difference is the largest over the contact nodes that both runs have.
-
-The error of the finer run is half the error of the run if the order is one: at singular corners, where friction rotates
-in space, or where a reversal is missed. It is a quarter if the solution is smooth. The estimate for steps has an extra
-factor 1.5. The estimates are no bounds: an error that changes sign between k and k/2 is underestimated. Where the
+For wear, the difference is the largest over the contact nodes that both runs have. The factors are for errors of first
+order, with an extra factor 1.5 for steps. An error that changes sign between k and k/2 is underestimated. Where the
 pressure is singular, the largest wear has no limit, which is reported (:mod:`vemcvx.results.corners`).
 """
 
@@ -53,7 +50,7 @@ def quantities(history: History) -> dict[str, Quantity]:
     Raises
     ------
     HistoryError
-        The history was read from files, which do not contain its scene, or it has no initial state.
+        The history was read from files, which do not contain its scene.
     SceneError
         The scene has arrays of moduli per cell, which do not fit a refined mesh; use named cell data instead.
 

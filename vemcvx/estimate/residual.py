@@ -35,8 +35,7 @@ the C^{-1} norm of q I times the energy norm of v. In nearly incompressible bodi
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
-Squares are integrated over cells as |K| / 3 times their mean over the vertices. For linear functions with mean zero,
-this is exact in a box, and too large in a tetrahedron.
+Squares are integrated over cells as |K| / 3 times their mean over the vertices.
 """
 
 from __future__ import annotations
@@ -49,6 +48,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats, Ints, totals
+from vemcvx.bound.fine_boundary import SamplePoints
 from vemcvx.bound.reading import POINCARE, list_parts
 from vemcvx.bound.skeleton import Instant, Joints, body_forces, extents, skeleton
 from vemcvx.effects import Contribution, Load
@@ -282,7 +282,7 @@ class Residuals:
         # Integrals over cells are approximated by |K| / 3 times the mean over vertices.
         owner = cell_of_corner(offsets)
         weights = (self.mesh.measures / 3.0 / np.diff(offsets))[owner]
-        found = stress_squares(self.posed, self._parts, (x, owner, weights), now.t, strain)
+        found = stress_squares(self.posed, self._parts, SamplePoints(x, weights, owner), now.t, strain)
         for load in (load for load in self._loads if callable(load.value)):
             if load.edges is not None:
                 at, size, forces = sides.numbers(load.edges), load.measures, load.forces(now.t)

@@ -2,8 +2,8 @@
 
 In the plane, data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading` lists the energies). The
 differences are tractions minus their assembled mean t_e, body forces minus the assembled f_K, and given friction bounds
-g minus g_h, which is linear between nodes. g - g_h counts where friction is at its bound, or where a node has slipped;
-elsewhere only where g is less than the friction. The means of these differences act as forces on the whole body.
+g minus g_h, which is linear between nodes. g - g_h counts where friction is at its bound, where a node has slipped, or
+where g is less than the friction. The means of these differences act as forces on the whole body.
 
 In space, tractions are evaluated at quadrature points, body forces and stresses at vertices. The estimate ignores how
 friction laws and springs (in space also friction bounds, gaps and supports) vary between nodes.
@@ -16,8 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.base.arrays import Bools, Floats, Ints, totals
-from vemcvx.bound.fine_boundary import without_rounding
+from vemcvx.base.arrays import Bools, Floats, totals
+from vemcvx.bound.fine_boundary import SamplePoints, without_rounding
 from vemcvx.bound.reading import Reader, compare_stresses
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces
 from vemcvx.effects import Contribution, Friction, Support
@@ -53,8 +53,7 @@ class DataErrors:
             on_edges, force = on_edges + squares, force + missing
         on_edges += np.sum([self._support(support, now) for support in reader.supports], axis=0)
         local = totals(edges.outer, on_edges, len(body)) + reader.energies(on_pieces, in_cells)
-        inside = reader.inside.x, reader.inside.owner, reader.inside.weights
-        local += stress_squares(posed, reader.parts, inside, t, strain)
+        local += stress_squares(posed, reader.parts, reader.inside, t, strain)
         return local + reader.body_energies(force, edges.mesh.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
@@ -97,15 +96,12 @@ class DataErrors:
         return self.reader.motion_energies(at, (value - line)[:, None] * directions)
 
 
-def stress_squares(
-    posed: PosedScene, parts: list[Contribution], at: tuple[Floats, Ints, Floats], t: float, strain: Floats
-) -> Floats:
-    """Return |(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1, (n_cells,); `at` has points, their cells and weights."""
+def stress_squares(posed: PosedScene, parts: list[Contribution], at: SamplePoints, t: float, strain: Floats) -> Floats:
+    """Return |(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1, (n_cells,)."""
     laws = [part.material.at for part in parts if part.material is not None]
     rest = [[*(one.at for one in part.eigenstrains), *(one.at for one in part.initial_stresses)] for part in parts]
     if not any(laws) and not any(map(any, rest)):
         return np.zeros(len(strain))
-    x, owner, weights = at
-    apart, C = compare_stresses(posed, parts, (x, owner), t, strain)
+    apart, C = compare_stresses(posed, parts, at, t, strain)
     squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[..., None])[..., 0])
-    return totals(owner, weights * squares, len(strain))
+    return totals(at.owner, at.weights * squares, len(strain))

@@ -13,7 +13,7 @@ from vemcvx.base.arrays import SAME, Floats, Ints, as_real_array, as_shaped_arra
 from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
-from vemcvx.effects.materials import nodes_of, region
+from vemcvx.effects.materials import cells_of, nodes_of
 from vemcvx.vem import EdgeEnds, Part, Space, cell_load, edge_load, rigid_modes
 
 
@@ -105,8 +105,8 @@ class BodyForce(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         points, matrix, cells = cell_load(space)
-        if (inside := region(space, self.on, "BodyForce")) is not None:
-            some = np.flatnonzero(inside[cells])
+        if self.on is not None:
+            some = np.flatnonzero(cells_of(space, self.on, "BodyForce")[cells])
             entries = (some[:, None] * space.dim + np.arange(space.dim)).ravel()
             points, matrix, cells = points[some], sp.csr_matrix(matrix[:, entries]), cells[some]
         return Contribution(loads=(Load(self._subject, points, matrix, self.force, cells),))
@@ -441,8 +441,8 @@ class Pretension(Effect):
         def tension(x: Floats, t: float) -> Floats:
             return data.scalar(self.force, x, min(t, until), f"{subject}: force")
 
-        # A norm term on the jump locks the jump: after `until` the weight is infinite, so the term always sticks.
         first = np.flatnonzero(rows.ends.row == 0)
+        # A norm term on the jump locks the jump: after `until` the weight is infinite, so the term always sticks.
         lock = Friction(
             f"{subject}: lock",
             rows.nodes[:1],

@@ -73,8 +73,8 @@ class _Elastic(MaterialLaw):
             choice(self.stabilisation, name, "stabilisation", STABILISATIONS)
         choice(self._plane, name, "plane", self._planes)
         self._check_dimension(space)
-        cells = region(space, self.on, name)
-        law, inside = self._law(data.InCells(space.mesh, inside=cells), space), 1.0 if cells is None else 1.0 * cells
+        cells = cells_of(space, self.on, name)
+        law, inside = self._law(data.InCells(space.mesh, inside=cells), space), 1.0 * cells
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
             there = self._law(data.InCells(space.mesh, x, within), space)
@@ -86,7 +86,7 @@ class _Elastic(MaterialLaw):
             moduli=law.moduli * inside,
             thermal_stress_moduli=(law.thermal_stress_moduli.T * inside).T,
             plane=self._plane if space.in_plane else "strain",
-            cells=cells,
+            cells=None if self.on is None else cells,
             out_of_plane=(law.out_of_plane.T * inside).T if space.components == 3 else None,
             stabilisation=vem.stabilisation_of(self.stabilisation, law.shear * inside),
             at=at if data.varies(*constants) else None,
@@ -111,11 +111,11 @@ class _Elastic(MaterialLaw):
         return f"{name} stabilisation" + ("" if self.on is None else f", on {where(self.on)}")
 
 
-def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
-    """Return the cells (n_cells,) where one of the cell data `on` is nonzero, or None for the whole body."""
+def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
+    """Return the cells (n_cells,) where one of the cell data `on` is nonzero; all cells if `on` is None."""
+    known, cells = space.mesh.cell_data, np.full(space.mesh.n_cells, on is None)
     if on is None:
-        return None
-    known, cells = space.mesh.cell_data, np.zeros(space.mesh.n_cells, dtype=bool)
+        return cells
     for name in on if isinstance(on, Sequence) and not isinstance(on, str) else [on]:
         if not isinstance(name, str) or name not in known or known[name].ndim != 1:
             there_are = ", ".join(repr(n) for n in known if known[n].ndim == 1) or "none"
@@ -127,12 +127,6 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
     if not cells.any():
         raise SceneError(f"{subject}: on={on!r} names no cell: the cell datum is zero everywhere on this mesh.")
     return cells
-
-
-def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
-    """Return the cells (n_cells,) where one of the cell data `on` is nonzero; all cells if `on` is None."""
-    found = region(space, on, subject)
-    return np.ones(space.mesh.n_cells, dtype=bool) if found is None else found
 
 
 def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints:
@@ -191,7 +185,9 @@ class Elasticity(_Elastic):
         (simplices, others), fraction = space.simplices
         # Linear triangles lock: at nu = .49 their error is twice the error of polygons.
         if self._plane != "stress" and fraction > 0.5:
-            largest = self._read("poisson", data.InCells(space.mesh, inside=region(space, self.on, "Elasticity"))).max()
+            largest = self._read(
+                "poisson", data.InCells(space.mesh, inside=cells_of(space, self.on, "Elasticity"))
+            ).max()
             if largest > 0.49:
                 words = f"poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not."
                 warnings.warn(f"Elasticity: {words}", SceneWarning, stacklevel=2)

@@ -36,7 +36,20 @@ TOLERANCE = 0.1 * MARGIN
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class LimitLoad(ArrayRecord):
+class BoundedFactor(ArrayRecord):
+    """The largest factor of loads, between two bounds."""
+
+    factor: float
+    upper: float
+
+    @property
+    def gap(self) -> float:
+        """The difference of the bounds."""
+        return self.upper - self.factor
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class LimitLoad(BoundedFactor):
     """The largest factor of a load that contact forces can balance, between two bounds.
 
     Attributes
@@ -56,17 +69,10 @@ class LimitLoad(ArrayRecord):
     0.5
     """
 
-    factor: float
-    upper: float
     friction: Floats
     pressure: Floats
     motion: Floats
     mechanism: str
-
-    @property
-    def gap(self) -> float:
-        """The difference of the bounds."""
-        return self.upper - self.factor
 
 
 def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: float = 1.0) -> LimitLoad:

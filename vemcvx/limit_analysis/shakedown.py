@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError, SolverFailed
-from vemcvx.base.outline import ArrayRecord
-from vemcvx.limit_analysis.limit_load import TOLERANCE, Balance, sum_work
+from vemcvx.limit_analysis.limit_load import TOLERANCE, Balance, BoundedFactor, sum_work
 from vemcvx.meshes import Mesh
 from vemcvx.scene import PosedScene, Scene, pose_scene, suppress_scene_warnings
 from vemcvx.simulation import check_kinds
@@ -28,7 +27,7 @@ from vemcvx.stepping import check_times, march
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Shakedown(ArrayRecord):
+class Shakedown(BoundedFactor):
     """The largest factor of a cycle for which slip stops, between two bounds; for m friction terms and T instants.
 
     Attributes
@@ -52,18 +51,11 @@ class Shakedown(ArrayRecord):
     0.5
     """
 
-    factor: float
-    upper: float
     points: Floats
     bounds: Floats
     elastic: Floats
     residual: Floats
     slips: Floats
-
-    @property
-    def gap(self) -> float:
-        """The difference of the bounds."""
-        return self.upper - self.factor
 
 
 def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:

@@ -42,8 +42,8 @@ from vemcvx.program.forces import Delassus, Point
 from vemcvx.results import record
 from vemcvx.scene import Scene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.pose import PosedScene
-from vemcvx.sensitivity.observed import FORMS, Course, Gradients, Observed, Quantities, find_quantities
-from vemcvx.simulation import check_kinds, free_unknowns
+from vemcvx.sensitivity.observed import FORMS, Gradients, Observed, Quantities, find_quantities
+from vemcvx.simulation import begins, check_kinds, free_unknowns
 from vemcvx.solvers import Newton, Solver
 from vemcvx.solvers.law import Weights
 from vemcvx.solvers.newton import REGULARISATION, ActiveSets, build_columns, build_matrix
@@ -253,22 +253,22 @@ def sensitivities(
     _refuse(posed)
     quantities, solver = find_quantities(of, posed), Newton(accuracy=1e-10) if solver is None else solver
     found = march(posed.system, times, solver=solver, initial=free_unknowns(initial, posed, times))
-    history, run = History.from_results(record(posed, found, 0.0, Memory())), prepare(posed.system, None, True, True)
-    course = Course(times, found.state, found.multipliers, found.pressures, isinstance(initial, str))
-    at, E = Observed.evaluate(posed, course), _unit_states(run)
-    rows = quantities.differentiate(posed, at, course, E, run.condensation.solve_interior)
-    steps, one_sided = _linearise(run, history, course, at)
+    history = History.from_results(record(posed, found, 0.0, Memory()), begins(initial))
+    at, run = Observed.evaluate(posed, history), prepare(posed.system, None, True, True)
+    E = _unit_states(run)
+    rows = quantities.differentiate(posed, at, E, run.condensation.solve_interior)
+    steps, one_sided = _linearise(run, history, at)
     if one_sided.any():
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
         log.warning("sensitivities: contact or friction is about to change at t = %s: derivatives are one-sided.", when)
     if shapes is None:
-        changes, explicit = _differences(pose, parameters, posed, course, quantities, E=E, inner=rows.inner)
+        changes, explicit = _differences(pose, parameters, history, posed, quantities, E=E, inner=rows.inner)
     else:
-        changes = _field_changes(posed, course, shapes, len(parameters), E.shape[1])
+        changes = _field_changes(posed, at.p, shapes, len(parameters), E.shape[1])
         explicit = np.zeros((len(of), len(times), len(parameters)))
     return Sensitivities(
         of=tuple(of),
-        values=quantities.values(at, course.p),
+        values=quantities.values(at),
         history=history,
         one_sided=one_sided,
         _steps=steps,
@@ -310,8 +310,8 @@ def _unit_states(run: PreparedRun) -> Any:
 def _differences(
     pose: Callable[[Floats], PosedScene],
     theta: Floats,
+    history: History,
     own: PosedScene,
-    course: Course,
     quantities: Quantities,
     *,
     E: Any,
@@ -326,11 +326,11 @@ def _differences(
                 posed = pose(theta + way * np.eye(len(theta))[j])
             if [M.shape for M in (posed.system.K, posed.system.B, posed.system.D)] != shapes:
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
-            at = Observed.evaluate(posed, course)
-            if (at.lam.reshape(course.lam.shape).any(axis=2) & ~course.lam.any(axis=2)).any():
+            at = Observed.evaluate(posed, history)
+            if (at.lam.any(axis=2) & ~history.trajectory.multipliers.any(axis=2)).any():
                 raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
             off = np.hstack([at.slips[:, : shapes[1][0]], at.excess])
-            w, values = np.where(at.w < np.inf, at.w, 0.0), quantities.values(at, course.p)
+            w, values = np.where(at.w < np.inf, at.w, 0.0), quantities.values(at)
             pair.append((posed.supports.gather(at.forces.T).T, off, w, values))
         balance, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
         columns.append((-balance @ E, off, w, values - (inner * balance).sum(axis=2)))
@@ -339,7 +339,7 @@ def _differences(
 
 
 def _field_changes(
-    posed: PosedScene, course: Course, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
+    posed: PosedScene, p: Floats, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
     """Return the derivatives of data by field coefficients: w sums field times length, or field times normal force."""
     terms, points = posed.terms, posed.space.mesh.points
@@ -352,13 +352,13 @@ def _field_changes(
     wanted = (len(x), count)
     S = sp.csr_matrix(as_shaped_array(read, "sensitivities: shapes", f"an array {wanted}", wanted))
     size = np.concatenate([np.zeros(0), *(f.lengths * (f.law is None) for f in terms.frictions)])
-    rows, gather = terms.acting * terms.block + course.p.shape[1], terms.gather[: terms.acting]
+    rows, gather = terms.acting * terms.block + p.shape[1], terms.gather[: terms.acting]
     none = sp.csr_matrix((unknowns, count)), sp.csr_matrix((rows, count))
-    forces = (size if terms.press is None else size + (size == 0) * (terms.press @ p) for p in course.p)
+    forces = (size if terms.press is None else size + (size == 0) * (terms.press @ force) for force in p)
     return [(*none, sp.csr_matrix(gather @ sp.diags_array(force) @ S)) for force in forces]
 
 
-def _linearise(run: PreparedRun, history: History, course: Course, at: Observed) -> tuple[dict[int, LinearStep], Bools]:
+def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[int, LinearStep], Bools]:
     """Return the linearised steps by number, and a mask of the steps whose active sets are about to change.
 
     A step may change its sets if, within the error of its certificate, a multiplier may reach its bound, a slip may end
@@ -377,18 +377,19 @@ def _linearise(run: PreparedRun, history: History, course: Course, at: Observed)
             raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
         return delassus, np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
 
-    steps, one_sided = dict[int, LinearStep](), np.zeros(len(course.times), dtype=bool)
+    steps, one_sided = dict[int, LinearStep](), np.zeros(len(found.times), dtype=bool)
     errors = np.sqrt(2.0 * found.gap) + np.sqrt(2.0 * found.floor)
-    for n in range(0 if course.settles else 1, len(errors)):
-        delassus, force = measure(run.frame(course.durations[n]))
-        u, x = delassus.u, np.append(at.lam[n, :count], course.p[n]) / delassus.u
-        law = Weights(at.w[n], system.norms if system.follows_answer else None, t=float(course.times[n]))
+    for n in range(0 if history.begins == "settled" else 1, len(errors)):
+        delassus, force = measure(run.frame(float(at.k[n])))
+        u, x = delassus.u, np.append(at.lam[n, : count // block], at.p[n]) / delassus.u
+        law = Weights(at.w[n], system.norms if system.follows_answer else None, t=float(found.times[n]))
         law = law.in_units(u[:count:block], u[count:])
         point = Point(x, u * np.append(at.slips[n, :count], at.excess[n]), np.zeros(0), np.zeros(0))
         sets, (lam, p) = ActiveSets.at(delassus, point, law), delassus.split(x)
         slipping = np.where(sets.stick[:, None], 0.0, sets.direction).ravel()
         H = sp.csr_matrix((slipping, (np.arange(count), np.arange(count) // block)), shape=(len(x), len(lam)))
-        memory = sp.csr_matrix(course.rates[n] * system.damping.C if system.damping else (unknowns, unknowns))
+        damping = system.damping if n > 0 else None
+        memory = sp.csr_matrix((unknowns, unknowns) if damping is None else damping.C / at.k[n])
         columns = build_columns(delassus, sets, p, law)
         steps[n] = LinearStep(delassus, *columns, H=H, memory=memory, recalls=recalls)
         margin = np.where(sets.w > 0, np.where(sets.stick, sets.w - lengths(lam), sets.along), np.inf).repeat(block)

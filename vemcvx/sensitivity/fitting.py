@@ -4,11 +4,11 @@ With measurements m and values q(theta) of quantities, and standard deviations s
 
     |r|^2 + |L theta|^2,    r = (q - m) / sigma,
 
-by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). L is a regularisation for
-fields, stated by the caller; by default L = 0. With J = dr/dtheta and H = J'J + L'L, the covariance of the result is
-s^2 H^{-1}. If sigma is given, s = 1. If it is unknown, sigma is the largest measured value of each quantity, and the
-residuals estimate s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). The standard errors are those of one
-linearisation, for independent noise. With L > 0 they do not include the bias of the regularisation.
+by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). The caller states the
+regularisation L. With J = dr/dtheta and H = J'J + L'L, the covariance of the result is s^2 H^{-1}. If sigma is given,
+s = 1. If it is unknown, sigma is the largest measured value of each quantity, and the residuals estimate
+s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). Standard errors are those of one linearisation, for
+independent noise, without the bias of the regularisation.
 """
 
 from __future__ import annotations
@@ -161,8 +161,7 @@ def fit(
     from scipy.optimize import least_squares
 
     start = read_parameters(theta_0, "fit: theta_0")
-    m, count = _read_measured(measured, check_times(times).shape), len(start)
-    of = tuple(measured)
+    m, count, of = _read_measured(measured, check_times(times).shape), len(start), tuple(measured)
     names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
     if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
         raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
@@ -176,10 +175,10 @@ def fit(
         L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
     if known.sum() + len(L) < count:
         raise SceneError(f"fit: found {known.sum()} values for {count} parameters; give more, or a penalty.")
-    sigma = _read_noise(noise, of, np.abs(np.where(known, m, 0.0)).max(axis=1))
+    sigma = _read_noise(noise, of, m)
 
     @lru_cache(maxsize=1)
-    def simulate_at(raw: bytes) -> Sensitivities:
+    def run(raw: bytes) -> Sensitivities:
         theta = np.frombuffer(raw)
         log.info("fit: theta = %s", brief(theta))
         try:
@@ -190,22 +189,19 @@ def fit(
             hint = f"The search of fit came to theta = {brief(theta)}; keep it in range by bounds=."
             raise SceneError(f"{error} {hint}") from error
 
-    def run(theta: Floats) -> Sensitivities:
-        return simulate_at(theta.tobytes())
-
     def residuals(theta: Floats) -> Floats:
-        return np.append(((run(theta).values - m) / sigma[:, None])[known], L @ theta)
+        return np.append(((run(theta.tobytes()).values - m) / sigma[:, None])[known], L @ theta)
 
     def derivatives(theta: Floats) -> Floats:
-        return np.vstack([(run(theta).jacobian / sigma[:, None, None])[known], L])
+        return np.vstack([(run(theta.tobytes()).jacobian / sigma[:, None, None])[known], L])
 
     scale = np.where(start != 0, np.abs(start), 1.0)
     found = least_squares(
         residuals, start, derivatives, bounds=(low, high), x_scale=scale, ftol=TOLERANCE, xtol=TOLERANCE, gtol=None
     )
-    r, J, data = residuals(found.x), derivatives(found.x), int(known.sum())
+    best, r, J, data = run(found.x.tobytes()), found.fun, np.asarray(found.jac), int(known.sum())
     inverse, free = _invert(J, scale)
-    used = float(np.einsum("ip,pq,iq->", J[:data], inverse, J[:data]))
+    used = float(((J[:data] @ inverse) * J[:data]).sum())
     misfit = float(np.sqrt(r[:data] @ r[:data] / max(data - used, 1.0)))
     spread = 1.0 if noise is not None else misfit
     inverse[free, free] = np.inf
@@ -214,12 +210,12 @@ def fit(
         errors=spread * np.sqrt(np.diag(inverse)),
         covariance=spread**2 * inverse,
         noise=dict(zip(of, (spread * sigma).tolist(), strict=True)),
-        values=dict(zip(of, run(found.x).values, strict=True)),
+        values=dict(zip(of, best.values, strict=True)),
         measured=dict(zip(of, m, strict=True)),
         names=tuple(names),
-        history=run(found.x).history,
+        history=best.history,
         misfit=None if noise is None else misfit,
-        runs=simulate_at.cache_info().misses,
+        runs=run.cache_info().misses,
         ending=found.message,
     )
 
@@ -234,9 +230,10 @@ def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) ->
     return m
 
 
-def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], largest: Floats) -> Floats:
-    """Return the given standard deviations (Q,); without them, the largest measured values."""
+def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m: Floats) -> Floats:
+    """Return the given standard deviations (Q,); without them, the largest of the measured values m (Q, N + 1)."""
     if noise is None:
+        largest = np.nan_to_num(np.abs(m)).max(axis=1)
         return np.where(largest > 0, largest, 1.0)
     each = [noise.get(name, np.nan) for name in of] if isinstance(noise, Mapping) else noise
     sigma = np.full(len(of), as_shaped_array(each, "fit: noise", "standard deviations", (), (len(of),)))

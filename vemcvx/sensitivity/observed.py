@@ -18,6 +18,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError
+from vemcvx.history import History
 from vemcvx.meshes.polygons import nearest
 from vemcvx.results.forces import support_shares
 from vemcvx.results.probe import places
@@ -31,62 +32,59 @@ FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """The states of a run at its T instants."""
-
-    times: Floats
-    y: Floats  # (T, n) free unknowns
-    lam: Floats  # (T, terms, block) friction forces; terms that supports drag are last
-    p: Floats  # (T, r) contact forces
-    settles: bool  # True if the state at the initial instant is the result of a step from zero
-
-    @property
-    def durations(self) -> Floats:
-        """The lengths k (T,) of the steps to all instants; zero at the first one."""
-        return np.diff(self.times, prepend=self.times[0])
-
-    @property
-    def rates(self) -> Floats:
-        """The inverse lengths 1 / k (T,); zero at the first instant."""
-        return np.append(0.0, 1.0 / self.durations[1:])
-
-
-@dataclass(frozen=True, eq=False)
 class Observed:
-    """A scene at the states of a course, with one row for each instant."""
+    """A scene at the T states of a run, with one row for each instant."""
 
+    k: Floats  # (T,) lengths of the steps to the instants; zero at the first one
     u: Floats  # (T, n_u)
     elastic: Floats  # (T, n_u) A u
     forces: Floats  # (T, n_u) R
-    lam: Floats  # (T, terms * block); friction on dragged nodes follows its bound
+    lam: Floats  # (T, terms, block); friction on dragged nodes, which are last, follows its bound
     slips: Floats  # (T, terms * block) in the step to the instant
+    p: Floats  # (T, r)
     excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
-    w: Floats  # (T, m)
     stored: Floats  # (T, r) displacements of springs in soft contact, which store energy
+    w: Floats  # (T, m)
 
     @classmethod
-    def evaluate(cls, posed: PosedScene, course: Course) -> Observed:
-        """Evaluate a posed scene at the states of a course."""
-        times, p, terms, obstacles = course.times.tolist(), course.p, posed.terms, posed.obstacles
-        u = np.array([displacement(posed, y, t) for y, t in zip(course.y, times, strict=True)])
+    def evaluate(cls, posed: PosedScene, history: History) -> Observed:
+        """Evaluate a posed scene at the states of a run."""
+        run, terms, obstacles, norms = history.trajectory, posed.terms, posed.obstacles, posed.system.norms
+        times, p, k = run.times.tolist(), run.pressures, np.diff(run.times, prepend=run.times[0])
+        u = np.array([displacement(posed, y, t) for y, t in zip(run.state, times, strict=True)])
         du = np.diff(u, axis=0, prepend=u[:1])
-        if course.settles:
-            du[0] = posed.supports.P @ course.y[0]
-        under, norms = list(zip([times[0], *times[:-1]], times, p, strict=True)), posed.system.norms
+        if history.begins == "settled":
+            du[0] = posed.supports.P @ run.state[0]
+        under = list(zip([times[0], *times[:-1]], times, p, strict=True))
         w = [np.zeros(0) if norms is None else norms.weights_under(t, force) for _, t, force in under]
         dragged = [evaluate_dragged(posed.system, (s, t), force, np.zeros(0))[0] for s, t, force in under]
-        lam = np.concatenate([course.lam[:, : terms.acting], dragged], axis=1).reshape(len(times), -1)
+        lam = np.concatenate([run.multipliers[:, : terms.acting], dragged], axis=1)
         elastic, slips, gap = u @ posed.A, du @ terms.rows.T, np.array([obstacles.gap(t) for t in times])
-        forces = elastic + lam @ terms.rows + p @ obstacles.rows - np.array([posed.force(t) for t in times])
+        loads = np.array([posed.force(t) for t in times])
+        forces = elastic + lam.reshape(slips.shape) @ terms.rows + p @ obstacles.rows - loads
         if posed.viscosity is not None:
-            forces += course.rates[:, None] * (du @ posed.viscosity)
+            forces[1:] += (du @ posed.viscosity)[1:] / k[1:, None]
         if terms.ground is not None:
             slips -= np.diff([terms.ground(t) for t in times], axis=0, prepend=[terms.ground(times[0])])
         soft = p * obstacles.compliance
-        rates = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1]) - course.durations[:, None] * soft
-        excess = np.where(obstacles.rates, rates, u @ obstacles.rows.T - gap - soft)
-        stored = soft * ~obstacles.rates
-        return cls(u, elastic, forces, lam=lam, slips=slips, excess=excess, w=np.array(w), stored=stored)
+        rates = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1]) - k[:, None] * soft
+        return cls(
+            k=k,
+            u=u,
+            elastic=elastic,
+            forces=forces,
+            lam=lam,
+            slips=slips,
+            p=p,
+            excess=np.where(obstacles.rates, rates, u @ obstacles.rows.T - gap - soft),
+            stored=soft * ~obstacles.rates,
+            w=np.array(w),
+        )
+
+    @property
+    def losses(self) -> Floats:
+        """The losses (T,) by friction in the step to each instant; zero at the first one."""
+        return np.append(0.0, np.einsum("tmb,tmb->t", self.lam, self.slips.reshape(self.lam.shape))[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,23 +106,22 @@ class Quantities:
     energy: Floats  # (Q,)
     losses: Floats  # (Q,)
 
-    def values(self, at: Observed, p: Floats) -> Floats:
+    def values(self, at: Observed) -> Floats:
         """Return the values (Q, T)."""
-        energy = 0.5 * (np.einsum("ti,ti->t", at.u, at.elastic) + np.einsum("tr,tr->t", p, at.stored))
-        lost = np.append(0.0, np.cumsum(np.einsum("ti,ti->t", at.lam, at.slips)[1:]))
+        energy = 0.5 * (np.einsum("ti,ti->t", at.u, at.elastic) + np.einsum("tr,tr->t", at.p, at.stored))
         found: Floats = self.a @ at.u.T + self.h @ at.forces.T + np.outer(self.energy, energy)
-        return found + np.outer(self.losses, lost)
+        return found + np.outer(self.losses, np.cumsum(at.losses))
 
     def differentiate(
-        self, posed: PosedScene, at: Observed, course: Course, E: Any, solve_interior: Callable[[Floats], Floats]
+        self, posed: PosedScene, at: Observed, E: Any, solve_interior: Callable[[Floats], Floats]
     ) -> Gradients:
         """Return the derivatives; the columns of E (n, m) are states of unit displacements of the contact unknowns."""
         gather, terms, acting = posed.supports.gather, posed.terms, posed.system.B.shape[0]
-        after = (np.arange(len(course.times)) > 0)[:, None]  # Losses begin with the first step.
+        after = at.k[:, None] > 0  # Losses begin with the first step.
         fixed, outer = gather((self.a + self.h @ posed.A).T), np.multiply.outer
-        before = -outer(self.losses, gather((after * at.lam @ terms.rows).T).T @ E)
+        before = -outer(self.losses, gather((after * at.lam.reshape(at.slips.shape) @ terms.rows).T).T @ E)
         if posed.viscosity is not None:
-            before -= course.rates[:, None] * (gather((self.h @ posed.viscosity).T).T @ E)[:, None]
+            before[:, 1:] -= (gather((self.h @ posed.viscosity).T).T @ E)[:, None] / at.k[1:, None]
         stored = gather(at.elastic.T) if self.energy.any() else np.zeros((len(fixed), 1))
         x = self.h @ sp.vstack([terms.rows[:acting], posed.obstacles.rows]).T
         by_losses, by_energy = np.zeros((2, len(at.u), x.shape[1]))

@@ -89,3 +89,10 @@ def test_histories_that_begin_at_a_projected_function_have_no_bound():
     with pytest.raises(vx.SceneError, match=r"begins at vx\.projected\(u_0\).* is not known"):
         vx.error_bound(history)
     assert vx.error_bound(history, step=1).kind == "bound"
+
+
+def test_cells_that_are_not_star_shaped_about_their_centroids_have_no_bound():
+    u_shape = vx.PolygonMesh([[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]], [list(range(8))])
+    history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="boundary")), u_shape, [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="cell 0 is not star-shaped about its centroid; cut it"):
+        vx.error_bound(history, step=-1)

@@ -1,7 +1,7 @@
 """Scenes: sets of effects, independent of any mesh, and how they are posed on a mesh."""
 
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
-from vemcvx.scene.rows import ContactRows, jump_rows, pair_numbers
+from vemcvx.scene.rows import ContactRows, jump_rows
 from vemcvx.scene.scene import InitialStresses, Scene, contributions, initial_stresses
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "contributions",
     "initial_stresses",
     "jump_rows",
-    "pair_numbers",
     "pose_scene",
     "suppress_scene_warnings",
 ]

@@ -19,12 +19,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.carrying import (
-    Refinement,
-    check_lengths,
-    inherit_parts,
-    middle_places,
-)
+from vemcvx.meshes.carrying import Refinement, check_lengths, inherit_parts, middle_places
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygons import (
@@ -41,11 +36,8 @@ from vemcvx.meshes.polyhedra import FACES, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-"""Corners of the six edges of a tetrahedron."""
-OPPOSITE = [3, 2, 0, 1]
-"""The corner of a tetrahedron opposite to each of its faces, in the order of `FACES`."""
-ALL_DIRECTIONS = 3
-"""Number of bisections that halve a tetrahedron in every direction."""
+OPPOSITE = [3, 2, 0, 1]  # the corner of a tetrahedron opposite to each of its faces, in the order of `FACES`
+ALL_DIRECTIONS = 3  # number of bisections that halve a tetrahedron in every direction
 
 
 def other_cells(mesh: PolyhedralMesh) -> Ints:

@@ -15,12 +15,7 @@ from vemcvx.base.outline import coordinates
 from vemcvx.meshes.box import WHOLE, check_cell_data
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary, pad_rows, partners_of
 from vemcvx.meshes.mesh import Mesh
-from vemcvx.meshes.polygons import (
-    edge_keys,
-    find_in,
-    rounding,
-    rows_in_order,
-)
+from vemcvx.meshes.polygons import edge_keys, find_in, rounding, rows_in_order
 
 Kind = TypeVar("Kind", bound=Mesh)
 

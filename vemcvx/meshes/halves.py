@@ -1,8 +1,7 @@
 """Cutting a mesh in two along a line, in space along a plane.
 
 In the plane, each cell that the line crosses becomes two polygons. There is a new node where the line meets an edge,
-shared by both cells at the edge. To avoid slivers, inner nodes near the line first move onto it. In space the plane
-must run along faces: cells are not split.
+shared by both cells at the edge. To avoid slivers, inner nodes near the line first move onto it.
 """
 
 from __future__ import annotations
@@ -29,8 +28,7 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
 
     :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface, as `Pretension` of a bolt needs.
     Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the plane, cells
-    that the line crosses are split, and inner nodes move onto the line if their distance from it is at most a tenth of
-    their shortest edge. In space the plane must run along faces.
+    that the line crosses are split; inner nodes move onto the line if it is nearer than a tenth of their shortest edge.
 
     Parameters
     ----------
@@ -105,10 +103,7 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
 
 
 def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends: Ints) -> Any:
-    """Return the mesh of the cells and parts of cells where `side` is negative.
-
-    `rows` are the nodes of all cells, including new nodes; in the plane, node n_nodes + k is on the edge ends[k].
-    """
+    """Return the mesh where `side` is negative; `rows` are the nodes of cells; node n_nodes + k is on edge ends[k]."""
     parents = np.flatnonzero(np.minimum.reduceat(side[rows[1]], rows[0][:-1]) < 0)
     offsets, nodes = rows_in_order(*rows, parents)
     kept = side[nodes] <= 0

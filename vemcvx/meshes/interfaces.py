@@ -82,15 +82,14 @@ def check_interfaces(
 
 
 def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimension: int) -> bool:
-    """Return True if both arrays have valid nodes in the same places, in space with -1 only at the ends of rows."""
-    kinds = {edges.dtype.kind, partners.dtype.kind}
-    if edges.shape != partners.shape or edges.ndim != 2 or not len(edges) or not kinds <= {"i", "u"}:
+    """Return True if both arrays have valid nodes in the same places; in space, -1 fills rows."""
+    if {edges.dtype.kind, partners.dtype.kind} - {"i", "u"} or edges.shape != partners.shape or edges.ndim != 2:
         return False
-    if edges.shape[1] < dimension or (dimension == 2 and edges.shape[1] > 2):
+    if not len(edges) or edges.shape[1] < dimension or (dimension == 2 and edges.shape[1] > 2):
         return False
-    filled, rows = edges >= 0, np.stack([edges, partners])
-    whole = filled[:, :dimension].all() and (filled[:, 1:] <= filled[:, :-1]).all()
-    return bool(whole and ((rows >= -1) & (rows < n_nodes) & ((rows >= 0) == filled)).all())
+    rows = np.stack([edges, partners])
+    are_known = (rows >= -1) & (rows < n_nodes) & ((rows < 0) == (edges < 0))
+    return bool(are_known.all() and (edges[:, :dimension] >= 0).all())
 
 
 def pad_rows(offsets: Ints, flat: Ints) -> Ints:
@@ -110,10 +109,9 @@ def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, In
     shared = np.bincount(place)[place] > 1
     sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, sides)
-    number = same_rows(rows, place[nodes])[1]
-    order = np.argsort(number, kind="stable")
-    again = np.flatnonzero(np.diff(number[order]) == 0)
-    one, other = (rows_in_order(rows, nodes, sides) for sides in (order[again], order[again + 1]))
+    first, number = same_rows(rows, place[nodes])
+    again = np.flatnonzero(first[number] != np.arange(len(number)))
+    one, other = (rows_in_order(rows, nodes, sides) for sides in (first[number[again]], again))
     return pad_rows(*one), pad_rows(one[0], partners_of(one, other, place))
 
 
@@ -153,8 +151,7 @@ def on_boundary(
         rows = offsets_of(there.sum(axis=1))
         new = [interface.edges[there], interface.partners[there]]
         nodes, partners = new if node_map is None else [node_map[side] for side in new]
-        both = np.concatenate([rows, rows[-1] + rows[1:]]), np.concatenate([nodes, partners])
-        number, beside = np.split(matching_rows(offsets, vertices, *both), 2)
+        number, beside = (matching_rows(offsets, vertices, rows, side) for side in (nodes, partners))
         side, how = "a face", "Give faces of the first body by their vertices"
         if there.shape[1] == 2:
             side, how = "an edge", "The edges of the first body run counter-clockwise about it"

@@ -26,12 +26,7 @@ import numpy as np
 from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
-from vemcvx.meshes.carrying import (
-    Refinement,
-    check_lengths,
-    inherit_parts,
-    middle_places,
-)
+from vemcvx.meshes.carrying import Refinement, check_lengths, inherit_parts, middle_places
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
@@ -102,10 +97,7 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
-    """Return the lengths of edges, the angles of left turns at corners, and a mask of bends, (n_corners,) each.
-
-    The outline counts as straight if the sine of its turn is at most `SINGLE_EPS`, or can be due to rounding.
-    """
+    """Return the lengths of edges, the angles of left turns at corners, and a mask of bends, (n_corners,) each."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -139,10 +131,7 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
 
 
 def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
-    """Return a mask of the corners that remain if each run of short sides counts as one side, or a long run as several.
-
-    If the turns in a short run and at its ends nearly cancel, the run becomes part of a longer side.
-    """
+    """Return a mask of the corners that remain after runs of short sides are joined (see the head of this module)."""
     new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
     run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
     total = np.add.reduceat(sides.lengths, begin)[run]

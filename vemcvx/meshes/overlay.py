@@ -39,12 +39,9 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0
-"""1 / sin(15 degrees), rounded up."""
-COVERAGE_TOLERANCE = 1e-3
-"""Relative difference allowed between the area of a face and the sum of its pieces after slivers are dropped."""
-Rows = tuple[Ints, Ints]
-"""Offsets and entries of rows."""
+CORNER_FACTOR = 4.0  # 1 / sin(15 degrees), rounded up
+COVERAGE_TOLERANCE = 1e-3  # relative difference between the area of a face and that of its pieces without slivers
+Rows = tuple[Ints, Ints]  # offsets and entries of rows
 
 
 def overlay_tilings(

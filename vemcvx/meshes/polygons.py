@@ -157,10 +157,9 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 
 
 def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
-    """Insert nodes on some edges of outlines; return offsets and vertices.
+    """Return offsets and vertices of outlines with more nodes on some edges.
 
-    The edge k, from ``ends[k, 0]`` to ``ends[k, 1]``, gets the nodes ``nodes[rows[k]:rows[k + 1]]`` in this order. An
-    outline may run along the edge in either direction.
+    An edge from ``ends[k, 0]`` to ``ends[k, 1]`` gets row k of `nodes`; outlines may run along it in either direction.
     """
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
@@ -219,8 +218,7 @@ def smallest_linked(pairs: Ints, count: int) -> Ints:
     return np.unique(label, return_index=True)[1][label]
 
 
-TOLERANCE = 4.0 * np.finfo(float).eps
-"""Rounding of coordinates relative to their size."""
+TOLERANCE = 4.0 * np.finfo(float).eps  # rounding of coordinates relative to their size
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -239,14 +237,12 @@ def rounding(*points: Floats) -> Floats:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, of boxes (m, d) that meet: [low_i, high_i] and [tree_low_j, tree_high_j].
-
-    A search tree finds the pairs that meet in the two coordinates in which its boxes together extend farthest.
-    """
+    """Return pairs (i, j), sorted by i, of boxes (m, d) that meet: [low_i, high_i] and [tree_low_j, tree_high_j]."""
     import shapely
 
     if not len(low) or not len(tree_low):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    # the two coordinates in which the boxes of the tree extend farthest
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
     boxes = shapely.box(tree_low[:, u], tree_low[:, v], tree_high[:, u], tree_high[:, v])
     i, j = shapely.STRtree(boxes).query(shapely.box(low[:, u], low[:, v], high[:, u], high[:, v]))
@@ -352,7 +348,7 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     return np.sqrt(squared)
 
 
-# Barycentric coordinates of the three-point rule of degree 2 with interior points; its weights are equal.
+# Barycentric coordinates of the three-point rule of degree 2 with equal weights.
 DEGREE_2_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 # Barycentric coordinates of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5, and their weights with
 # sum 1: the centroid with 9/40; for r = -+ sqrt 15 the points (s, s, 1 - 2s), s = (6 + r) / 21, with (155 + r) / 1200.
@@ -383,10 +379,7 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
 
 
 def split_at_vertices(corners: Floats) -> Ints:
-    """Split simple polygons (c, n, 2) into counter-clockwise triangles: return their corners (c, n - 2, 3).
-
-    Vertices on straight sides are corners, too.
-    """
+    """Split simple polygons (c, n, 2) into counter-clockwise triangles: return their corners (c, n - 2, 3)."""
     c, n, _ = corners.shape
     number = np.tile(np.arange(n), c)  # third coordinates, which identify the corners of the triangles
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))

@@ -42,10 +42,8 @@ from vemcvx.meshes.polyhedra import FaceShapes, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
-NARROW_BETWEEN_BODIES = 1e-3
-"""Smallest width of a gap, relative to the smallest height of a cell; rounding in files makes narrower gaps."""
-FACING_COSINE = -0.5
-"""Largest cosine between the outward normals of two faces that count as facing each other."""
+NARROW_BETWEEN_BODIES = 1e-3  # smallest width of a gap, relative to the smallest height of a cell
+FACING_COSINE = -0.5  # largest cosine between the outward normals of two faces that face each other
 BODY = "body"
 RESERVED_CHARACTERS = (".", "|")
 
@@ -297,7 +295,7 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
 
 
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError if bodies overlap, touch in nodes only, or leave a narrow gap or a pocket.
+    """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket.
 
     No unshared node, no point just outside such a node, and no point just below a face may be inside another body.
     """

@@ -44,10 +44,7 @@ class CheckedMesh(NamedTuple):
 
 
 def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> CheckedMesh:
-    """Return points, offsets and vertices of a `PolygonMesh`, or raise MeshError.
-
-    Only nodes at interfaces may coincide. They count as one node when the tiling is checked.
-    """
+    """Return points, offsets and vertices of a `PolygonMesh`, or raise MeshError; nodes coincide at interfaces only."""
     points = check_points(points)
     offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), CELL)
     if len(offsets) < 2:

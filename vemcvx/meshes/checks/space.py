@@ -32,10 +32,7 @@ from vemcvx.meshes.polyhedra import FaceLists, Faces, FaceShapes
 def check_polyhedral_mesh(
     points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
 ) -> plane.CheckedMesh:
-    """Return points and `Faces` of a `PolyhedralMesh`, or raise MeshError.
-
-    Only nodes at interfaces may coincide. They count as one node when the tiling is checked.
-    """
+    """Return points and `Faces` of a `PolyhedralMesh`, or raise MeshError; only nodes at interfaces may coincide."""
     points = plane.check_points(points, 3)
     listed = cells if isinstance(cells, FaceLists) else _list_faces(cells)
     _check_lists(listed, len(points))
@@ -245,8 +242,8 @@ def find_touching_faces(
     return np.stack([one[over], other[over]])
 
 
+# frame whose third axis is the direction of rays; no mesh is likely to be aligned with it
 RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
-"""Frame whose third axis is the direction of rays; no mesh is likely to be aligned with it."""
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:

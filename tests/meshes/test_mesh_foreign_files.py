@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import struct
 import warnings
 from pathlib import Path
 
@@ -311,16 +310,10 @@ def test_groups_of_gmsh_become_boundaries_and_cell_data(read_text, capfd):
         read_text(".msh", GMSH.replace("$Nodes", "$PartitionedEntities\n$EndPartitionedEntities\n$Nodes"))
 
 
-def test_a_cell_in_two_groups_is_one_cell(read_text):
+def test_a_cell_in_two_groups_is_one_cell():
     """Read a file of version 2, which repeats a cell for each of its groups; one node belongs to no cell."""
-    nodes = "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n9 7 7 7\n"
-    cells = (
-        "1 2 2 1 1 1 3 2\n2 2 2 5 2 1 2 4\n3 2 2 1 1 2 3 4\n4 4 2 7 1 1 2 3 4\n6 4 2 8 1 1 2 3 4\n5 4 2 8 1 5 2 3 4\n"
-    )
-    text = '$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 "floor"\n3 7 "steel"\n$EndPhysicalNames\n'
-    text += f"$Nodes\n6\n{nodes}$EndNodes\n$Elements\n6\n{cells}$EndElements\n"
     with pytest.warns(vx.MeshWarning) as caught:
-        mesh = read_text(".msh", text)
+        mesh = read(FILES / "groups_22.msh")
     messages = " ".join(str(one.message) for one in caught)
     assert "1 of 2 polygons named 'floor' are not on the boundary and are left out" in messages
     assert "1 of 6 nodes belong to no cell" in messages
@@ -330,7 +323,7 @@ def test_a_cell_in_two_groups_is_one_cell(read_text):
     assert mesh.cell_data["8"].tolist() == [1, 1]
     assert mesh.volumes.tolist() == pytest.approx([1 / 6, 1 / 3])
     with pytest.raises(vx.MeshError, match="'steel' with 1 cells, '8' with 2 cells; 0 .*, 1 in several"):
-        read_text(".msh", text, bodies="physical")
+        read(FILES / "groups_22.msh", bodies="physical")
 
 
 @pytest.mark.parametrize("version", ["2.2", "4.0", "4.1"])
@@ -344,36 +337,10 @@ def test_binary_files_of_gmsh_keep_cell_data(version, tmp_path):
     assert read(tmp_path / "mesh.msh").cell_data["a"].tolist() == [0, 1]
 
 
-def describe_entity(words):
-    """Return the binary format of a point, or of a curve or surface with its groups and its boundary."""
-    count = int(words[7]) if len(words) > 5 else 0
-    return "i3dQ" if len(words) == 5 else f"i6dQ{count}iQ{len(words) - 9 - count}i"
-
-
-LAYOUT = {
-    "Entities": lambda k, words: describe_entity(words) if k else "4Q",
-    "Nodes": lambda k, words: {0: "4Q", 1: "3iQ"}.get(k, "Q" if len(words) == 1 else "3d"),
-    "Elements": lambda k, words: "3iQ" if k % 2 else f"{len(words)}Q",
-}
-"""Section -> format of its line k; every block of elements has one element."""
-
-
-def test_binary_files_of_gmsh_keep_groups_and_curves(tmp_path):
-    """Write the sections of `GMSH` in the binary layout of version 4.1, number by number."""
-    data = GMSH.encode()
-    text = b"$MeshFormat\n4.1 1 8\n\x01\0\0\0\n$EndMeshFormat\n" + data[data.index(b"$Phys") : data.index(b"$Ent")]
-    for part, layout in LAYOUT.items():
-        text += f"${part}\n".encode()
-        for k, line in enumerate(GMSH.split(f"${part}\n")[1].split("$End")[0].splitlines()):
-            kinds = re.sub(r"(\d+)(\w)", lambda one: int(one[1]) * one[2], layout(k, line.split()))
-            numbers = [
-                float(word) if kind == "d" else int(word) for kind, word in zip(kinds, line.split(), strict=True)
-            ]
-            text += struct.pack(f"={kinds}", *numbers)
-        text += f"\n$End{part}\n".encode()
-    (tmp_path / "mesh.msh").write_bytes(text)
+def test_binary_files_of_gmsh_keep_groups_and_curves():
+    """Read the binary form of `GMSH`."""
     with pytest.warns(vx.MeshWarning, match="named '7' are not on the boundary"):
-        mesh = read(tmp_path / "mesh.msh")
+        mesh = read(FILES / "groups_41_binary.msh")
     assert mesh.cell_data["steel"].tolist() == [1, 0]
     assert mesh.cell_data["all of it"].tolist() == [1, 1]
     assert set(mesh.boundaries) == {"floor", "9", "boundary"}
@@ -434,12 +401,11 @@ def test_lines_to_missing_nodes_are_left_out_with_a_warning(tmp_path):
     assert mesh.boundaries["floor"].tolist() == [[0, 1]]
 
 
-@pytest.mark.parametrize("compression", ["zlib", "lzma", None])
-@pytest.mark.parametrize("binary", [True, False])
-def test_vtu_files_of_meshio_may_be_text_binary_or_compressed(binary, compression, tmp_path):
-    mesh = vx.meshes.hexagons(3).with_cell_data("a", np.arange(len(vx.meshes.hexagons(3).cells)))
-    options = {"compression": compression} if binary else {}
-    mesh.to("meshio").write(tmp_path / "mesh.vtu", binary=binary, **options)
+@pytest.mark.parametrize("options", [{"binary": False}, *({"compression": one} for one in ("zlib", "lzma", None))])
+def test_vtu_files_of_meshio_may_be_text_binary_or_compressed(options, tmp_path):
+    mesh = vx.meshes.hexagons(3)
+    mesh = mesh.with_cell_data("a", np.arange(mesh.n_cells))
+    mesh.to("meshio").write(tmp_path / "mesh.vtu", **options)
     back = read(tmp_path / "mesh.vtu")
     np.testing.assert_array_equal(back.vertices, mesh.vertices)
     np.testing.assert_array_equal(back.cell_data["a"], mesh.cell_data["a"])

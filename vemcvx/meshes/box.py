@@ -26,7 +26,6 @@ from vemcvx.base.errors import MeshError
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]
-Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
 SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 AXES = "xyz"
@@ -158,11 +157,10 @@ def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list
     return [length / size for length in lengths]
 
 
-def check_total(cells: Number) -> Number:
-    """Return the number of cells, or raise MeshError if it is above `MOST_CELLS`, as after a typing error."""
+def check_total(cells: float) -> None:
+    """Raise MeshError if there are more than `MOST_CELLS` cells, as after a typing error."""
     if cells > MOST_CELLS:
         raise MeshError(f"the mesh would have {cells:.3g} cells; at most {MOST_CELLS:g} are allowed. Ask for fewer.")
-    return cells
 
 
 def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:

@@ -15,9 +15,9 @@ $$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward 
 If K is convex, rho_K is the radius of the largest inscribed circle (sphere). If K is not star-shaped, rho_K is
 negative, and star is set to 0. HiGHS solves this linear program for thousands of cells at once.
 
-By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. On cells
-stretched by a factor, S / a_mu is off by about this factor. A short edge lowers the least ratio like 1 / |log edge|
-(problems/stabilisation_spectrum.py).
+By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. The more
+a cell is stretched, the more S / a_mu differs from 1: by about the aspect ratio. A short edge lowers the least ratio
+like 1 / |log edge| (problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return, for each named side wholly on interfaces, the boundary positions of the pieces of first bodies there.
+    """Return the named sides that lie wholly on interfaces: name -> boundary positions of pieces of first bodies.
 
     `origin` has the original edge or face of each piece of the boundary; `sides` has the names in the file.
     """

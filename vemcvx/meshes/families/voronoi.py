@@ -21,6 +21,7 @@ import numpy as np
 from vemcvx.base.arrays import SAME, SINGLE_EPS, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
+    MOST_CELLS,
     UNIT_BOX,
     UNIT_CUBE,
     Box,
@@ -31,7 +32,6 @@ from vemcvx.meshes.box import (
     cell_counts,
     check_box,
     check_fraction,
-    check_total,
     check_whole,
     move_into_box,
 )
@@ -86,9 +86,8 @@ def voronoi(
     20
     """
     rectangle = check_box(box)
-    nx, ny = cell_counts(n, rectangle, size) if cells is None else (check_total(check_whole("cells", cells)), 1)
-    count = nx * ny
-    relaxations = check_whole("relaxations", relaxations, 0, 10_000)
+    counts = cell_counts(n, rectangle, size) if cells is None else (check_whole("cells", cells, most=MOST_CELLS),)
+    count = math.prod(counts)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     sides = np.array(rectangle.lengths) / (np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1]))
     points, (offsets, vertices) = _relax(seed, count, sides, relaxations, _polygons)
@@ -135,9 +134,8 @@ def voronoi3(
     20
     """
     whole = check_box(box, 3)
-    counts = cell_counts(n, whole, size) if cells is None else (check_total(check_whole("cells", cells)),)
+    counts = cell_counts(n, whole, size) if cells is None else (check_whole("cells", cells, most=MOST_CELLS),)
     count = math.prod(counts)
-    relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     lengths = np.array(whole.lengths)
     sides = lengths * (count / np.prod(lengths / lengths.max())) ** (1.0 / 3.0) / lengths.max()
     return _solid(*_relax(seed, count, sides, relaxations, _polyhedra), sides, whole)
@@ -192,7 +190,7 @@ def _relax(
 ) -> tuple[Floats, Cells]:
     """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
-    for _ in range(relaxations + 1):
+    for _ in range(check_whole("relaxations", relaxations, 0, 10_000) + 1):
         # if seeds are few, mirror all: with only the nearest images they might lie on one line, without triangulation
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:

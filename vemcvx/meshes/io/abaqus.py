@@ -8,6 +8,7 @@ read once. Sets of the same name in several parts are joined; element sets are a
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
@@ -57,8 +58,8 @@ def read_abaqus(path: Path) -> Grid:
     grid.nodes = {name: np.isin(np.arange(len(points)), nodes) for name, nodes in deck.sets["NSET"].items()}
     for name, sides in deck.sides.items():
         grid.parts[name] = offsets_of(np.array([len(side) for side in sides], dtype=np.int64)), np.concatenate(sides)
-    known = {} if deck.numbers.get("", {}).get("ELSET") else deck.numbers
-    own = {name: np.isin(every, list(numbers["ELSET"].values())) for name, numbers in known.items() if name}
+    instances = [] if deck.numbers["", "ELSET"] else list(dict.fromkeys(name for name, _ in deck.numbers if name))
+    own = {name: np.isin(every, list(deck.numbers[name, "ELSET"].values())) for name in instances}
     grid.bodies = tuple(own or _largest(grid) or grid.sets)
     joined = {name: x for name, x in grid.sets.items() if sum((x & one).any() for one in own.values()) > 1}
     grid.sets |= own | {
@@ -85,8 +86,8 @@ class _Deck:
     points: list[list[float]] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
     rows: list[list[int]] = field(default_factory=list)  # positions of the nodes of the elements
-    numbers: dict[str, dict[str, dict[int, int]]] = field(default_factory=dict)
-    """Instance ("" if none) -> "NSET" or "ELSET" -> number of the node or element in the file -> its position."""
+    numbers: defaultdict[tuple[str, str], dict[int, int]] = field(default_factory=lambda: defaultdict(dict))
+    """Instance ("" if none), and "NSET" or "ELSET" -> number of the node or element in the file -> its position."""
     sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
     sides: dict[str, list[list[int]]] = field(default_factory=dict)  # surface -> positions of the nodes of its sides
     parts: dict[str, list[Block]] = field(default_factory=dict)
@@ -128,12 +129,8 @@ class _Deck:
         for block in self.parts.get(part, []):
             self.take(*block)
 
-    def _numbers_of(self, kind: str, instance: str = "") -> dict[int, int]:
-        """Return the positions of the nodes or elements of an instance by number; by default, the current instance."""
-        return self.numbers.setdefault(instance or self.scope, {"NSET": {}, "ELSET": {}})[kind]
-
     def _take_nodes(self, options: Mapping[str, str], rows: list[list[str]]) -> None:
-        known, places = self._numbers_of("NSET"), list[int]()
+        known, places = self.numbers[self.scope, "NSET"], list[int]()
         x = np.array([[_real(one) for one in (*row, "", "", "")[1:4]] for row in rows], dtype=float).reshape(-1, 3)
         for move in self.moves:
             x = x + move if len(move) == 3 else _rotate(x, np.array(move))
@@ -153,7 +150,7 @@ class _Deck:
         count = int(kind.strip(ascii_letters) or NODES[kind])
         if len(words) % (count + 1):
             raise MeshError(f"its elements of the type {given} do not all have {count} nodes.")
-        known, nodes, places = self._numbers_of("ELSET"), self._numbers_of("NSET"), list[int]()
+        (known, nodes), places = (self.numbers[self.scope, what] for what in ("ELSET", "NSET")), list[int]()
         for number, *row in np.array(words, dtype=np.int64).reshape(-1, count + 1).tolist():
             if lost := [node for node in row if node not in nodes]:
                 raise MeshError(f"its element {number} has the node {lost[0]}, which does not exist.")
@@ -175,7 +172,7 @@ class _Deck:
         if kind == "NSET" and "ELSET" in options:
             self.unread.append(f"the node set {self.spell(name)} of an element set")
         elif "GENERATE" in options:
-            known = self._numbers_of(kind, instance)
+            known = self.numbers[instance or self.scope, kind]
             for row in rows:
                 first, last, step = (int(one or 1) for one in (*row, "", "")[:3])
                 chosen = [n for n in known if first <= n <= last and (n - first) % (step or 1) == 0]
@@ -188,7 +185,7 @@ class _Deck:
         """Return the nodes or elements that `word`, a number or the name of a set, adds to a set or surface `name`."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
-        known = self._numbers_of(kind, instance)
+        known = self.numbers[instance, kind]
         if of.isdigit():
             if kind == "NSET" and int(of) not in known:  # missing elements have unread types: `unread` lists these
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")

@@ -252,12 +252,12 @@ def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
         for side, (offsets, nodes) in grid.parts.items():
             rows = np.flatnonzero(np.logical_and.reduceat(own[nodes], offsets[:-1]))
             if len(rows):
-                parts[side] = offsets_of(np.diff(offsets)[rows]), number[rows_in_order(offsets, nodes, rows)[1]]
+                kept, corners = rows_in_order(offsets, nodes, rows)
+                parts[side] = kept, number[corners]
         part.data.pop(PHYSICAL, None)
         part.points, part.vertices, part.parts = grid.points[own], number[part.vertices], parts
         part.nodes = {side: chosen[own] for side, chosen in grid.nodes.items() if chosen[own].any()}
-        lines = np.isin(part.kinds, (*POLYGONS, "line")) if grid.solid else part.kinds == "line"
-        part.sets = {key: x & lines if key in grid.bodies else x for key, x in part.sets.items()}
+        part.sets = {key: x & ~part.bounding[0] if key in grid.bodies else x for key, x in part.sets.items()}
         part.notes = ()
         found_grids[name] = part
     return found_grids

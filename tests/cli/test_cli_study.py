@@ -16,9 +16,7 @@ from vemcvx.cli.problem_file import read_problem, split_values
 from vemcvx.cost import study
 
 PAD = '''"""A pad."""
-import numpy as np
-import vemcvx as vx
-
+import numpy as np, vemcvx as vx
 def scene(friction=0.3, push=(0.1, -0.02), kind="hard"):
     if kind == "gone":
         raise SystemExit(1)
@@ -26,13 +24,10 @@ def scene(friction=0.3, push=(0.1, -0.02), kind="hard"):
     plate = lambda x, t: np.tile(np.array(push) * (t, 1.0), (len(x), 1))
     contact = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(friction, on="bottom")
     return vx.Scene(vx.Elasticity(young, 0.3), vx.PrescribedDisplacement(plate, on="top"), *contact)
-
 def mesh(n, family="squares"):
     return vx.meshes.FAMILIES[family](n, box=((0.0, 2.0), (0.0, 1.0)))
-
 def times(steps):
     return np.linspace(0.0, 1.0, steps + 1)
-
 initial = "settled"
 '''
 

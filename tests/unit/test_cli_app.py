@@ -29,30 +29,15 @@ FigureCanvasAgg = pytest.importorskip(
 ).FigureCanvasAgg
 PNG = "data:image/png;base64,"
 OWN_FILE = '''"""A plate pressed by <its own> file."""
-
-import numpy as np
-
-import vemcvx as vx
-
-
+import numpy as np, vemcvx as vx
 def scene(young=10.0, count=3, poisson=0.25, depth=0.0, word="x"):
-    def press(x, t):
-        return np.tile([0.02 * t, -0.01], (len(x), 1))
-
+    press = vx.PrescribedDisplacement(lambda x, t: np.tile([0.02 * t, -0.01], (len(x), 1)), on="top")
     kinds = (vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
-    return vx.Scene(
-        vx.Elasticity(young=young, poisson=poisson), vx.PrescribedDisplacement(press, on="top"), *kinds[:{kinds}]
-    )
-
-
+    return vx.Scene(vx.Elasticity(young=young, poisson=poisson), press, *kinds[:{kinds}])
 def mesh(n, family="triangles"):
     return vx.meshes.FAMILIES[family](n)
-
-
 def times(steps):
     return np.linspace(0.0, 1.0, steps + 1)
-
-
 initial = "settled"
 UNITS = {{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}}
 '''

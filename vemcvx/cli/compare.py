@@ -27,7 +27,7 @@ import numpy as np
 import typer
 
 from vemcvx.base.arrays import Floats
-from vemcvx.base.errors import NotAccepted, NotCertified, ProblemError, SceneError, VemcvxError
+from vemcvx.base.errors import NotAccepted, NotCertified, SceneError, VemcvxError
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
@@ -198,7 +198,8 @@ class Compare:
     accuracy: Accuracy = None
     options: Options = NONE
     time_limit: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Time limit of each solver, which runs in its own process.")
+        float | None,
+        typer.Option(min=0.01, metavar="SECONDS", help="Time limit of each solver, which runs in its own process."),
     ] = None
     json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all numbers to this file.")] = None
     csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table to this file.")] = None
@@ -206,8 +207,6 @@ class Compare:
 
     def __call__(self) -> None:
         """Solve a problem by several solvers, and compare their answers and certificates."""
-        if self.time_limit is not None and not self.time_limit > 0:
-            raise ProblemError(f"--time-limit: found {self.time_limit:g}; wanted seconds, more than zero.")
         for option, path in (("--json", self.json), ("--csv", self.csv)):
             if path is not None:
                 check_writable(path, option)

@@ -22,7 +22,8 @@ from vemcvx.base.version import __version__
 from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
 from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import make_solver
-from vemcvx.cli.terminal import parse_list, progress_bar, say
+from vemcvx.cli.terminal import FRACTIONS, fraction, parse_list, progress_bar, say
+from vemcvx.cost.study import reserve_files
 from vemcvx.cost.sweeping import JOURNAL, Point, Sweep, sweep
 from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, reachable_levels, table
 from vemcvx.cost.workers import DONE
@@ -91,17 +92,14 @@ class Cost:
         choice(self.of, "--of", "quantity", list(QUANTITIES), ProblemError)
         usual = SPACE_TARGETS if problem.in_space() else DEFAULT_TARGETS
         typed = self.target or (usual if self.n is None else None)
-        targets = sorted(parse_list("--target", typed, _fraction, FRACTIONS), reverse=True) if typed else []
+        targets = sorted(parse_list("--target", typed, fraction, FRACTIONS), reverse=True) if typed else []
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
         posed = recipe(points[-1])  # A problem that cannot be posed is one error here, instead of one at every point.
         if self.of == "energy" and posed.scene.is_axisymmetric:
             raise ProblemError("cost: found a body of revolution; choose --of dissipated, --of work or --of wear.")
-        with Owned(folder) as own:
-            # Fail before the sweep starts if the files cannot be written.
-            for name in (TABLE, PICTURE):
-                own.take(name)
+        reserve_files(folder, TABLE, PICTURE)
         # The hash does not include files that the problem file imports.
         words = [__version__.encode(), path.read_bytes(), *map(os.fsencode, self.settings)]
         mark = hashlib.sha256(b"\0".join(words)).hexdigest()
@@ -122,7 +120,7 @@ class Cost:
         solvers = ("newton",) if self.solver is None else parse_list("--solver", self.solver, str, ONE_OR_MORE)
         for solver in solvers:
             make_solver(solver, None)
-        accuracies = (1e-8,) if self.accuracy is None else parse_list("--accuracy", self.accuracy, _fraction, FRACTIONS)
+        accuracies = (1e-8,) if self.accuracy is None else parse_list("--accuracy", self.accuracy, fraction, FRACTIONS)
         found = [Point(*one) for one in product(kinds, ns, steps, solvers, accuracies)]
         if self.solver is None and self.accuracy is None:
             where = sorted(ns)[1:-1:2] or ns[:1]
@@ -147,19 +145,12 @@ class Cost:
 
 ONE_OR_MORE = "one or more, separated by commas"
 WHOLE = "whole numbers from 1, such as 8,16,32"
-FRACTIONS = "relative errors between 0 and 1, such as 0.05,0.01"
 
 
 def _whole(word: str) -> int:
     if int(word) < 1:
         raise ValueError
     return int(word)
-
-
-def _fraction(word: str) -> float:
-    if not 0 < float(word) < 1:
-        raise ValueError
-    return float(word)
 
 
 def _describe_reference(found: Sweep) -> list[str]:

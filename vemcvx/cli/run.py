@@ -156,7 +156,7 @@ class Run:
         if self.plot:
             new_figure()
         if self.plot or self.out:
-            study.reserve_files(drawings)
+            study.reserve_files(drawings, study.TABLE, study.WORDS, study.PICTURE)
         folders = [self.out and self.out / name for name in study.folder_names(several)]
         runs = [
             replace(self, settings=list(each), out=out, plot=False) for each, out in zip(several, folders, strict=True)

@@ -46,6 +46,16 @@ def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -
     return parts
 
 
+FRACTIONS = "relative errors between 0 and 1, such as 0.05,0.01"
+
+
+def fraction(word: str) -> float:
+    """Return a number between 0 and 1; raise ValueError for any other word."""
+    if not 0 < float(word) < 1:
+        raise ValueError
+    return float(word)
+
+
 def check_writable(path: Path, option: str) -> None:
     """Fail before the work starts if the file cannot be written."""
     if path.is_dir() or not path.parent.is_dir():

@@ -78,10 +78,10 @@ def remarks(rows: Sequence[Row]) -> Iterator[str]:
         yield f"{kind:11s} {'all runs' if len(runs) == len(rows) else '; '.join(runs)}: {words}"
 
 
-def reserve_files(folder: Path) -> None:
+def reserve_files(folder: Path, *names: str) -> None:
     """Fail before the work starts if the files cannot be written."""
     with Owned(folder) as own:
-        for name in (TABLE, WORDS, PICTURE):
+        for name in names:
             own.take(name)
 
 

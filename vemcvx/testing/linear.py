@@ -48,8 +48,8 @@ def _factor(linear: LinearSolver) -> tuple[sp.csr_matrix, Factor]:
     return system.K, linear.factorise(system.K, system.near_kernel)
 
 
-def _random(n: int, *columns: int) -> Floats:
-    return np.random.default_rng(n).normal(size=(n, *columns))
+def _random(*shape: int) -> Floats:
+    return np.random.default_rng(shape[0]).normal(size=shape)
 
 
 def solves(linear: LinearSolver) -> None:

@@ -50,7 +50,7 @@ from vemcvx.cli.collection.writing import INFEASIBLE, MANIFEST, UNBOUNDED
 from vemcvx.cli.doctor import version_of
 from vemcvx.cli.options import solver_names
 from vemcvx.cli.solver_names import make_solver
-from vemcvx.cli.terminal import parse_list, progress_bar, say
+from vemcvx.cli.terminal import FRACTIONS, fraction, parse_list, progress_bar, say
 from vemcvx.cost.workers import use_one_thread
 from vemcvx.exchange import sequence_from_npz
 from vemcvx.plots.style import SERIES
@@ -106,7 +106,7 @@ class Benchmark:
             help="Names of solvers, or FILE.py:CLASS for your own. (default: none; only show stored results)",
         ),
     ] = None
-    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="Time limit of one trial.")] = 60.0
+    time_limit: Annotated[float, typer.Option(min=0.01, metavar="SECONDS", help="Time limit of one trial.")] = 60.0
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="Tolerances of the solvers.", show_default="1e-1,1e-2,...,1e-15")
     ] = ",".join(f"1e-{k}" for k in range(1, 16))
@@ -117,12 +117,8 @@ class Benchmark:
 
     def __call__(self) -> None:
         """Compare solvers on a collection at equal true accuracy: sweep tolerances, write a table and a picture."""
-        if not self.time_limit > 0:
-            raise ProblemError(f"--time-limit: found {self.time_limit:g}; wanted seconds, more than zero.")
         instances = read_instances(self.folder, self.only)
-        tolerances = parse_list("--tolerances", self.tolerances, float, "numbers such as 1e-3,1e-6,1e-9")
-        if not all(0 < one < 1 for one in tolerances):
-            raise ProblemError(f"--tolerances: found {self.tolerances}; wanted numbers between 0 and 1.")
+        tolerances = parse_list("--tolerances", self.tolerances, fraction, FRACTIONS)
         names = () if self.solvers is None else parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
         out = self.out or self.folder / "benchmark"
         entrants = {name: Entrant(name) for name in names}

@@ -185,9 +185,8 @@ class Elasticity(_Elastic):
         (simplices, others), fraction = space.simplices
         # Linear triangles lock: at nu = .49 their error is twice the error of polygons.
         if self._plane != "stress" and fraction > 0.5:
-            largest = self._read(
-                "poisson", data.InCells(space.mesh, inside=cells_of(space, self.on, "Elasticity"))
-            ).max()
+            inside = cells_of(space, self.on, "Elasticity")
+            largest = self._read("poisson", data.InCells(space.mesh, inside=inside)).max()
             if largest > 0.49:
                 words = f"poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not."
                 warnings.warn(f"Elasticity: {words}", SceneWarning, stacklevel=2)

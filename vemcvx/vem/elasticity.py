@@ -154,11 +154,6 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     (n_u, n_u) csr_matrix
         Force per length in the plane. Zero entries are stored.
 
-    Raises
-    ------
-    SceneError
-        `stabilisation` is of another kind, or its form is not valid.
-
     Examples
     --------
     >>> K = vx.vem.stiffness(vx.vem.Space(vx.meshes.squares(1)), np.array([1.0]), np.array([1.0]))
@@ -263,12 +258,11 @@ def _deviatoric_moduli(C: Floats) -> Floats:
 
 
 def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
-    """Return the consistent part of a_K^h, |K| eps(Pi u)' C eps(Pi v), as local matrices.
+    """Return the consistent part of a_K^h, |K| eps(Pi u)' C eps(Pi v), as local matrices of c cells with n vertices.
 
     Parameters
     ----------
     cells : CellGroup
-        c cells with n vertices.
     C : (c, 3, 3) array, in space (c, 6, 6)
         Elastic matrices, force per area.
 
@@ -448,7 +442,6 @@ def split_motion(mode: Floats) -> tuple[Floats, Floats]:
     Parameters
     ----------
     mode : (3,) array, in space (6,)
-        Coefficients of the columns of :func:`rigid_modes`.
 
     Returns
     -------

@@ -230,8 +230,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
     Returns
     -------
     (n_u, components n_cells) csr_matrix
-        ``matrix @ sigma.ravel()`` is the nodal load of sigma (n_cells, components), in the order of
-        :mod:`vemcvx.vem.tensors`.
+        ``matrix @ sigma.ravel()`` is the nodal load of sigma (n_cells, components).
 
     Examples
     --------
@@ -274,7 +273,6 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
     Returns
     -------
     (n_cells, components) array
-        Components in the order of :mod:`vemcvx.vem.tensors`; shear strains are 2 e_xy and so on.
 
     Examples
     --------

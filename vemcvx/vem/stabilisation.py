@@ -123,7 +123,7 @@ class InRegions(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """Return the stabilisation with the given name; return a given stabilisation unchanged.
+    """Return the stabilisation with the given name, or raise SceneError; return a given stabilisation unchanged.
 
     Parameters
     ----------
@@ -134,11 +134,6 @@ def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation
     Returns
     -------
     Stabilisation
-
-    Raises
-    ------
-    SceneError
-        There is no such stabilisation.
 
     Examples
     --------

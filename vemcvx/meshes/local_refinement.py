@@ -32,7 +32,6 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     cross,
-    first_in_row,
     least_of_each,
     next_corner,
     next_vertex,
@@ -117,7 +116,7 @@ def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
 def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
     """Return the sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
-    order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
+    order = rotation(corner, mesh.offsets)
     for _ in range(2):  # in the second pass, each cell begins with a long side
         first = np.flatnonzero(corner[order])
         lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
@@ -126,7 +125,7 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
         sides = Sides(cell[first], first, order, lengths, long)
         starts_long = np.zeros(len(order), dtype=bool)
         starts_long[first[long]] = True
-        order = order[rotation(mesh.offsets, first_in_row(starts_long, mesh.offsets))]
+        order = order[rotation(starts_long, mesh.offsets)]
     return sides
 
 
@@ -264,7 +263,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]
     nodes = np.insert(mesh.vertices, after, middle[after - 1])
     begin = np.insert(splitting.vertex & marked[cell], after, (splitting.edge & marked[cell])[after - 1])
     offsets = offsets_of(np.diff(mesh.offsets) + np.bincount(cell[after - 1], minlength=mesh.n_cells))
-    order = rotation(offsets, first_in_row(begin, offsets))
+    order = rotation(begin, offsets)
     begin = begin[order]
     begin[offsets[:-1]] = True
     offsets, vertices, parents = _children((offsets, nodes[order]), begin, marked, medial, centre)
@@ -289,7 +288,7 @@ def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -
 def mark_crowded(marked: Bools, mesh: PolygonMesh, splitting: Splitting, edge: Ints) -> Bools:
     """Mark further cells, until no unmarked cell would get a second node between two bends of its outline."""
     marked, cell, bend = marked.copy(), cell_of_corner(mesh.offsets), splitting.bend
-    order = rotation(mesh.offsets, first_in_row(bend, mesh.offsets))
+    order = rotation(bend, mesh.offsets)
     begin = np.flatnonzero(bend[order])
     hanging = np.diff(np.append(begin, len(order))) - 1
     while True:

@@ -99,17 +99,13 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
     return np.where(found < count, found, -1)
 
 
-def first_in_row(flags: Bools, offsets: Ints) -> Ints:
-    """Return the position of the first True in each row, counted from the start of the row; 0 if there is none."""
-    none = len(flags)
+def rotation(flags: Bools, offsets: Ints) -> Ints:
+    """Return positions of all entries with every row rotated so that it begins with its first flag, if it has one."""
+    row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
-    return np.where(first == none, 0, first - offsets[:-1])
-
-
-def rotation(offsets: Ints, first: Ints) -> Ints:
-    """Return positions of all entries with every row rotated so that it begins with its entry number ``first``."""
-    row = cell_of_corner(offsets)
-    return offsets[row] + (np.arange(offsets[-1]) - offsets[row] + first[row]) % np.diff(offsets)[row]
+    first = np.where(first == none, 0, first - offsets[:-1])
+    place = np.arange(none) - offsets[row]
+    return offsets[row] + (place + first[row]) % np.diff(offsets)[row]
 
 
 def backwards(offsets: Ints) -> Ints:
@@ -272,18 +268,16 @@ def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDA
     """
     import shapely
 
-    one = np.stack(shapely.STRtree(second).query(first, predicate="covers"))
-    other = np.stack(shapely.STRtree(first).query(second, predicate="covers"))[::-1]
-    inside = np.zeros(len(first), dtype=bool), np.zeros(len(second), dtype=bool)
-    inside[0][other[0]], inside[1][one[1]] = True, True
-    other = other[:, ~inside[1][other[1]]]
-    i, j = np.flatnonzero(~inside[0]), np.flatnonzero(~inside[1])
-    pairs = np.array([i[:0], j[:0]]) if not (len(i) and len(j)) else shapely.STRtree(second[j]).query(first[i])
-    pairs = np.stack([i[pairs[0]], j[pairs[1]]])
-    shared, pair = shapely.get_parts(shapely.intersection(first[pairs[0]], second[pairs[1]]), return_index=True)
+    tree = shapely.STRtree(second)
+    one, other = (tree.query(first, predicate=predicate) for predicate in ("covers", "covered_by"))
+    i, j = tree.query(first)
+    open_pairs = ~(np.isin(i, other[0]) | np.isin(j, one[1]))
+    i, j = i[open_pairs], j[open_pairs]
+    other = other[:, ~np.isin(other[1], one[1])]
+    shared, pair = shapely.get_parts(shapely.intersection(first[i], second[j]), return_index=True)
     cut = shapely.area(shared) > 0.0
-    found = np.concatenate([one, other, pairs[:, pair[cut]]], axis=1)
-    return found[0], found[1], np.concatenate([second[one[1]], first[other[0]], shared[cut]])
+    i, j = np.concatenate([one, other, np.stack([i, j])[:, pair[cut]]], axis=1)
+    return i, j, np.concatenate([second[one[1]], first[other[0]], shared[cut]])
 
 
 def triangulate(polygons: NDArray[Any]) -> Triangles:

@@ -67,18 +67,6 @@ def test_the_rest_of_a_face_around_a_block_is_split_into_triangles():
 
 
 @pytest.mark.long
-def test_eight_blocks_meet_at_a_point():
-    eight = {
-        f"q{i}{j}{k}": SPACE_FAMILIES[name](2 + (i + j + k) % 3, ((i, i + 1), (j, j + 1), (k, k + 1)), seed=i + j)
-        for (i, j, k), name in zip(itertools.product((0, 1), repeat=3), FAMILIES * 2, strict=False)
-    }
-    mesh = bodies(eight)
-    assert_matched(mesh)
-    assert [measure_part(mesh, name) for name in mesh.interfaces] == pytest.approx([1.0] * 12, abs=1e-9)
-    assert np.isclose(mesh.points, 1.0).all(axis=1).sum() == 8
-
-
-@pytest.mark.long
 def test_three_bodies_meet_along_an_edge():
     """Put a lid across the joint of two blocks."""
     blocks = {"left": SPACE_FAMILIES["tetrahedra"](2), "right": cubes(3, NEXT_DOOR)}

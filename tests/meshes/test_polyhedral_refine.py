@@ -135,18 +135,3 @@ def test_refinement_keeps_interfaces_matched(make):
         for side in before.boundaries:
             assert measure_part(mesh, side) == pytest.approx(measure_part(before, side), rel=1e-12)
     assert len(mesh.interfaces["a|b"].edges) > len(start.interfaces["a|b"].edges)
-
-
-def test_a_crack_is_refined_on_both_sides_and_closed_at_its_tip():
-    mesh = tetrahedra((4, 4, 2), ((0, 1), (0, 1), (0, 0.5)))
-    x, y, _ = mesh.centroids.T
-    mesh = mesh.cut("crack", {"above": (y > 0.5) & (x < 0.5), "below": (y < 0.5) & (x < 0.5)})
-    for _ in range(2):
-        mesh = mesh.refine(np.linalg.norm(mesh.centroids[:, :2] - 0.5, axis=1) < 0.4 * mesh.diameters)
-        check_mesh(mesh)
-    assert measure_part(mesh, "crack") == pytest.approx(0.25, rel=1e-13)
-    pairs = mesh.interfaces["crack"].pairs
-    single = pairs[:, 0] == pairs[:, 1]
-    assert single.any()
-    np.testing.assert_array_equal(mesh.points[pairs[single, 0], 0], 0.5)
-    assert mesh.points[pairs[~single, 0], 0].max() < 0.5

@@ -7,9 +7,6 @@ import warnings
 import numpy as np
 import pytest
 from refined_cubes import refined_cubes
-from scenes import moved
-from scipy.optimize import linprog
-from scipy.spatial import ConvexHull
 
 import vemcvx as vx
 from vemcvx.meshes import PolyhedralMesh
@@ -87,34 +84,6 @@ def test_cells_that_do_not_fit_together_are_refused(offset):
     ):
         points, cells = join(*blocks)
         assert_refused(np.array(points) + offset, cells, subject)
-
-
-@pytest.mark.long
-def test_random_cells_are_refused_only_if_they_overlap():
-    """Compare with a linear program: two convex cells overlap if a ball fits into both."""
-    rng = np.random.default_rng(2)
-    shapes = [vx.meshes.cubes(1), vx.meshes.kelvin(1), vx.meshes.tetrahedra(1)]
-    overlaps = []
-    for _ in range(30):
-        pair = []
-        for mesh in (shapes[k] for k in rng.integers(len(shapes), size=2)):
-            rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-            rotation *= np.linalg.det(rotation) * rng.uniform(0.2, 1.0)
-            pair.append(moved(mesh, rotation, rng.uniform(-0.7, 0.7, size=3) - 0.5 * rotation.sum(axis=1)))
-        outer = [mesh.boundaries["boundary"] for mesh in pair]
-        normals = np.concatenate([mesh.face_normals[faces] for mesh, faces in zip(pair, outer, strict=True)])
-        places = np.concatenate([mesh.face_centroids[faces] for mesh, faces in zip(pair, outer, strict=True)])
-        rows = np.column_stack([normals, np.ones(len(normals))])
-        ball = linprog([0, 0, 0, -1], rows, np.einsum("ij,ij->i", normals, places), bounds=[(None, None)] * 4)
-        overlaps.append(-ball.fun > 0.0)
-        points = np.concatenate([mesh.points for mesh in pair])
-        cells = [[face + k * pair[0].n_nodes for face in cell] for k in (0, 1) for cell in pair[k].cells]
-        if sum(mesh.volumes.sum() for mesh in pair) > ConvexHull(points).volume:
-            assert overlaps[-1]
-            assert_refused(points, cells, "overlap")
-        elif not overlaps[-1]:
-            PolyhedralMesh(points, cells)
-    assert 6 < sum(overlaps) < 24
 
 
 def make_prism(*profile):

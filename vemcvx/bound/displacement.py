@@ -105,9 +105,3 @@ def to_edges(n: int) -> Floats:
     ahead = np.roll(here, -1, axis=1)
     bubble = (middles.reshape(-1, n, 2) - 0.5 * (here + ahead)) / 1.5
     return read_only(np.stack([here + bubble, ahead + bubble], axis=2).reshape(4 * n, 4 * n).T)
-
-
-def edge_forces(fans: Fans, stress: Floats) -> Floats:
-    """Return int tau n phi, (c, 4 n), at both ends of the outer edges, for constant stresses (c, 3)."""
-    half = np.matmul(fans.normals, 0.5 * stress[:, [[0, 2], [2, 1]]])
-    return np.repeat(half[:, :, None], 2, axis=2).reshape(len(stress), 4 * fans.n)

@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, totals
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.displacement import displacement_form, edge_forces, split_outline, to_edges
+from vemcvx.bound.displacement import displacement_form, split_outline, to_edges
 from vemcvx.bound.equilibrium import Equilibrium, assemble, axes_of, edges_of, equilibrium
 from vemcvx.bound.fan import FORCES, Fans, fans_of, gather
 from vemcvx.bound.reading import SAFETY, Reader, Reading
@@ -233,7 +233,9 @@ class Hypercircle:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
             L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
             stress = np.matmul(one.fans.C, strain[:, :, None])[:, :, 0] + prestress[one.fans.cells]
-            even = edge_forces(one.fans, stress)
+            # Both ends of an edge bear half of the force of the constant stress.
+            half = np.matmul(one.fans.normals, 0.5 * stress[:, [[0, 2], [2, 1]]])
+            even = np.repeat(half[:, :, None], 2, axis=2).reshape(-1, n)
             tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([bent @ L.T, f], axis=1)))
             works.append(even @ L + one.fans.apply(one.displacement[:, :n], np.concatenate([bent, f], axis=1)))
         edges = self.equilibrium.edges

@@ -315,7 +315,7 @@ class Boundary:
         return np.asarray(np.clip(along(against, self.edges.tangents), -g, g))
 
     def _pressing(self, now: Instant, compliant: bool) -> _Pressing:
-        """Return the pressure of rigid or of compliant obstacles, from the multipliers."""
+        """Return the pressure of compliant or of rigid obstacles, from the multipliers."""
         obstacles = self.posed.obstacles
         mine = (obstacles.compliance > 0) == compliant
         ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])[..., 0]

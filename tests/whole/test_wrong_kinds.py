@@ -289,6 +289,6 @@ def test_damaged_files_are_read_or_raise_errors_with_a_sentence(kind, count, tmp
 def test_fields_that_are_not_finite_are_not_written(tmp_path, wrong):
     displacement = HISTORY.displacement.copy()
     displacement[1, 3, 0] = wrong
-    with pytest.raises(vx.HistoryError, match="write: the displacement of node 3 in step 1"):
+    with pytest.raises(vx.HistoryError, match="write: found NaN or infinite displacements"):
         replace(HISTORY, displacement=displacement).write(tmp_path / "out")
     assert not (tmp_path / "out").exists()

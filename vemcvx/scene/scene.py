@@ -269,8 +269,12 @@ class Scene:
                     f"Scene: found {brief(effect)}, which is not an effect; give effects as separate arguments, "
                     'such as Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
                 )
-        self.effects = effects
+        self._effects = effects
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
         """The effects, in the order given."""
+        return self._effects
 
     @property
     def canonical(self) -> tuple[Effect, ...]:

@@ -112,11 +112,11 @@ class ProgressLines:
         if now - self.last_line < LINE_INTERVAL:
             return
         self.last_line, elapsed = now, f"{now - self.start:.0f} s"
-        counted = "" if total is None else f" {finished} of {total}"
-        left = ""
+        if total is not None:
+            doing = f"{doing} {finished} of {total}"
         if total is not None and finished > self.first:
-            left = f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
-        say(f"vemcvx: {doing}{counted}, {elapsed}{left}", err=True)
+            elapsed += f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
+        say(f"vemcvx: {doing}, {elapsed}", err=True)
 
 
 @contextmanager

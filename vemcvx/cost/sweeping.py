@@ -2,7 +2,7 @@
 
 The reference u_ref has twice the cells of the finest mesh along every side, and four times the largest number of steps.
 For the solution u and a run u_h, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So
-the error |u_ref - u_h| is right to 3 % if it is four times the error of the reference; smaller errors are less certain.
+the error |u_ref - u_h| is right to 3 % if it is four times the error of the reference.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     if not single:
         raise ProgramError(f"{words}here some weights are capped, or some limit has no weight or several.")
     mu = pairs.data
-    # w and mu p are sums of a few numbers: they differ by rounding errors of max w (2.8 EPS among 10,000 contacts).
+    # w and mu p are sums of a few numbers: they differ by rounding errors of max w.
     w = program.w[pairs.indices]
     other = np.abs(w - mu * program.answer.p) > 64 * EPS * w.max(initial=0.0)
     if other.any():

@@ -104,7 +104,7 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
     Parameters
     ----------
     program : StepProgram
-        For a solved program, the JSON file has the certified optimum, and an NPZ file has the answer, too.
+        For a solved program, the JSON file has the certified optimum, and an NPZ file has the answer.
     path : str or Path
         NAME.npz, NAME.mtx, NAME.cbf, NAME.mps, NAME.qps or NAME.hdf5: see :mod:`vemcvx.exchange.files`.
 

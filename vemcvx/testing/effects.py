@@ -43,7 +43,7 @@ TIMES = np.array([0.0, 0.4, 1.0])
 
 @dataclass(frozen=True)
 class Other:
-    """Another value of a field, with the changes of other fields and the further effects that the value needs.
+    """Another value of a field, with changes and further effects that the value needs.
 
     Parameters
     ----------
@@ -249,7 +249,6 @@ def has_the_slope_of_its_law(sample: EffectSample) -> None:
         for size in (1e-3, 1.0, 1e3) if friction.law is not None and friction.law.slope is not None else ():
             p, step = size * np.linspace(1.0, 2.0, m), 1e-6 * size
             w, ahead = (friction.weights_under(1.0, forces, past, none) for forces in (p, p + step))
-            # Difference quotients are off by 1e-6 if a law bends at forces of this size, and by 1e-10 by rounding.
             off = (ahead - w) / step - friction.slope_under(1.0, p, past)
             assert (np.abs(off) <= 1e-4 * (w / size + np.abs(ahead - w) / step)).all()
 
@@ -352,7 +351,6 @@ def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
 def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
     present, absent = sample.answer(sample.effect, *sample.beside), sample.answer(*sample.instead, *sample.beside)
     scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
-    # The smallest change is 4e-2, by another quadrature rule of friction; rounding is 1e-15.
     assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
 
 

@@ -169,12 +169,12 @@ class Case:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The trajectory of the solver, computed once for all tests."""
+        """The trajectory of the solver, computed once."""
         return self.march()
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """The answers to the two recorded requests, each by a newly prepared solver; computed once for all tests."""
+        """The answers to the two recorded requests, each by a newly prepared solver."""
         return tuple(map(self.answer, record_requests(self.instance)))
 
 
@@ -206,7 +206,7 @@ def record_requests(instance: Instance) -> tuple[Request, Request]:
             seen.append(Request(program, target, lam.copy(), p.copy()))
             return Newton().prepare(program.operators).solve(program, target, lam, p)
 
-    # Without terms, a condensed program has no unknowns for a solver.
+    # Without terms, a condensed program has no unknowns.
     march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
     return seen[0], seen[-1]
 

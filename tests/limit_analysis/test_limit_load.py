@@ -116,7 +116,7 @@ class Pile:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_forces_found_balance_each_body_and_obey_the_laws(seed):
+def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper_bound(seed):
     pile = Pile(seed)
     found, mesh = pile.found, pile.mesh
     assert 0.0 <= found.gap <= GAP * found.factor
@@ -134,15 +134,11 @@ def test_the_forces_found_balance_each_body_and_obey_the_laws(seed):
         assert (pressure >= 0.0).all()
         assert (np.abs(found.friction[nodes, 0]) <= friction * pressure + 1e-11 * pile.size).all()
 
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_motion_found_is_a_mechanism_whose_bound_is_the_upper_one(seed):
-    """The work of friction is computed from the slips and from distances of nodes."""
-    pile = Pile(seed)
-    found, mesh, u = pile.found, pile.mesh, pile.found.motion
-    (x0, x1), (y0, y1) = pile.boxes[pile.pushed]
+    # The motion found is a mechanism. The work of friction is computed from the slips and from distances of nodes.
+    u, floor = found.motion, mesh.points[pile.nodes("a"), 1] == 0.0
+    (x0, _), (y0, y1) = pile.boxes[pile.pushed]
     assert (y1 - y0) * pile.way @ pile.mean_motion(pile.pushed, [(x0, y0), (x0, y1)]) == pytest.approx(1.0, abs=1e-9)
-    low = u[pile.nodes("a")[mesh.points[pile.nodes("a"), 1] == 0.0]]
+    low = u[pile.nodes("a")[floor]]
     (one, other), (below, above) = (mesh.interfaces[name].pairs.T for name in ("a|b", "b|c"))
     middle, high = u[other] - u[one], u[above] - u[below]
     for lifted, friction in ((low, pile.low), (middle, pile.high), (high, 0.0)):

@@ -238,7 +238,7 @@ def sensitivities(
     parameters = read_parameters(theta, "sensitivities: theta")
     if not isinstance(of, (list, tuple)) or not of or not all(isinstance(name, str) for name in of):
         raise SceneError(f"sensitivities: found of = {brief(of)}; wanted a list of names: {FORMS}.")
-    if not isinstance(initial, (type(None), list, tuple, np.ndarray)) and brief(initial) != "'settled'":
+    if not isinstance(initial, (type(None), list, tuple, np.ndarray)) and repr(initial) != "'settled'":
         raise SceneError(f"sensitivities: found initial = {brief(initial)}; there are None, an array and 'settled'.")
     times = check_times(times)
 
@@ -390,8 +390,7 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
         H = sp.csr_matrix((slipping, (np.arange(count), np.arange(count) // block)), shape=(len(x), len(lam)))
         damping = system.damping if n > 0 else None
         memory = sp.csr_matrix((unknowns, unknowns) if damping is None else damping.C / at.k[n])
-        columns = build_columns(delassus, sets, p, law)
-        steps[n] = LinearStep(delassus, *columns, H=H, memory=memory, recalls=recalls)
+        steps[n] = LinearStep(delassus, *build_columns(sets, p, law), H=H, memory=memory, recalls=recalls)
         margin = np.where(sets.w > 0, np.where(sets.stick, sets.w - lengths(lam), sets.along), np.inf).repeat(block)
         margin = np.append(margin, np.where(sets.act, p, -point.off[count:]))
         one_sided[n] = (margin <= errors[n] * np.where(sets.held, force, 1.0)).any()

@@ -127,7 +127,7 @@ class ActiveSetSystem:
     @classmethod
     def assemble(cls, delassus: Delassus, sets: ActiveSets, point: Point, law: Weights) -> ActiveSetSystem:
         """Assemble and factorise the system, with the derivatives of the law at a point."""
-        P, Qt, compliance = build_columns(delassus, sets, delassus.split(point.x)[1], law)
+        P, Qt, compliance = build_columns(sets, delassus.split(point.x)[1], law)
         Q, R, W, count = Qt.T, delassus.R, delassus.W, P.shape[0]
         if isinstance(W, np.ndarray):
             M = build_matrix(W, R, P, Qt, compliance)
@@ -142,9 +142,7 @@ class ActiveSetSystem:
         return cls(sets, P, Q, lambda b: gmres(operator, b, rtol=1e-6, restart=60, maxiter=5)[0] if len(b) else b)
 
 
-def build_columns(
-    delassus: Delassus, sets: ActiveSets, p: Floats, law: Weights
-) -> tuple[sp.csr_matrix, sp.csr_matrix, Floats]:
+def build_columns(sets: ActiveSets, p: Floats, law: Weights) -> tuple[sp.csr_matrix, sp.csr_matrix, Floats]:
     """Return P (k, N), Q' (k, N) and the compliances (k,) of some active sets under limit forces p (r,)."""
     J, slope = law.slopes(p, sets.along)
     P, compliance = _columns(sets, slope)

@@ -1,15 +1,15 @@
 """The program of a step in cvxpy, in the notation of :class:`vemcvx.program.StepProgram`.
 
-    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  s = B d - b,   |s_i| <= t_i,   D d - v <= e
+    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
-with one second-order cone per norm term. v_j = 0 if limit j is a bound, and v_j >= (z_j)_+ if it is soft. cvxpy's duals
-of s = B d - b and D d - v <= e are lam and p. Absolute values may be written as -t <= s <= t. A term that always sticks
-has s_i = 0.
+with one second-order cone per norm term. v_j = 0 if limit j is a bound, and v_j >= (z_j)_+ if it is soft. cvxpy's dual
+of the cone |s_i| <= t_i is (w_i, -lam_i), and its dual of D d - v <= e is p. Absolute values may be written as two
+inequalities -t <= B d - b <= t, with lam the upper dual minus the lower. A term that always sticks is B_i d = b_i.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -38,10 +38,8 @@ class CvxpyStep:
 
     problem: cp.Problem
     d: cp.Variable
-    parameters: tuple[cp.Parameter, ...] = field(repr=False)
-    _slips: list[cp.Constraint] = field(repr=False)
-    _limits: list[cp.Constraint] = field(repr=False)
-    _block: int = field(repr=False)
+    _multipliers: Callable[[], tuple[Floats, Floats]] = field(repr=False)
+    parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
 
     def at(self, data: Sequence[Floats]) -> CvxpyStep:
         """Set the parameters g, w, b and e, and return the program."""
@@ -52,18 +50,16 @@ class CvxpyStep:
     @property
     def lam(self) -> Floats | None:
         """Multipliers (m, block) of the norm terms; None if the solver returned none."""
-        found = self._dual(self._slips)
-        return None if found is None else found.reshape(-1, self._block)
+        return self._multipliers()[0] if self._solved else None
 
     @property
     def p(self) -> Floats | None:
         """Multipliers (r,) of the limits; None if the solver returned none."""
-        return self._dual(self._limits)
+        return self._multipliers()[1] if self._solved else None
 
-    def _dual(self, constraints: list[cp.Constraint]) -> Floats | None:
-        if any(dual.value is None for one in self.problem.constraints for dual in one.dual_variables):
-            return None
-        return np.asarray(constraints[0].dual_value) if constraints else np.zeros(0)
+    @property
+    def _solved(self) -> bool:
+        return all(dual.value is not None for one in self.problem.constraints for dual in one.dual_variables)
 
 
 def to_cvxpy(
@@ -87,20 +83,20 @@ def to_cvxpy(
     d = cp.Variable(n)
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
-    slips: list[cp.Constraint] = []
+    sides: list[cp.Constraint] = []
+    still: list[cp.Constraint] = []
     limits: list[cp.Constraint] = []
+    corners = np.array([[1.0], [-1.0]]) if block == 1 else corners
     if m:
-        t, s = cp.Variable(m), cp.Variable(m * block)
+        t, s = cp.Variable(m), operators.B @ d - b
         energy += w @ t
-        slips = [operators.B @ d - b == s]
-        if block == 1 and not cones:
-            slips += [s <= t, -s <= t]
-        elif block == 1 or corners is None:
-            slips += [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
+        if corners is None or (cones and block == 1):
+            sides = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
         else:
-            slips += [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
+            sides = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
         if stuck is not None and stuck.any():
-            slips += [s[np.repeat(stuck, block)] == 0]
+            held = np.repeat(stuck, block)
+            still = [sp.csr_matrix(sp.eye_array(len(held)))[held] @ s == 0]
     if r:
         z, soft = operators.D @ d - e, np.flatnonzero(c > 0)
         if len(soft):
@@ -109,8 +105,17 @@ def to_cvxpy(
             energy += 0.5 * cp.sum_squares(cp.multiply(c[soft] ** -0.5, v))
         limits = [z <= 0]
 
+    def multipliers() -> tuple[Floats, Floats]:
+        lam, p = np.zeros((m, block)), np.asarray(limits[0].dual_value) if r else np.zeros(0)
+        if m and isinstance(sides[0], cp.SOC):
+            lam = -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
+        elif corners is not None:
+            lam = sum((np.outer(side.dual_value, corner) for side, corner in zip(sides, corners, strict=False)), lam)
+        if still:
+            lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
+        return lam, p
+
     # OSQP prints, even without verbose, if no constraint is active; the added constraint idle >= 0 is always active.
     # SCS fails on programs without constraints.
-    idle = 0.0 if cones and (slips or limits) else cp.Variable(nonneg=True)
-    problem = cp.Problem(cp.Minimize(energy + idle), [*slips, *limits])
-    return CvxpyStep(problem, d, parameters, slips, limits, _block=block)
+    idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
+    return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

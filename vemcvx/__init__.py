@@ -1,9 +1,9 @@
 """vemcvx: quasistatic frictional contact on polygonal meshes, posed as certified convex programs.
 
-A scene (material, supports, loads, contact, friction) on a polygonal mesh becomes, at every backward-Euler
-step, one convex program. Solvers of different kinds solve it, and every answer has a certificate that does
-not depend on the solver. Equation numbers refer to Feng, Han and Huang, "A virtual element method for a
-quasistatic frictional contact problem".
+A scene (material, supports, loads, contact, friction) on a polygonal or polyhedral mesh becomes one convex
+program at every backward-Euler step. Solvers of different kinds solve this program, and every answer has a
+certificate that does not depend on the solver. Numbers of equations refer to "the paper": Feng, Han and Huang,
+"A virtual element method for a quasistatic frictional contact problem".
 """
 
 import lazy_loader

@@ -1,6 +1,6 @@
 """The results of a simulation, with a summary, tables, probes and files.
 
-Stresses are positive in tension, contact pressures in compression. Friction and reactions act on the body.
+Stresses are positive in tension, contact pressures in compression. Forces of friction and reactions act on the body.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class History(Results, Outlined):
-    """The results of a simulation; arrays over time have one row per stored step.
+    """The results of a simulation of N steps at its S stored instants, in dim (2 or 3) dimensions.
 
     Attributes
     ----------
@@ -45,14 +45,14 @@ class History(Results, Outlined):
     displacement : (S, n_nodes, dim)
         Nodal displacements.
     forces : (S, n_nodes, dim)
-        Nodal forces of supports, contact and friction on the body: A u - f. With viscosity, A u + A_1 u' - f, except at
-        the initial instant.
+        Nodal forces of supports, contact and friction on the body: A u - f, with the stiffness A and the loads f. With
+        a viscosity matrix A_1, they are A u + A_1 u' - f, except at the initial instant.
     contact : Contact
     acting : BoundaryForces
         The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
     moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells)
-        Lame's lambda (reduced in plane stress) and mu. If some cell is anisotropic, and in bodies of revolution: the
-        upper triangle of the elastic matrix, row by row (:mod:`vemcvx.vem.tensors`).
+        Lame's lambda (reduced in plane stress) and mu. If some cell is anisotropic, and in bodies of revolution, they
+        are the upper triangle of the elastic matrix, row by row (:mod:`vemcvx.vem.tensors`).
     trajectory : Trajectory
         The results in free unknowns, and scalar results at all N + 1 instants.
     seconds : dict
@@ -60,14 +60,14 @@ class History(Results, Outlined):
     prestress : (S, n_cells, 3, 4 or 6) or None
         Stresses at zero strain, caused by eigenstrains and prestress.
     out_of_plane : (n_cells, 3) or None
-        Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy; None in space, or if a material lacks zz.
+        Out-of-plane stresses zz for unit strains e_xx, e_yy, 2 e_xy; None in space, or if a material does not give zz.
     out_of_plane_prestress : (S, n_cells) or None
-        The part of zz that eigenstrains cause.
+        The part of the stress zz that eigenstrains cause.
     inactive : tuple of str
-        A sentence for each effect of the scene that has no influence on this run; and one on the mean motion if nothing
-        holds the body.
+        A sentence for each effect of the scene that has no influence on this run; if nothing holds the body, also a
+        sentence on the mean motion.
     errors : dict or None
-        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total"; and its "target".
+        Relative energy errors of an adaptive run: "algebra", "space", "time" and their sum "total"; "target" if given.
     sides : Sides or None
         The conditions on the boundary, from which `extremes` finds corners and point loads.
     growth : dict of str to str, or None
@@ -77,25 +77,25 @@ class History(Results, Outlined):
     dissipated_error, work_error : (N + 1,) or None
         With `quantities`: the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
-        With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the mesh error of one step in the
-        energy norm, given the step before (:func:`vemcvx.error_bound`). "step" is the step with the largest upper
-        bound; "relative" is "upper" divided by the largest energy norm of the run. "reading" is the part of "upper"
-        that is only estimated, for nonlinear data. "kind" is, for example, "bound for the given friction".
+        With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the mesh error of step "step" in
+        the energy norm, from the computed state before it (:func:`vemcvx.error_bound`). This step has the largest
+        upper bound of all steps. "relative" is "upper" divided by the largest energy norm of the run. "reading" is the
+        part of "upper" that is only estimated, for nonlinear data. "kind" is the kind of bound.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
-        With `bound`: bounds on the force of a support that moves a boundary, along the axis on which it moves most; NaN
-        if unknown.
+        With `bound`: lower and upper bounds on the force of a support that moves a boundary, along the axis of the
+        largest motion; NaN if unknown.
     bounded_force : dict or None
         The boundary and the axis of `force_bounds`, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
-        The stabilisation S_K of a^h; None if the history was read from files that do not keep its class.
+        The stabilisation S_K of the discrete energy a^h; None after reading files if the user defined its class.
     units : dict of str to str, or None
         Names of units, such as {"length": "mm"}: UNITS of the problem file (:mod:`vemcvx.plots.style`).
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
-        The kind of `initial`; "given" for nodal values. Files do not keep it.
+        The kind of the argument `initial` of :func:`vemcvx.simulate`; "given" for nodal values, or after reading files.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class History(Results, Outlined):
     def probe(self, points: ArrayLike) -> Floats:
         """Return the displacements (S, p, dim) at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
 
-        Displacements are nodal values at nodes, linear on edges, piecewise linear on faces, and Pi u in cells, (3.11).
+        Displacements are linear on edges, piecewise linear on faces, and inside cells the projection Pi u of (3.11).
 
         Raises
         ------
@@ -156,14 +156,14 @@ class History(Results, Outlined):
         point, normal : (dim,)
             A point of the plane (of the line, if the body is plane), and the normal, which points to the part ahead.
         on : str or sequence of str, optional
-            Names of cell data, such as names of bodies: cells where one of them is nonzero are included.
+            Names of cell data, such as names of bodies: only cells where one of these data is nonzero are included.
 
         Returns
         -------
         Section
             ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
-            (S, 3), that the part ahead exerts on the part behind. On every mesh, they balance all other forces on
-            either side. The loads of a cut cell act at the nodes of this cell.
+            (S, 3), that the part ahead exerts on the part behind. On every mesh, `force` balances all other forces on
+            either part, and `moment` their moments. The loads of a cut cell act at the nodes of this cell.
 
         Raises
         ------
@@ -172,7 +172,6 @@ class History(Results, Outlined):
 
         Examples
         --------
-        >>> import vemcvx as vx
         >>> bar = vx.meshes.squares((8, 2), box=((0, 4), (0, 1)))
         >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((3.0, 0.0), on="right"))
         >>> history = vx.simulate(scene, bar, [0.0, 1.0], initial="equilibrium")
@@ -207,8 +206,8 @@ class History(Results, Outlined):
         name : {"steps", "contact", "probes"}
             "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
             :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of contact and
-            the arc length "s" on it (:mod:`vemcvx.results.arc`). "probes": displacements of points at stored steps.
-            Components of vectors are separate columns, such as "slip_x".
+            the arc length "s" on this piece (:mod:`vemcvx.results.arc`). "probes": displacements of points at stored
+            steps. Components of vectors are separate columns, such as "slip_x".
         points : (p, dim) points of the body
             The points of the table "probes".
 
@@ -220,14 +219,25 @@ class History(Results, Outlined):
         return table(self, name, points)
 
     def to_pandas(self, name: str = "steps", points: ArrayLike | None = None) -> DataFrame:
-        """Return the table that :meth:`table` returns, as a DataFrame of pandas, which must be installed."""
+        """Return the table that :meth:`table` returns, as a DataFrame of pandas.
+
+        Raises
+        ------
+        VemcvxError
+            pandas is not installed, or :meth:`table` raises this error.
+        """
         return frame(table(self, name, points))
 
     def to_xarray(self) -> Dataset:
-        """Return all arrays as one dataset of xarray, which must be installed, by their names in ``history.npz``.
+        """Return all arrays as one dataset of xarray, by their names in ``history.npz``.
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
-        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have "units".
+        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. The attributes of arrays have their "units".
+
+        Raises
+        ------
+        VemcvxError
+            xarray is not installed.
         """
         return dataset(self)
 
@@ -241,17 +251,17 @@ class History(Results, Outlined):
         n : int
             1 is the first step after the initial instant.
         condense : bool
-            True: in the unknowns of friction and contact, with a dense K. False: in all unknowns.
+            True: the program in the unknowns of friction and contact, with a dense stiffness K. False: in all unknowns.
 
         Raises
         ------
         HistoryError
-            There is no step `n`, a state was not stored, or the history was read from files.
+            There is no step `n`, the state before or after it was not stored, or the history has no scene.
         """
         return next(programs_of_steps(self, [n], condense))
 
     def animate(self, path: str | Path, **options: Any) -> Path:
-        """Write a film of the deformed body, .gif or .mp4: see :func:`vemcvx.plots.animate` for the options."""
+        """Write a film of the deformed body, .gif or .mp4: :func:`vemcvx.plots.animate` has the options and errors."""
         from vemcvx.plots import animate
 
         return animate(self, path, **options)
@@ -266,7 +276,13 @@ class History(Results, Outlined):
         return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
     def write(self, folder: str | Path, *, probes: ArrayLike | None = None) -> Path:
-        """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.files`."""
+        """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.files`.
+
+        Raises
+        ------
+        HistoryError, SceneError
+            The folder cannot be written to, foreign files have these names, or a probe is outside the body.
+        """
         return write_results(self, folder, probes=probes)
 
 
@@ -310,16 +326,16 @@ def read_history(folder: str | Path) -> History:
 
 
 def joined(histories: Sequence[History]) -> History:
-    """Return stages as one history, with tables, pictures, films and files like any other.
+    """Return stages as one history, with tables, pictures, films and files like any other history.
 
-    A stage is a run that begins where another one ended, ``simulate(scene2, mesh, times2, initial=history1)``. Steps
-    are numbered consecutively. Slip, wear, work and losses add up over the stages. Bounds and estimated errors of
-    stages are left out; `scene` is None.
+    A stage is a run that begins where the run before it ended: ``simulate(scene2, mesh, times2, initial=history1)``.
+    Steps are numbered consecutively. Slip, wear, work and dissipated energy add up over the stages. Bounds and
+    estimated errors of stages are left out; `scene` is None.
 
     Parameters
     ----------
     histories : sequence of History
-        The stages in order of time, with all steps stored, or every n-th.
+        The stages in order of time, with all steps or every n-th step stored.
 
     Returns
     -------
@@ -332,7 +348,6 @@ def joined(histories: Sequence[History]) -> History:
 
     Examples
     --------
-    >>> import vemcvx as vx
     >>> pad, held = vx.meshes.squares(4), (vx.Elasticity(10.0, 0.3), vx.Clamp(on="bottom"))
     >>> press = vx.Pressure(lambda x, t: min(t, 1.0) + 0 * x[:, 0], on="top")
     >>> pull = vx.Traction(lambda x, t: [t - 1.0, 0.0] + 0 * x, on="right")

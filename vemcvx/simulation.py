@@ -70,8 +70,8 @@ def simulate(
         By default Direct for programs without friction and one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
         The displacement at times[0]. None is zero; "equilibrium" is the equilibrium a(u_0, .) = l(0) without friction;
-        "settled" is the result of one step from zero; vx.projected(u_0) is P^h u_0 (:func:`vemcvx.projected`). From a
-        history, or its folder, the run continues on the same mesh, with the slip, wear, work and losses at its end.
+        "settled" is the result of one step from zero; :func:`vemcvx.projected` gives the projection P^h u_0. From a
+        history, or its folder, the run continues on the same mesh, with the slip, wear, work and dissipation so far.
     store : "all", "last", int n or sequence of int
         Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or the given steps and
         the last. Other steps are certified on the unknowns of contact and friction.
@@ -85,7 +85,7 @@ def simulate(
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
         A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
-        interrupted. Other files in it are not changed.
+        interrupted. Other files in this folder are not changed.
     resume : bool
         True: continue the run in the folder `stream` from its last stored step. False: replace that run.
     bound : bool
@@ -99,7 +99,7 @@ def simulate(
     Raises
     ------
     SceneError
-        The scene is not well-posed on this mesh, no bound is available, or `initial` violates (3.10) of the paper.
+        The scene or an argument is not valid, no bound is available, or `initial` violates (3.10) of the paper.
     NotAccepted
         The solver does not accept the scene's program.
     NotCertified
@@ -109,8 +109,8 @@ def simulate(
 
     Notes
     -----
-    Backward Euler for Problem 3.9 of the paper is of first order in step and mesh size (Theorem 3.10). The certificate
-    bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates the errors of mesh and steps.
+    Backward Euler for Problem 3.9 of the paper is of first order in time step and mesh size (Theorem 3.10). The
+    certificate bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates the other errors.
 
     Examples
     --------
@@ -148,7 +148,6 @@ def simulate(
 
 
 def _prepare_bounds(posed: PosedScene, store: str | int | Sequence[int]) -> Callable[[History], History]:
-    """Return the function that adds guaranteed bounds to the history of a posed scene."""
     if not (isinstance(store, str) and store == "all"):
         raise SceneError("bound: the bound of each step needs the step before; set store='all'.")
     from vemcvx.bound.error_bound import bounds_of_runs
@@ -181,19 +180,24 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     """Return `times` together with the instants inside steps at which data bend, turn or jump.
 
-    Backward Euler misses the extreme value of a load that reverses inside a step, and with friction all later results
-    are wrong. Data are sampled at least 256 times per run, and in the middle of each step. A change that begins and
+    Backward Euler misses the extreme value of a load that reverses inside a step. With friction, all later results are
+    then wrong. Data are sampled at least 256 times per run, and in the middle of each step. A change that begins and
     ends between two samples is not found.
 
     Parameters
     ----------
     scene, mesh, times
-        As for :func:`simulate`, with the same errors.
+        As for :func:`simulate`.
 
     Returns
     -------
     (N + 1,) array
-        Increasing instants. A jump lies between two of them that are at most a billionth of the run apart.
+        Increasing instants. Every jump lies between two instants that are at most a billionth of the run apart.
+
+    Raises
+    ------
+    SceneError
+        The scene or an argument is not valid.
 
     Examples
     --------
@@ -242,16 +246,19 @@ def programs(
 ) -> Iterator[SolvedProgram]:
     """Simulate a scene, and yield the convex program and the certified solution of every step, in order.
 
-    One factorisation serves all programs.
-
     Parameters
     ----------
     scene, mesh, times, solver, initial, check, condense, linear
-        As for :func:`simulate`, with the same errors.
+        As for :func:`simulate`.
 
     Returns
     -------
     iterator of SolvedProgram
+
+    Raises
+    ------
+    SceneError, NotAccepted, NotCertified
+        As for :func:`simulate`.
 
     Examples
     --------
@@ -305,19 +312,20 @@ class Projected:
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
-    This is (2.11) and (3.26) of the paper. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
+    This is (2.11) and (3.26) of the paper: a is the form of the elastic energy, and a^h its discrete form on the
+    virtual element space V^h. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
 
-    If u_0 obeys condition (2.1), a(u_0, v) + j(v) >= <l(0), v>, then P^h u_0 obeys it on the mesh up to O(h). One step
-    at times[0] from P^h u_0 gives the initial state, which obeys (2.1) exactly. A warning is issued if this step is
-    large: u_0 violates (2.1), or the mesh is too coarse.
+    Condition (2.1) is a(u_0, v) + j(v) >= <l(0), v>, with the friction functional j and the loads l. If u_0 obeys it,
+    then P^h u_0 obeys it on the mesh up to O(h). One step at times[0] from P^h u_0 gives the initial state, which obeys
+    (2.1) exactly. A warning is issued if this step is large: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
         u_0, a vector for each of the points x (m, dim); t is times[0]. At supports, u_0 must obey their conditions.
     settle : bool
-        False: the initial state is P^h u_0 itself, (3.26), which Theorem 3.10 allows. Its certificate is the relative
-        energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
+        False: the initial state is P^h u_0 itself, (3.26), which Theorem 3.10 allows. The certificate of this state is
+        the relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------
@@ -375,7 +383,7 @@ def free_unknowns(
 def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
     """Return the last state of a history as the first state of another scene on the same mesh.
 
-    The friction terms at a node share its wear equally; each takes over the accumulated slip of the node.
+    The friction terms at a node share the wear of the node equally. Each term has the accumulated slip of the node.
     """
     mesh, contact, run, terms = posed.space.mesh, history.contact, history.trajectory, posed.terms
     if not all(np.array_equal(getattr(history.mesh, name), getattr(mesh, name)) for name in ("points", "centroids")):

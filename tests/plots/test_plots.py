@@ -32,7 +32,7 @@ TIMES = np.linspace(0.0, 1.0, 25)
 STEEL = vx.Elasticity(200.0, 0.3)
 WRITTEN = {"deformed_mesh", "stressed_body", "contact_pressure", "contact_slip", "friction_traction", "stick_slip_map"}
 WRITTEN |= {"wear", "energy_ledger", "hysteresis_loop", "forces_over_time"}
-"""Names of the files that a plane history with contact has."""
+"""Names of the pictures that are written for a plane history with contact."""
 STICK, SLIP = "#0072B2", "#D55E00"
 
 
@@ -351,7 +351,7 @@ def draw_stressed_body(history, **options):
     2,
 )
 def test_closed_contact_is_marked_where_magnification_separates_the_bodies(draw, gap, apart):
-    """An interference of .002 moves faces apart. Magnified tenfold, this becomes a gap of .02, which the mark fills."""
+    """An interference of .002 pushes the faces apart: magnified tenfold, by .02. The mark fills this drawn gap."""
     boxes = {"lower": ((0, 2), (0, 1)), "upper": ((0, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4, 2), box) for name, box in boxes.items()})
     down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")

@@ -1,4 +1,4 @@
-"""Pictures show guaranteed bounds as bars and maps, only where bounds exist."""
+"""Pictures show guaranteed bounds as bars and maps; without bounds, there is neither."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def pull(*effects):
 
 @pytest.mark.long
 def test_bounds_of_the_driving_force_are_bars_and_in_files(tmp_path):
-    """The exact force, computed on squares of 1/24, is within the bounds computed on squares of 1/4."""
+    """The force on squares of 1/24, which is nearly exact, is within the bounds computed on squares of 1/4."""
     scene = pull(vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom"))
     history = vx.simulate(scene, vx.meshes.squares(4), TIMES, bound=True)
     assert history.bounded_force == {"right": 0}

@@ -112,7 +112,7 @@ def test_the_tip_of_a_crack_is_marked():
     [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4), (block_between_dies, 8)],
 )
 def test_bounded_stresses_are_not_marked(problem, n):
-    """Contact that opens smoothly, polygons that approximate curves, planes of symmetry and uniform stress."""
+    """The problems have contact that opens smoothly, polygons in place of curves, symmetry, and uniform stress."""
     begin = getattr(problem, "initial", None)
     history = vx.simulate(problem.scene(), problem.mesh(n), problem.times(4), initial=begin)
     assert not any(marks(history).values())

@@ -136,7 +136,7 @@ def test_a_section_includes_prestress():
 
 
 def test_means_of_stresses_and_of_linear_displacements_are_exact(dragged):
-    """The mean sigma_xy in the lower block is .6, as on its top. A linear field has its mean at the centroid."""
+    """The mean sigma_xy in the lower block is .6, as on its top. The mean of a linear field is its centroid's value."""
     assert dragged.mean("stress", on="low")[-1][2] == pytest.approx(0.6, abs=1e-12)
     mesh, gradient = small("voronoi", 4, seed=2), np.array([[1e-3, 0], [2e-3, 3e-3]])
     stretch = vx.PrescribedDisplacement(lambda x, t: t * x @ gradient, on="boundary")

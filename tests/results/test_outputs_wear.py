@@ -12,7 +12,7 @@ from vemcvx.scene import pose_scene
 TIMES = np.linspace(0.0, 1.0, 25)
 STEEL = vx.Elasticity(200.0, 0.3)
 ROUNDED = 1e-13
-"""Sums of 250 positive numbers, added in different orders, differ by less than this."""
+"""Largest relative difference of sums of 250 positive numbers that are added in different orders."""
 
 
 def pull_sideways(x, t):
@@ -53,7 +53,7 @@ def total_wear(history):
 
 @mostly_long("name", SCENES, "two normals")
 def test_wear_is_the_sum_of_weights_times_slips_and_adds_up_to_the_dissipation(name):
-    """The work w_i |(I - nn') du_i| is computed again from displacements, which include moving supports."""
+    """The work of weights times slips is computed again from displacements, which include those of moving supports."""
     scene, mesh = SCENES[name], small("voronoi", 5)
     history = vx.simulate(scene, mesh, TIMES)
     assert total_wear(history) == pytest.approx(history.dissipated, abs=ROUNDED * history.dissipated[-1])

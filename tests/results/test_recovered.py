@@ -76,7 +76,7 @@ def test_recovered_pressure_has_no_ripple(families, friction, bound):
 
 @pytest.mark.long
 def test_the_pressure_of_hertz_is_smoothed_at_the_edge_of_contact_only():
-    """Except in four cells of the lower body at the edge, the error is below 2 % of the peak; its L2 norm converges."""
+    """The error is below 2 % of the peak, except in four cells at the edge of contact; its L2 norm tends to zero."""
     errors = []
     for n in (8, 16, 32):
         history = vx.simulate(cylinders.scene(), cylinders.mesh(n), [0.0, 1.0])
@@ -105,7 +105,7 @@ def test_only_meshes_that_do_not_match_are_averaged(counts):
 
 
 def stack_bodies(angle):
-    """Return a mesh of a Voronoi body on a larger body; in the plane if the angle is None, else rotated in space."""
+    """Return a mesh of a Voronoi body on a larger body: in space, rotated by an angle, or in the plane for None."""
     if angle is None:
         lower = vx.meshes.triangles(6, box=((-1, 2), (-1, 0)))
         return vx.meshes.bodies({"lower": lower, "upper": small("voronoi", 8, box=((0, 1), (0, 1)))})

@@ -19,7 +19,7 @@ def catch_warnings(caplog, run):
 
 @pytest.mark.parametrize("mesh", [vx.meshes.squares(8), vx.meshes.cubes(3)], ids=["plane", "space"])
 def test_a_modulus_in_wrong_units_is_noticed(caplog, mesh):
-    """With 2e3 MPa the strain is .001; with 2 GPa, entered as 2, it is 1."""
+    """Under a load of 2 MPa, the strain is .001 with a modulus of 2e3 MPa; with 2 GPa, entered as 2, it is 1."""
 
     def pull(young):
         load = vx.Traction([2.0] + [0.0] * (mesh.points.shape[1] - 1), on="right")

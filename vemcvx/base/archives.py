@@ -29,7 +29,7 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
-    """Return a record whose fields are the arrays of the same names; the field b of an inner record a is "a.b".
+    """Return a record whose fields are the arrays of the same names; "a.b" is the field b of an inner record a.
 
     Fields in `known` have the values given there. Raise KeyError if a field that cannot be None is missing.
     """

@@ -169,7 +169,7 @@ def draw_arrows(
 
 
 def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:
-    """Fill polygons (k, n, 2) without lines, each in its own colour."""
+    """Fill polygons (k, n, 2), each in its own colour, without outlines."""
     from matplotlib.collections import PolyCollection
 
     # Thin lines in the colour of each polygon close the seams between neighbours.
@@ -228,8 +228,8 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     """Draw and return a colour bar of cells that is as high as the body."""
     from matplotlib.ticker import MaxNLocator
 
-    # The default number of ticks depends on the height of the bar, and the layout depends on the ticks, so that labels
-    # may be cut off. On flat bodies, six labels would overlap in the font size for narrow screens.
+    # The default number of ticks depends on the height of the bar, and this height on the ticks: labels may be cut
+    # off. On flat bodies, six labels would overlap in the font size for narrow screens.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
 

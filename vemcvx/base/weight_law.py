@@ -1,14 +1,15 @@
-"""Laws of friction: weights that depend on the answer of a step, w = W(t, p, past, slip).
+"""Laws of friction: weights w = W(t, p, past, slip), the largest possible friction forces at the nodes.
 
-In Tresca's law the weights are given. In other laws they depend on the forces p of the limits (Coulomb: w = mu p), on
-slips before the step, on the slip s of the step, or on its rate |s|/k, with the length k of the step. The answer of a
+In Tresca's law the weights are given. In other laws they depend on the normal forces p (Coulomb: w = mu p), on slips
+before the step, on the slip s of the step, or on the slip rate |s|/k, with the duration k of the step. The answer of a
 step then solves a convex program whose weights are evaluated at the pressure and slip of this answer. The certificate
 holds for this program; its kind is called "for the given friction".
 
 If weights do not depend on p, and do not fall as the slip of the step grows (`softening` = 0), the step itself is a
-convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w. The certificate is then a bound,
-because the gap for the given friction is at least the gap of this program. Proof. Consider one term, with w = w(|s|)
-and |lam| <= w. Its conjugate phi*(|lam|) = sup_r (|lam| r - phi(r)) is attained at some r <= |s|, so that
+convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w(q) dq. Then the certificate is a
+bound, because the duality gap for the given friction is at least the gap of this program. Proof. Consider one term with
+the weight w = w(|s|) and the multiplier lam, |lam| <= w. As w(q) does not decrease, the conjugate phi*(|lam|) =
+sup_r (|lam| r - phi(r)) is attained at some r <= |s|, so that
 
     phi(|s|) + phi*(|lam|) - lam . s = int_r^|s| (w(q) - |lam|) dq + |lam||s| - lam . s <= w |s| - lam . s.  QED
 """
@@ -30,7 +31,7 @@ class Law:
     """A law of friction.
 
     In an effect, a law has m rows, each with its normal force p (m,). In a system, a law has m norm terms, with the
-    forces p (r,) of all limits and a slope (m, r).
+    forces p (r,) of all r limits and a slope (m, r).
 
     Parameters
     ----------
@@ -38,8 +39,8 @@ class Law:
         Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over earlier steps, `slip` (m,) is |slip| of
         the step.
     softening : number or (m,) array, optional
-        The largest decrease of weights per unit slip of the step (force per length), if the law does not depend on p.
-        If it is small, a step has one solution (:mod:`vemcvx.stepping.refusals`). None: unknown, and not checked.
+        The largest decrease of weights per unit slip of the step (force per length), if the law does not depend on p. A
+        step has one solution if this decrease is small (:mod:`vemcvx.stepping.refusals`). None: unknown, not checked.
     pressed : bool
         True if weights of an effect depend on normal forces. This requires one-sided contact on the same boundary. If
         False, p is an empty array.
@@ -51,6 +52,11 @@ class Law:
     rates : bool
         True if `slip` is the slip rate, |slip| over the duration of the step; it is zero at the initial instant. Then
         `softening` is the largest decrease of weights per unit of this rate.
+
+    Raises
+    ------
+    SceneError
+        An argument is invalid, or `rates` is True with a slope or without `slips`.
 
     Examples
     --------

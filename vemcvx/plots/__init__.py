@@ -1,4 +1,4 @@
-"""Pictures of a history: each a function that returns a matplotlib figure, or draws on axes that it is given."""
+"""Pictures of a history: each function draws on a new figure, or on given axes, and returns the matplotlib figure."""
 
 import lazy_loader
 

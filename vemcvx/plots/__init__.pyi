@@ -1,4 +1,4 @@
-"""The pictures, and where they stand; each module is imported when a picture of it is first used."""
+"""The pictures by module; each module is imported when one of its pictures is first used."""
 
 from .body import deformed_body as deformed_body
 from .body import deformed_mesh as deformed_mesh

@@ -71,6 +71,11 @@ def deformed_mesh(
         The colour of a cell is the mean of |u| at its vertices. The dashed line is the undeformed outline. Arrows of
         friction and marks of contact are as in `stressed_body` with ``forces="friction"``.
 
+    Raises
+    ------
+    SceneError, HistoryError
+        The body is in space, the step was not stored, or an argument is invalid.
+
     Examples
     --------
     >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
@@ -121,19 +126,18 @@ def stressed_body(
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step whose largest visible stress is within a percent of the largest of all
-        steps.
+        A stored step; by default the last step with a visible stress within a percent of the largest of all steps.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses of plane bodies are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
-        Arrows of pressure and friction together, with heads on the body; of friction alone, beside the body; or none.
-        Arrows are blue and thick where contact sticks, orange and thin where it slips, grey without friction.
+        "contact": arrows of pressure plus friction, with heads on the body. "friction": arrows of friction, beside the
+        body. Arrows are blue and thick where contact sticks, orange and thin where it slips, grey without friction.
     window : ((x0, x1), (y0, y1)), optional
         Draw only this part, in units of length.
     stretch : float
         Factor on lengths along x_2, for slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
-        Signs of x_1 and x_2 in mirror images, drawn without mesh, for a model of a half or a quarter of a body.
+        Signs of x_1 and x_2 in mirror images, for a model of a half or a quarter of a body; images have no mesh lines.
     magnify, limits : as for `deformed_mesh`; by default the same for all stored steps
 
     Returns
@@ -142,12 +146,12 @@ def stressed_body(
         The title gives the magnification of displacements and the largest force per length on the body. Arrows beyond
         1.5 times the 90 % quantile are cut, with a note in the title. Closed contact is bold, or hatched where
         magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of the colour bar
-        stands for stresses beyond it, in at most one cell in a hundred.
+        stands for stresses beyond the bar, by default in at most one cell in a hundred.
 
     Raises
     ------
-    HistoryError
-        `stress` or `forces` is none of these names, or no cell is in the window.
+    SceneError, HistoryError
+        The body is in space, the step was not stored, an argument is invalid, or no cell is in the window.
 
     Examples
     --------
@@ -239,7 +243,6 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
 
 
 def _check_stress(name: object, history: Results, picture: str) -> None:
-    """Raise HistoryError unless there is a stress of this name."""
     choice(name, picture, "stress", [*component_names(history.mesh.points.shape[1]), *EQUIVALENT], HistoryError)
 
 
@@ -268,7 +271,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
     if max(float(np.ptp(s)) for s in stresses) < 0.02 * top:
-        # The ends of a colour map are its darkest and brightest colours: draw a constant stress in its middle.
+        # Draw a constant stress in the middle of the map, because the ends have the darkest and brightest colours.
         top *= 2.0
     if name in UNSIGNED:
         return style.SIZE, (0.0, top)
@@ -278,10 +281,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 
 
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Return outlines (k, 2) of the areas between the sides of closed contact, with the nodes at `places`.
-
-    With magnified displacements, bodies in contact may be drawn apart or overlapping.
-    """
+    """Return outlines (k, 2) of areas between sides of closed contact, which magnified displacements separate."""
     contact = history.contact
     if not contact.closed[row].any():
         return []
@@ -295,7 +295,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
     """Draw forces per length at up to 26 nodes; return the largest visible force, and the force where arrows are cut.
 
-    `scale` is the magnification and the size of the visible part. The scale of arrows is the same at all steps.
+    `scale` is the magnification, and the size of the visible part. Arrows have the same scale at all steps.
     """
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
@@ -307,7 +307,6 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     # Forces at corners are unbounded: arrows are cut at 1.5 times the largest 90 % quantile of a step.
     loaded = [row[row > 1e-6 * sizes.max()] for row in sizes]
     cut = min(float(sizes.max()), 1.5 * max(float(np.quantile(row, 0.9)) for row in loaded if len(row)))
-    # Select nodes evenly along the boundary.
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
     shown = order[np.unique(np.linspace(0, len(order) - 1, 26).round().astype(int))]
     points, longest, flat = history.mesh.points, 0.13 * size, [1.0, view.stretch]
@@ -349,9 +348,7 @@ def deformed_body(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw a deformed body in space at a stored step, each face of its surface in the colour of the cell's stress.
-
-    The magnification, the colour scale and the visible part are the same at all steps. No display is needed.
+    """Draw a deformed body in space at a stored step, each face of its surface in the colour of the stress of its cell.
 
     Parameters
     ----------
@@ -360,17 +357,17 @@ def deformed_body(
         Tension is red and compression blue.
     view : (3,) vector
         Direction from the body to the viewer; x_3 points upwards.
-    magnify, limits : as for `deformed_mesh`; by default the same for all stored steps
+    magnify, limits : as for `deformed_mesh`
 
     Returns
     -------
     matplotlib Figure
-        The image, with a colour bar.
+        The image, with a colour bar. Magnification, colour scale and visible part are the same at all steps.
 
     Raises
     ------
-    HistoryError
-        The body is plane, or there is no stress of this name.
+    SceneError, HistoryError
+        The body is plane, the step was not stored, or an argument is invalid.
     VemcvxError
         PyVista or matplotlib is not installed.
 

@@ -1,6 +1,6 @@
 """Contact in the plane along a line: friction and its bounds, stick, slip, pressure, wear.
 
-The position on the line is x_1 or x_2 if all contact nodes lie along this axis. Else it is the arc length of
+The position on the line is x_1 or x_2 if all contact nodes lie along this axis. Else the position is the arc length of
 :mod:`vemcvx.results.arc`, one piece of contact after the other. A node owns half of each of its edges.
 """
 
@@ -108,7 +108,7 @@ def require_contact(history: Results, picture: str) -> Contact:
 def friction_traction(
     history: Results, step: int | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
-    """Draw the friction traction on the body and its bound +-g at a stored step: nodes slip at g, and stick below.
+    """Draw the friction traction on the body and its bounds +-g at a stored step: nodes slip at +-g, and stick between.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ def friction_traction(
 
     Raises
     ------
-    HistoryError
-        The history has no contact.
+    SceneError, HistoryError
+        The body is in space, the step was not stored, or the history has no contact.
 
     Examples
     --------
@@ -181,7 +181,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     """Draw stick, and slip with its direction, for every contact node and stored step.
 
     The band of a step spans the time from the previous stored instant to the instant of the step. If steps in between
-    were not stored, the band shows its own step only, with a note in the title.
+    were not stored, the band shows the state of its last step, with a note in the title.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def list_steps(history: Results, picture: str) -> Ints:
 def directions(history: Results, line: ContactLine) -> Floats:
     """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0.
 
-    Open contact without friction is NaN. Slip is opposite to friction; without friction, it is the change of slip.
+    Open contact without friction is NaN. Slip is opposite to friction or, without friction, along the change of slip.
     """
     contact = history.contact
     against = line.along(contact.traction)
@@ -281,7 +281,7 @@ def along_contact(
     ----------
     history, ax, units : as for `friction_traction`
     show : {"pressure", "slip", "wear"}
-        Pressure or slip at the instants of the steps, or the friction work per length up to these instants.
+        The pressure or the slip at the instants of the steps, or the friction work per length up to these instants.
     steps : int or sequence of int, optional
         Stored steps, at most four; by default ``history.telling(4)``: the peak, turns of the motion, and the last step.
 
@@ -334,6 +334,11 @@ def wear(
     -------
     matplotlib Figure
         One curve per step.
+
+    Raises
+    ------
+    HistoryError
+        As for `along_contact`.
 
     Examples
     --------

@@ -34,7 +34,7 @@ HIDDEN = (
 
 @dataclass(frozen=True)
 class ContactFace:
-    """A face of contact in space: its contact nodes, projected into the plane of the picture."""
+    """A face of contact in space, with its projection into the plane of the picture."""
 
     history: Results  # with only these contact nodes
     frame: Floats  # (2, 3) unit vectors to the right and up
@@ -69,7 +69,7 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
         rows[on] = _facing(mesh, contact, Space(mesh).part(on, picture, contact=True))
     if on is not None and not rows[on].any():
         raise HistoryError(f"{picture}: there is no contact on {on!r}.")
-    # A face is visible in one view if its normals agree; else their mean is short.
+    # A face is visible in one view if its normals agree. If they do not, the mean of the normals is short.
     normals = {name: contact.normals[some] for name, some in rows.items() if some.any() and on in (None, name)}
     means = {name: every.mean(axis=0) for name, every in normals.items()}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
@@ -86,7 +86,6 @@ def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
 
 
 def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
-    """Return the face of the contact nodes in `rows`, seen along a normal."""
     contact, mesh = history.contact.take(np.flatnonzero(rows)), history.mesh
     assert isinstance(mesh, PolyhedralMesh)
     frame, labels = _frame(normal)
@@ -95,7 +94,7 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
 
 
 def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Return vectors to the right and up, orthogonal to the mean normal, and their names: axes if possible."""
+    """Return vectors to the right and up, orthogonal to the mean normal (if possible, axes), and their names."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
     if abs(mean[axis]) > (1 - SAME) * length:
@@ -109,7 +108,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
     """Return the quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
     normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
     normal[contact.nodes] = contact.normals
-    # Nodes at the rim of an interface own parts of the faces of this interface only.
+    # A node at the rim of an interface owns parts only of those faces that belong to the interface.
     rows = np.full((2, mesh.n_nodes), -1)
     rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
     inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
@@ -163,8 +162,8 @@ def contact_face(
     Returns
     -------
     matplotlib Figure
-        Each node colours the part of the face that it owns. Arrows show the slip since the last stored step, at
-        interfaces the slip of the first body against the second; the title gives the largest slip.
+        The part of the face that a node owns has the colour of the node. Arrows show the slip since the last stored
+        step, at interfaces the slip of the first body against the second; the title gives the largest slip.
 
     Raises
     ------
@@ -224,7 +223,6 @@ def _states(face: ContactFace, row: int) -> Ints:
 
 
 def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:
-    """Draw a face in the colours of its nodes' states."""
     states, colours = _states(face, row), list(AREAS.values())
     canvas.draw_polygons(ax, face.corners, [colours[state] for state in states[face.owners]])
     for state, (words, colour) in enumerate(AREAS.items()):

@@ -1,6 +1,7 @@
 """Energies and forces over a run, and all pictures of a history as files or as frames of a film.
 
-Backward Euler loses more energy than friction dissipates. The excess vanishes with the step; for increments du it is
+Backward Euler loses more energy than friction dissipates. This excess vanishes with the step. With the bilinear form a
+of the elastic energy and the displacement increments du, the excess is
 
     work - change of energy - dissipated = sum over steps of (1/2 a(du, du) + final pressures . initial gaps) >= 0.
 """
@@ -33,13 +34,13 @@ if TYPE_CHECKING:
 
 
 def energy_ledger(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw the energies of every step, and the certificates of the steps on a logarithmic axis.
+    """Draw the energies of every step and, on a logarithmic axis, the certificates of the steps.
 
     Parameters
     ----------
     history, units : as for `friction_traction`
     ax : Axes, optional
-        Where to draw the energies; by default there is a new figure, which also has the certificates.
+        Where to draw the energies only; by default energies and certificates are drawn on a new figure.
 
     Returns
     -------
@@ -155,14 +156,14 @@ def hysteresis_loop(
 ) -> Figure:
     """Draw the force on a driven boundary against its mean motion, along the axis on which its path is longest.
 
-    The force is the reaction of a boundary that a support moves, or else the total of a load.
+    The force is the reaction of a support, or else the force of contact or the total of a load.
 
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
     on : str, optional
-        The boundary; by default the one whose prescribed displacement has the longest path, or else the boundary of
-        the load that changes most.
+        The boundary; by default the boundary whose prescribed displacement has the longest path, or else that of the
+        load that changes most.
 
     Returns
     -------
@@ -172,7 +173,7 @@ def hysteresis_loop(
     Raises
     ------
     HistoryError
-        `on` is None, no support moves, and no load changes.
+        `on` is None, but no support moves and no load changes.
 
     Examples
     --------
@@ -204,7 +205,7 @@ def hysteresis_loop(
 def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the forces on named boundaries over time, one curve per component.
 
-    These are the eight largest components of `History.resultants`, without components below 1 % of the largest.
+    The eight largest components of `History.resultants` are drawn, without components below 1 % of the largest.
 
     Parameters
     ----------
@@ -247,7 +248,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
 
 
 def _draw_stress(history: Results, units: Units | None = None) -> Figure:
-    """Draw the deformed body in the colours of von Mises' stress; of the largest shear stress if this is unknown."""
+    """Draw the deformed body in the colours of von Mises' stress or, if it is unknown, of the largest shear stress."""
     return stressed_body(history, stress="shear" if history.out_of_plane is None else "von_mises", units=units)
 
 
@@ -293,7 +294,7 @@ MARKS = {
 
 
 def omissions(history: Results) -> dict[str, str]:
-    """Return name -> reason for the pictures that cannot be drawn."""
+    """Return the names of the pictures that cannot be drawn, each with the reason."""
     if _is_plane(history):
         return {}
     around = len(history.contact.nodes) > 0 and not _has_faces(history)
@@ -400,7 +401,7 @@ def animate(
     Raises
     ------
     HistoryError
-        The suffix is unknown, or the file cannot be written.
+        The suffix is unknown, an argument is invalid, or the file cannot be written.
     VemcvxError
         matplotlib, or the writer of such films, is not installed.
 

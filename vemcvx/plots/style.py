@@ -1,8 +1,8 @@
 """The common style of all pictures: colours by meaning, labels with units, and one scale for all stored steps.
 
 Colour-blind readers can tell the colours apart (after Okabe and Ito); areas also differ in grey print. A label gives
-the unit of its quantity if the user has named units, or else the quantity. Magnifications, colour scales and frames are
-the same at all steps, so that pictures of several steps can be compared, or be the frames of a film.
+the unit of its quantity if the user has named units, else the name of the quantity. Magnifications, colour scales and
+frames are the same at all steps, so that pictures of several steps can be compared, or be the frames of a film.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ BY_STRESS = {
     "energy per length": "{stress} {length}²",
     "energy per area": "{stress} {length}",
 }
-"""Units derived from force and length, or, if there is no unit of force, from stress and length."""
+"""Units derived from force and length or, if there is no unit of force, from stress and length."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
 """In the plane, a force or energy per length of a contact boundary is also per thickness, and therefore per area."""
 WORDS = {
@@ -132,7 +132,7 @@ def label_axes(
 
 
 def window_of(raw: ArrayLike | None) -> Window | None:
-    """Return the visible part of the plane, None for the whole plane; raise HistoryError unless it is two intervals."""
+    """Return the visible part of the plane, None for the whole; raise HistoryError unless `raw` is two intervals."""
     if raw is None:
         return None
     wanted = "((low, high), (low, high)), the parts of both axes"
@@ -176,8 +176,8 @@ def positive(raw: object, found: str, wanted: str) -> float:
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
     """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None.
 
-    The round number moves `nodes` by at most about 0.15 of the `size` of the picture. In 99 of 100 edges, it moves the
-    ends relative to each other by at most half the length of the edge; beyond that cells turn inside out.
+    The round number moves `nodes` by at most about 0.15 of the `size` of the picture. In 99 of 100 edges, the ends move
+    relative to each other by at most half the length of the edge; with larger motions cells would turn inside out.
     """
     if magnify is not None:
         return positive(magnify, "magnify: found", "a positive number, or None for an automatic one")
@@ -200,7 +200,7 @@ def extent(history: Results, factor: float) -> Floats:
 
 
 def value_range(limits: ArrayLike | None, default: tuple[float, float]) -> tuple[float, float]:
-    """Return the ends of a range, `limits` or `default`; raise HistoryError unless these are two numbers in order."""
+    """Return `limits` or `default`, the ends of a range; raise HistoryError unless `limits` are numbers in order."""
     if limits is None:
         return default
     low, high = as_shaped_array(limits, "limits", "two numbers, the smaller one first", (2,)).tolist()

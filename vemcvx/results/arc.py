@@ -1,8 +1,8 @@
 """The arc length s along contact in the plane.
 
 The path runs along the sides of the body of `Contact.nodes`, with this body on its left: counter-clockwise round outer
-boundaries, clockwise round holes. On each piece of contact, s starts from 0 at the first node; on a closed curve, at
-the contact node with the lowest number. A single node is a piece of zero length.
+boundaries, clockwise round holes. On each piece of contact, s starts from 0 at the first node of the path; if the piece
+is a closed curve, at the contact node with the lowest number. A single node is a piece of zero length.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""Cosine between normals above which an edge or face at a contact node belongs to contact."""
+"""An edge or face at a contact node belongs to contact if the cosine between both normals is larger than this."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
     sides = mesh.boundaries["boundary"]
     chord = points[sides[:, 1]] - points[sides[:, 0]]
     outward = right_of(chord) / np.linalg.norm(chord, axis=1)[:, None]
-    # Nodes without contact have no normal, and cosine 0.
+    # Nodes without contact have the normal 0, and so the cosine 0.
     sides = sides[np.einsum("end,ed->en", normal[sides], outward).max(axis=1) > ALONG]
     row = {node: i for i, node in enumerate(contact.nodes.tolist())}
     following = {a: b for a, b in sides.tolist() if a in row and b in row}

@@ -1,16 +1,17 @@
 """The contact boundary over time, from the results of a march.
 
-Slips are tangential parts of nodal displacements, (I - n n') u, minus the motion of the ground. Forces are given per
-length: a nodal force is divided by int phi_i over the edges of contact, or over the edges with friction, where phi_i is
-the hat function of the node. At corners, forces and edges of both sides count.
+Slips are tangential parts (I - n n') u of relative displacements u, with the normal n, minus the motion of the ground.
+Forces are given per length: a nodal force is divided by int phi_i over the edges of contact (for tractions, over the
+edges with friction), where phi_i is the hat function of the node. At corners, forces and edges of both sides count.
 
-- Tractions are minus the multipliers of friction.
-- Pressures are the forces p_j of one-sided contact. In bilateral contact, they are -g . R with the forces
-  R = A u - f + B'lam + D'p of supports and bilateral contact; :mod:`vemcvx.scene.contact` defines g.
-- Wear is friction work, the sum over all steps of w_i |s_i|; the worn depth is proportional to it (Archard 1953).
+- Tractions are minus the multipliers lam of friction.
+- Pressures are the forces p_j of one-sided contact. In bilateral contact, they are -g . (R + B^' lam + D^' p), where
+  :mod:`vemcvx.scene.contact` defines g, and :mod:`vemcvx.results.forces` the other symbols.
+- Wear is friction work, the sum over all steps of friction bound times length of slip. The worn depth is proportional
+  to wear (Archard 1953).
 
-A one-sided contact is closed if p_j + c_j z_j >= 0, with z_j the excess over the gap and c_j = n'An at the node. The
-solver chooses active sets by the same rule.
+A one-sided contact is closed if p_j + c_j z_j >= 0. Here z_j is the normal displacement minus the gap, and c_j = n'An
+the stiffness of the node along its normal. The solver chooses active sets by the same rule.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.base.arrays import EPS, Bools, Floats, Ints, array_fields, sum_columns, totals
 from vemcvx.base.outline import ArrayRecord
@@ -35,9 +35,9 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    A node of the boundary is a contact node unless another support fixes its normal component. A support may hold or
-    move contact nodes along the boundary; its force is neither traction nor pressure. The friction against this support
-    is traction. It is 0 in a step in which the support stands still, although any value up to the bound is admissible.
+    A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement. If a
+    support holds or moves the node along the boundary, this force is neither traction nor pressure. Friction is then
+    traction, and it is 0 in steps in which the support stands still, although any value up to the bound is admissible.
 
     In space, lengths are areas, and slip and traction are vectors in the tangent plane. At edges of contact, traction
     is the sum over all normals, and slip is orthogonal to the mean normal.
@@ -57,8 +57,8 @@ class Contact(ArrayRecord):
     traction : (S, m, dim)
         Friction force on the body of `nodes`, per length of the edges with friction.
     bound : (S, m)
-        Friction bound per length, w_i / int phi_i; 0 without friction. A bound that depends on direction is given for
-        the direction of the friction force, or along the `direction` of the friction if this force is zero.
+        Friction bound per length; 0 without friction. A bound that depends on direction is given for the direction of
+        the friction force, or along the `direction` of the friction effect if this force is zero.
     pressure : (S, m)
         Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact. A
         support that moves a node along the contact normal is a moving obstacle: its force is pressure.
@@ -75,8 +75,8 @@ class Contact(ArrayRecord):
         `wear` to second order in the step, from the mean of the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
         Length of the slip path since the initial instant, to and fro, in all steps; where several frictions meet, the
-        largest length. If the bound depends on direction, slip across the `direction` of the friction is multiplied by
-        the ratio of the bound across it to the bound along it.
+        largest length. If the bound depends on direction, slip across the `direction` of the friction effect is
+        multiplied by the ratio of the bound across this direction to the bound along it.
     closed : (S, m) bool
         True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
     lengths : (m,)
@@ -190,7 +190,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
     """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and normal forces (S, m).
 
-    The normal forces are the normal parts of terms with given directions; the multipliers do not contain them.
+    The normal forces are the normal parts of terms with given directions; the returned multipliers do not contain them.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
@@ -202,7 +202,7 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
-    """Return the ground's motion along the boundary (S, m, dim), averaged by length where several frictions meet."""
+    """Return the motion (S, m, dim) of the ground along the boundary, averaged by length where frictions meet."""
     terms = posed.terms
     if terms.reported is None:
         return 0.0
@@ -252,7 +252,6 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 
 
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
-    """Return the bounds of friction per length (S, m)."""
     terms, weights = posed.terms, trajectory.weights
     # Where other friction acts at a node, terms with given directions are no part of the friction bound.
     rubs = np.isin(at, at[~terms.directed])
@@ -268,9 +267,9 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    With friction, the certificate decides. Without friction, slips at both ends of the step are compared if both are
-    stored; else the node counts as sliding, unless the step had nothing to solve. If friction acts along a line only,
-    the certificate decides along this line, and the comparison decides across it.
+    With friction, the certificate decides. Without friction, slips at both ends of the step are compared if both ends
+    are stored; else the node counts as sliding, unless the step had nothing to solve. If friction acts only along a
+    line, the certificate decides along this line, and the comparison of slips decides across it.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)
@@ -301,15 +300,10 @@ def _is_closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     for at in places:
         closed[:, at[at >= 0]] = False
     for (obstacles, p), at in zip(met, places, strict=True):
-        stiffness = _stiffness_along(obstacles.rows, posed.A)
+        stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
         for row, n in enumerate(trajectory.stored):
             gap, move = obstacles.gap(float(trajectory.times[n])), obstacles.rows @ u[row].ravel()
             blur = 8 * EPS * (np.abs(gap) + np.abs(move).max(initial=0.0))
             touches = p[row] + stiffness * (move - gap + blur) >= 0
             np.logical_or.at(closed[row], at[at >= 0], touches[at >= 0])
     return closed
-
-
-def _stiffness_along(rows: sp.csr_matrix, A: sp.csr_matrix) -> Floats:
-    """Return r'A r for every row r."""
-    return np.asarray((rows @ A).multiply(rows).sum(axis=1)).ravel()

@@ -1,18 +1,17 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
-`Contact.pressure` is R_i / |phi_i|, with R_i the force on node i and |phi_i| the integral of its hat function. On
-interfaces of meshes that do not match, it has a ripple of order h or more, but means are accurate: sum R_i v(x_i) is
-near int p v for smooth v. On every interface on which a cell of either body has several sides, recovered values are
-means over nodes,
+`Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of its hat function.
+On interfaces of meshes that do not match, it has a ripple of size O(h) or larger, but means over cells are accurate.
+On every interface on which a cell of either body has several sides, recovered values are means over nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
 
-where d makes K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
-(2013)). K is symmetric, so that sum |phi_i| p_i = sum R_i: the resultant of every closed piece is kept, constants are
-exact, and compression remains compression. Smooth fields change by O(h^2), and by O(h) at the end of contact. The
-length h is the total length of one cell's sides on the surface (in space, the root of their area); the larger value of
-the two bodies counts. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more. Nodes at corners (in space,
-also edges) of the body keep R_i / |phi_i|.
+where the factors d_i make K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
+(2013)), so that constants are exact. K is symmetric, so sum |phi_i| p_i = sum R_i: every closed piece keeps its
+resultant. K has no negative entry, so compression remains compression. Smooth fields change by O(h^2), and by O(h) at
+the end of contact. h_i is the total length of one cell's sides on the surface at x_i (in space, the root of their
+area), the larger value of both bodies. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more. Nodes at
+corners (in space, also edges) of the body keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The next off is sqrt(off) times a mean of 1 / sqrt(off): only rounding lets the largest |log off| grow.
+            # The next off is sqrt(off) times a mean of 1 / sqrt(off). So the largest |log off| grows by rounding only.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break
@@ -97,7 +96,7 @@ class ContactTiles:
 
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         _, piece = connected_components(chosen @ self.beside @ chosen)
-        # The larger reach of two nodes is at least the root of h_i h_j.
+        # The larger reach of two nodes is at least 1.5 sqrt(h_i h_j), beyond which k_ij is 0.
         near = cKDTree(self.points).query_ball_point(self.points, self.reach)
         i, j = np.repeat(np.arange(m), list(map(len, near))), np.concatenate(near).astype(int)
         apart = self.points[i] - self.points[j]
@@ -122,7 +121,7 @@ def find_unmatched(mesh: Mesh) -> Bools:
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
     """Return, at each of the nodes (m,), the largest size of its cells on the surface; 0 for the node -1.
 
-    This size is the total length (in space, root of the total area) of the sides of a cell with all ends in `nodes`.
+    The size of a cell is the total length (in space, the root of the total area) of its sides between these nodes.
     """
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)

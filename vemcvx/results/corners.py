@@ -2,7 +2,7 @@
 
 A side is held in no direction (free, or open contact), in one direction (a roller, or contact without friction), or in
 both (a clamp, or contact with friction). A body with a side held in one direction is half of a symmetric body, so that
-the angle at this side counts twice. Stress may then grow without limit as the mesh is refined (Williams, *Stress
+the angle at this side counts twice. Stress may grow without limit as the mesh is refined (Williams, *Stress
 singularities resulting from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19,
 1952)
 
@@ -98,7 +98,7 @@ class Corners:
     sides: Sides | None
 
     def sentence(self, nodes: Sequence[int], row: int) -> str:
-        """Return the warning for a stress or contact force near these nodes in a row (stored step); "" if none."""
+        """Return the warning for a stress or contact force near these nodes, in a row of the history; "" if none."""
         if self.sides is None:
             return ""
         corners = (self._corner(self.sides, node, row) for node in nodes if node in self.sides.edges)
@@ -142,7 +142,7 @@ class Corners:
         return are_among(np.sort(edges, axis=1), np.sort(np.concatenate(joined), axis=1))
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return the number of held directions of a side, and its name. Contact is judged away from the corner."""
+        """Return the number of held directions of a side, and its name; contact is judged away from the corner."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

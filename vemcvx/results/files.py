@@ -9,10 +9,10 @@
 - ``probes.csv``: displacements at points, if points were given
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. These arrays are zero away from
-contact, except `sticking` and `closed`: 1 or 0 at contact nodes and NaN elsewhere, to tell slip from no contact. At an
-interface, both sides have values; slip and traction of the second body have the opposite sign. On cells, the file has
-the fields of `History.on_cells`.
+At nodes, a VTU file has the displacement and all contact arrays that change in time. At nodes
+without contact, contact arrays are zero; only `sticking` and `closed`, which are 1 or 0 at contact nodes, are NaN. At
+an interface, both sides have values; slip and traction of the second body have the opposite sign. On cells, the file
+has the fields of `History.on_cells`.
 
 All files are written to a temporary folder inside the target folder and then moved, first the archive, last the
 summary. If writing fails, an older history remains unchanged. Without an archive, files with these names do not belong
@@ -174,10 +174,7 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """Return the summary for JSON: energies at the end, contact at the largest energy; infinite numbers become None.
-
-    `writing` is the time for writing the other files, in seconds.
-    """
+    """Return the summary for JSON: energies at the end, contact at the peak; `writing` is the time of writing."""
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     row = history.row(None)
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
@@ -235,15 +232,13 @@ def _largest(history: Results, forces: Floats) -> dict[str, Any]:
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """Return a finite number, or None, because JSON has neither infinity nor NaN."""
+    """Return a number if it is finite, else None, because JSON has neither infinity nor NaN."""
     return float(value) if value is not None and np.isfinite(value) else None
 
 
 def peak_memory_mb() -> float | None:
-    """Return the peak memory of this process in MB, or None if the system does not provide it (Windows).
-
-    VmHWM of /proc comes first, because a new process may inherit the maxrss of the process that started it.
-    """
+    """Return the peak memory of this process in MB, or None if the system does not provide it (Windows)."""
+    # VmHWM of /proc comes first, because a new process may inherit the maxrss of the process that started it.
     with suppress(OSError):
         if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
             return int(found.group(1)) / 1024
@@ -265,8 +260,7 @@ def write_results(
     """Write a history to a folder, in place of any older history, and return the folder, which is created if needed.
 
     `origin` gives problem and mesh for the summary. Displacements at `probes`, points (p, dim) of the body, are also
-    written. `progress(written, stored)` is called after every step. Raise HistoryError if the folder cannot be written
-    to, or if other files have these names; SceneError if a probe is outside the body.
+    written. `progress(written, stored)` is called after every step.
     """
     if not np.isfinite(history.displacement).all():
         raise HistoryError(
@@ -302,7 +296,6 @@ def _move(made: Path, folder: Path) -> None:
 
 
 def _write_series(history: Results, folder: Path, progress: Callable[[int, int], None]) -> None:
-    """Write the PVD file and the steps beside it."""
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
     digits, packed = max(4, len(str(history.steps))), pack_cells(history.mesh)

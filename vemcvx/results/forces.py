@@ -1,18 +1,18 @@
 """The forces on the boundary, by the effect that causes them.
 
-Let A be the stiffness over all nodal values, f the loads, and B^ and D^ the rows of friction and of obstacles with the
-forces lam and p. The forces on the nodes are
+Let u be the displacements of all nodes, A the stiffness, and f the loads. Let B^ be the rows of friction with the
+multipliers lam, and D^ the rows of obstacles with the forces p. The forces on the nodes are
 
     R = A u - f  (with a viscosity matrix A_1, A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
 
 where A_s are the rows of supports and bilateral contact, and mu their forces. Free unknowns are in balance, so that
-mu = H'(R + B^' lam + D^' p), with H as in :mod:`vemcvx.scene.supports`. Springs to the ground are part of A: their
-forces are -K_s u. If two supports hold the same direction of a node, the first takes the force.
+mu = H'(R + B^' lam + D^' p), with H as in :mod:`vemcvx.scene.supports`. A includes the stiffness K_s of springs to the
+ground, whose forces are -K_s u. If two supports hold the same direction of a node, the first support has the force.
 
-A force on a node acts through the sides (in space, faces) of its effect that meet there. The force of a contact row is
-divided among the row's ends (`vemcvx.scene.rows`) in proportion to their lengths. The force of a support is divided, in
-proportion to integrals of hat functions, among the sides to which its direction is normal, or else among all sides. So
-the force of each effect is divided among boundaries, and the parts add up to it.
+An effect exerts its force on a node through those of its sides (in space, faces) that meet at the node. The force of a
+contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to their lengths. The force of
+a support is divided, in proportion to integrals of hat functions, among the sides to which its direction is normal; if
+there are none, among all sides. So each effect has a force on each boundary, and these parts add up to its total force.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ class BoundaryForces(ArrayRecord):
     force : (S, q, dim)
         Forces on the body.
     loads : (S, L, dim)
-        The total force of each load.
+        The total force of each of the L loads.
     load_causes : (L,) int
-        The effect of each load.
+        The number in `History.effects` of each load.
     """
 
     causes: Annotated[Ints, "acting 2", ""]
@@ -79,8 +79,6 @@ class BoundaryForces(ArrayRecord):
 
 
 class _Rows(NamedTuple):
-    """Some rows of the table; see `BoundaryForces`."""
-
     causes: Ints
     ends: Ints
     held: bool
@@ -166,11 +164,10 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
         if support.partners is not None:
             joined = support.partners >= 0
             ends = np.column_stack([support.partners[joined], np.full(joined.sum(), ACROSS)])
-            yield _Rows(_single_cause(cause, len(ends)), ends, held, -force[:, joined])
+            yield _Rows(np.tile([cause, -1], (len(ends), 1)), ends, held, -force[:, joined])
 
 
 def _list_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
-    """Yield the forces of springs to the ground."""
     for cause, K in posed.caused_springs:
         nodes = np.unique(K.indices // u.shape[2])
         force = -(u.reshape(len(u), -1) @ K.T).reshape(u.shape)
@@ -186,11 +183,7 @@ def _list_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows
         own = np.isin(nodes, posed.space.part(effect.on, "force", contact=True).nodes)
         yield _distribute(posed, cause, nodes[own], force[:, nodes[own]])
         ends = np.column_stack([nodes[~own], np.full((~own).sum(), ACROSS)])
-        yield _Rows(_single_cause(cause, len(ends)), ends, False, force[:, nodes[~own]])
-
-
-def _single_cause(cause: int, count: int) -> Ints:
-    return np.tile([cause, -1], (count, 1))
+        yield _Rows(np.tile([cause, -1], (len(ends), 1)), ends, False, force[:, nodes[~own]])
 
 
 def _distribute(
@@ -198,7 +191,7 @@ def _distribute(
 ) -> _Rows:
     """Spread forces (S, k, dim) on nodes over the sides of their effect, or over its sides normal to `directions`."""
     row, names, share = _shares(posed, cause, nodes, directions)
-    return _Rows(_single_cause(cause, len(names)), names, held, force[:, row] * share[:, None])
+    return _Rows(np.tile([cause, -1], (len(names), 1)), names, held, force[:, row] * share[:, None])
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
@@ -261,11 +254,11 @@ class ActingForces:
         return Space(self.mesh, axisymmetric=self.is_axisymmetric)
 
     def reaction(self, name: str) -> Floats:
-        """Return the total force (S, dim) of supports on a boundary of the body.
+        """Return the total force (S, dim) that supports of a boundary exert on the body.
 
-        Forces belong to the effect that causes them. If a block is pulled by its side over a floor, the reaction of
-        that side balances the friction, which is the `force` of the floor. If one support holds a node on two
-        boundaries, each boundary has a part of the force: see :mod:`vemcvx.results.forces`.
+        Forces belong to the effect that causes them. If a side of a block is pulled, and friction acts at the bottom,
+        the reaction of this side balances the `force` of the bottom. If one support holds a node on two boundaries,
+        each boundary has a part of the force: see :mod:`vemcvx.results.forces`.
 
         Raises
         ------
@@ -314,7 +307,7 @@ class ActingForces:
         Raises
         ------
         SceneError
-            As for `force`, or the effect is a load.
+            As for `force`, the effect is a load, or the body is a body of revolution.
         """
         self._space.refuse_revolution("moment")
         points = self.mesh.points
@@ -344,7 +337,6 @@ class ActingForces:
         return found
 
     def _through(self, name: str, subject: str) -> Bools:
-        """Return True (q,) for rows that act through the sides of a boundary."""
         return self.acting.through(self._space.part(name, subject, contact=True).names)
 
     def _rows_of_effects(self, causes: Ints, subject: str) -> Bools:
@@ -393,5 +385,4 @@ def moments(arms: Floats, forces: Floats) -> Floats:
 
 
 def _total(forces: Floats) -> Floats:
-    total: Floats = forces.sum(axis=1)
-    return total
+    return np.asarray(forces.sum(axis=1))

@@ -1,4 +1,4 @@
-"""The loop of force against displacement of a boundary that a support moves, or on which a load acts."""
+"""The loop of force against displacement: on a boundary that a support moves, or on a boundary with a load."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of a boundary along the axis with the longest path, to and fro.
+    """Return the loop of a boundary along the axis on which its path, to and fro, is longest.
 
     By default this is the boundary whose prescribed displacement has the longest path, or else the boundary of the load
-    whose total changes most. Return None if nothing is driven; histories from files have no loads.
+    whose total changes most. Return None if nothing is driven. The loads of a history without a scene are not known.
     """
     ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
@@ -39,7 +39,8 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
     if name in history.mesh.boundaries:
         kinds = {"reaction": history.reaction(name)[:, axis], "force": history.force(name)[:, axis]}
     else:
-        kinds = {"reaction": history.force(next(one for one in _movers(history) if name in _names(one)))[:, axis]}
+        mover = next(one for one in _movers(history) if name in np.atleast_1d(one.on))
+        kinds = {"reaction": history.force(mover)[:, axis]}
     kind = "reaction" if kinds["reaction"].any() else "force"
     return Loop(name, axis, ways[name][:, axis], kinds[kind], kind)
 
@@ -67,14 +68,9 @@ def _motion(history: Results, on: str | Sequence[str]) -> Floats:
     """Return the mean displacement (S, dim) of a boundary, or of the nodes of a body."""
     space = history._space
     if isinstance(on, str) and on not in space.mesh.boundaries and on in space.mesh.cell_data:
-        mean: Floats = history.displacement[:, nodes_of(space, on, "hysteresis_loop")].mean(axis=1)
-        return mean
+        return np.asarray(history.displacement[:, nodes_of(space, on, "hysteresis_loop")].mean(axis=1))
     part = space.part(on, "hysteresis_loop", contact=True)
     return np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
-
-
-def _names(effect: PrescribedDisplacement | Rigid) -> Sequence[str]:
-    return [effect.on] if isinstance(effect.on, str) else effect.on
 
 
 def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
@@ -88,7 +84,7 @@ def _find_driven(history: Results) -> dict[str, Floats]:
 
     Histories from files and joined stages have no scene: a boundary counts as driven along the axes of its reaction.
     """
-    names, along = [name for effect in _movers(history) for name in _names(effect)], {}
+    names, along = [str(name) for effect in _movers(history) for name in np.atleast_1d(effect.on)], {}
     if history.scene is None:
         held = {
             name.removeprefix("reaction of "): R for name, R in history.resultants.items() if "reaction of " in name

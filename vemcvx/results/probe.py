@@ -1,8 +1,8 @@
 """Results at any points of the body, and along lines.
 
-On an edge, u_h is linear between the nodes of the edge. On faces of polyhedra, u_h is piecewise linear. Inside a cell
-u_h is unknown, and its projection Pi u_h, (3.11), replaces it. Fields that are constant on cells are averaged over all
-cells that contain the point. In the plane, a point within rounding of a side lies on it.
+The computed displacement u_h is linear on edges between their nodes, and piecewise linear on faces of polyhedra. Inside
+a cell u_h is unknown, and its projection Pi u_h of (3.11) replaces it. Fields that are constant on cells are averaged
+over all cells that contain the point. In the plane, a point at a distance of rounding from a side lies on this side.
 """
 
 from __future__ import annotations

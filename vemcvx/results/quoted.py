@@ -27,7 +27,7 @@ class Extreme:
     place : (dim,)
         The node, or the centroid of the cell, where the value was reached first.
     time : float
-        The instant.
+        The instant of the value.
     step : int
         The step that ends at this instant.
     unbounded : str
@@ -72,7 +72,7 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Accurate to second order in the steps; to first order if slip changes direction in space, or with dashpots.
+        Accurate to second order in the time step; to first order if slip changes direction in space, or with dashpots.
     steps, mesh : float
         The estimated errors of the value due to time steps and mesh. `mesh` is NaN if a cell in space is not
         star-shaped about its centroid, because such a mesh cannot be refined.

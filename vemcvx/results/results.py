@@ -41,9 +41,6 @@ from vemcvx.vem import (
 
 log = logging.getLogger("vemcvx")
 
-SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
-"""Dimension -> the measure (length or area) by which contact forces are divided, and the unit of the quotient."""
-
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Results(ActingForces):
@@ -99,31 +96,31 @@ class Results(ActingForces):
 
     @property
     def dissipated(self) -> Floats:
-        """The energy (S,) lost since the initial instant to friction and dashpots (:class:`vemcvx.Viscosity`)."""
+        """The energy (S,) dissipated since the initial instant by friction and dashpots (:class:`vemcvx.Viscosity`)."""
         return self.trajectory.dissipated[self.stored]
 
     @property
     def work(self) -> Floats:
-        """The work (S,) since the initial instant: in each step, the increment times the final forces and reactions.
+        """The work (S,) since the initial instant: displacement increments times forces and reactions at ends of steps.
 
-        It includes the work of moving obstacles and ground. `work` minus the change of `energy` minus `dissipated` is
-        never negative: the loss of time stepping.
+        The work includes that of moving obstacles and ground. `work` minus the change of `energy` minus `dissipated` is
+        the loss of time stepping, which is never negative.
         """
         return self.trajectory.work[self.stored]
 
     @property
     def dissipated_second_order(self) -> Floats:
-        """The energy (S,) lost since the initial instant, of second order: with friction bounds at both ends of steps.
+        """The dissipated energy (S,) to second order in the time step, from the friction bounds at both ends of steps.
 
         Quote `dissipated_second_order` and `work_second_order`. `dissipated` and `work` form the energy balance of
-        backward Euler, and are of first order. With dashpots, and where slip changes its direction in space, this
-        energy is of first order, too.
+        backward Euler, and are of first order. With dashpots, and where slip changes its direction in space,
+        `dissipated_second_order` is of first order, too.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
     @property
     def work_second_order(self) -> Floats:
-        """The work (S,) of forces, reactions and obstacles, of second order, from the energy balance."""
+        """The work (S,) of forces, reactions and obstacles to second order in the time step: see `work`."""
         return self.trajectory.work_second_order[self.stored]
 
     @property
@@ -133,11 +130,7 @@ class Results(ActingForces):
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction".
-
-        Under Coulomb's law and laws of slip, `certificate` bounds the distance to the solution of a program whose
-        friction bounds are those of the answer.
-        """
+        """The kind of `certificate`: "bound", or "for the given friction": for the friction bounds of the answer."""
         return self.trajectory.certificate_kind
 
     @property
@@ -172,16 +165,17 @@ class Results(ActingForces):
 
     @property
     def solver(self) -> str:
-        """Name and settings of the solver that answered."""
+        """The name and the settings of the solver."""
         return self.trajectory.solver
 
     @property
     def spread(self) -> tuple[str, str]:
         """The measure (length or area) by which contact forces are divided, and the unit of the quotient."""
-        return SPREAD[3 if self.is_axisymmetric else self.mesh.points.shape[1]]
+        flat = self._space.in_plane and not self.is_axisymmetric
+        return ("length", "force/length") if flat else ("area", "force/length²")
 
     def stress(self, step: int) -> Floats:
-        """Return the stresses (n_cells, 3) of Pi u at a stored step: xx, yy, xy, tension positive.
+        """Return the stresses (n_cells, 3) at a stored step, from the projection Pi u: xx, yy, xy, tension positive.
 
         In space they are (n_cells, 6): xx, yy, zz, xy, yz, xz. Stresses at zero strain are included.
 
@@ -214,9 +208,12 @@ class Results(ActingForces):
         return self.on_cells(step)["out_of_plane_stress"]
 
     def von_mises(self, step: int) -> Floats:
-        """Return von Mises' equivalent stress (n_cells,) at a stored step, with the stress normal to the plane.
+        """Return von Mises' stress (n_cells,) at a stored step, with the stress zz: see :mod:`vemcvx.vem.tensors`.
 
-        Errors are those of `out_of_plane_stress`; :mod:`vemcvx.vem.tensors` has the formula.
+        Raises
+        ------
+        SceneError
+            That step was not stored, or a plane material does not give the stress normal to the plane.
         """
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
@@ -234,10 +231,10 @@ class Results(ActingForces):
         return self.on_cells(step)["principal_stresses"]
 
     def on_cells(self, step: int) -> dict[str, Floats]:
-        """Return all cell fields of a stored step by name; the strain is computed once.
+        """Return all cell fields of a stored step by name.
 
-        They are stress, principal stresses, the strain energy density 1/2 eps : C eps and, if they are known, the
-        stress normal to the plane and von Mises' stress.
+        These are "stress", "principal_stresses", "strain_energy" (the density 1/2 eps : C eps) and, if known,
+        "out_of_plane_stress" and "von_mises".
 
         Raises
         ------
@@ -284,7 +281,7 @@ class Results(ActingForces):
 
     @cached_property
     def peak(self) -> int:
-        """The stored step that pictures and tables show by default: the last with >= 99 % of the largest energy."""
+        """The stored step that pictures and summaries show: the last step with at least 99 % of the largest energy."""
         return int(self.stored[last_of_largest(self.energy)])
 
     @cached_property
@@ -336,7 +333,7 @@ def last_of_largest(sizes: ArrayLike) -> int:
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """Yield each extreme, its node or cell, and True if half of the field at its instant is within a percent of it."""
+    """Yield each extreme, its node or cell, and True if half of the field is within a percent of it at that instant."""
     found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
     # If squares overflow, the extremes are infinite.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -352,7 +349,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """Return the nodes of an extreme's cell and of adjacent cells, or its contact node and adjacent contact nodes."""
+    """Return the nodes of the cell of an extreme (in the plane, also of adjacent cells), or contact nodes near it."""
     mesh = history.mesh
     if key == "displacement":
         return [k]
@@ -516,7 +513,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     # The last column belongs to terms without an obstacle.
     pressed = sum_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
-    # Contact must be open before and after the step: if it closes or opens in a step, it may rub while it is closed.
+    # Contact must be open before and after a step: contact that closes or opens in a step may rub while it is closed.
     # Solvers are inexact: fractions below 1e-6 of the largest pressure and of the friction work do not count.
     closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)

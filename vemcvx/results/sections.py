@@ -1,9 +1,10 @@
 """Forces and moments across a plane through the body, and means of fields over cells.
 
-Stresses act on nodes with the forces q = A u + T sigma_0, where A is the stiffness without springs and T sigma_0 the
-virtual work of stresses at zero strain. Let w be a translation or a rotation, and chi be 1 at the nodes ahead of a
-plane, 0 at all other nodes. The sum of q . w over the nodes ahead is the virtual work of the stresses in chi w: the
-force or moment that the part ahead exerts on the part behind. It balances all other forces on either side.
+The nodal forces of the stresses are q = A u + T sigma_0, where u is the displacement, A the stiffness without springs,
+and T sigma_0 the nodal forces of the stresses sigma_0 at zero strain. Let w be a translation or a rotation, and chi be
+1 at the nodes ahead of a plane, 0 at all other nodes. The sum of q . w over the nodes ahead is the virtual work of the
+stresses in chi w: the force or moment that the part ahead exerts on the part behind. This force or moment balances all
+other forces or moments on either part.
 """
 
 from __future__ import annotations
@@ -57,11 +58,10 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
     space.refuse_revolution("mean")
     some, sizes = cells_of(space, on, "mean"), history.mesh.measures
     if field == "displacement":
-        found: Floats = np.einsum("n,snd->sd", mean_weights(space, some)[0], history.displacement) / sizes[some].sum()
-        return found
+        found = np.einsum("n,snd->sd", mean_weights(space, some)[0], history.displacement)
+        return np.asarray(found / sizes[some].sum())
     each = np.stack([getattr(history, field)(int(step))[some] for step in history.stored])
-    found = np.einsum("c,sc...->s...", sizes[some], each) / sizes[some].sum()
-    return found
+    return np.asarray(np.einsum("c,sc...->s...", sizes[some], each) / sizes[some].sum())
 
 
 def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:

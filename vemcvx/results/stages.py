@@ -1,7 +1,7 @@
 """Stages as one history: the stored instants of all stages, one after the other.
 
-A stage begins where the stage before it ended, so its initial instant is left out. An effect acts in its own stage
-only. Slip, wear and accumulated slip, which each stage counts from its initial instant, continue from stage to stage.
+A later stage begins where the stage before it ended, so its initial instant is left out. An effect acts only in its own
+stage. Slip, wear and accumulated slip, which each stage counts from its initial instant, continue from stage to stage.
 """
 
 from __future__ import annotations
@@ -92,10 +92,10 @@ def _difference(before: Results, after: Results) -> str:
 
 
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the arrays of records (or those in `names`), joined in time without the initial rows of later stages.
+    """Return the arrays of records (all, or `names`), joined in time without the initial rows of later stages.
 
     Columns of effects are placed side by side, with zeros outside the stage of the effect. If a stage lacks an array,
-    its rows are zero. If the array of a stage has fewer columns (unknowns), the missing columns are NaN or False.
+    the rows of this stage are zero. If its array has fewer columns (unknowns), the missing columns are NaN, 0 or False.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

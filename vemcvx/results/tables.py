@@ -1,4 +1,4 @@
-"""Results as tables: CSV files, and objects of pandas and xarray; the records of arrays define the columns."""
+"""Results as tables: CSV files, and objects of pandas and xarray. The columns are the array fields of records."""
 
 from __future__ import annotations
 

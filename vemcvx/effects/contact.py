@@ -32,7 +32,7 @@ from vemcvx.vem import BoundaryRows, Space, tangents_of
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """Contact without separation: u . n = 0 at the nodes of `on`, the first line of (3.6).
+    """Contact without separation: u . n = 0 at the nodes of `on`, with the displacement u and the outward normal n.
 
     At a corner, u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
     degrees form a curve, along which nodes slide. At shared nodes, clamps and prescribed displacements take precedence.
@@ -68,7 +68,7 @@ class PrescribedSlip(Effect):
 
     The jump is the displacement of the first body relative to the second; on a boundary, of the body relative to the
     ground. Slip is 0 at the tip of a crack. `history.reaction(on)` is the force along the fault that causes the slip,
-    and `history.force(on)` the force across it. TrescaFriction on the same interface acts against the slip;
+    and `history.force(on)` the force across the fault. TrescaFriction on the same interface acts against the slip.
     CoulombFriction is refused there, because it needs one-sided contact.
 
     Parameters
@@ -79,6 +79,11 @@ class PrescribedSlip(Effect):
         f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact. At shared nodes, the slips of parts must agree.
+
+    Raises
+    ------
+    SceneError
+        `value` has a wrong shape, is not finite, or contradicts other supports, for example around a corner.
 
     Examples
     --------
@@ -126,9 +131,9 @@ class PrescribedSlip(Effect):
 class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
-    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the outward normal n of the undeformed
-    boundary and the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). At shared nodes,
-    clamps and prescribed displacements take precedence, and the smaller of two gaps counts.
+    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the normal n of the undeformed boundary and
+    the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). At shared nodes, clamps and
+    prescribed displacements take precedence, and the smaller of two gaps counts.
 
     Parameters
     ----------
@@ -136,8 +141,8 @@ class UnilateralContact(Effect):
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along n in the undeformed state, length; it may change in time. A negative gap is an
-        overlap (interference, press fit). The obstacle presses the body back by this length: at the first instant with
-        ``initial="settled"``, or gradually if the gap falls from zero.
+        overlap (interference, press fit). The obstacle presses the body back by this length: at once if the run begins
+        with ``initial="settled"``, or gradually if the gap falls from zero.
 
     Examples
     --------
@@ -181,7 +186,7 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, > 0, force per length^2 (and unit thickness); f is evaluated at t = 0.
+        Pressure per penetration, > 0, force per length^2 (and unit thickness); evaluated at t = 0 only.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
@@ -215,7 +220,7 @@ class VelocityContact(Effect):
     Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
     pressure is the normal damped response p = damping (u'.n)_+ (Han and Sofonea, *Quasistatic Contact Problems in
     Viscoelasticity and Viscoplasticity*, 2002). In a step of length k, u' is (u - u_prev) / k. `history.dissipated`
-    includes the work of the dashpots. With `damping`, every initial state is admissible, as with Viscosity.
+    includes the work of the dashpots. With `damping`, every initial state is admissible.
 
     Parameters
     ----------
@@ -254,24 +259,25 @@ class VelocityContact(Effect):
 SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# For while_closed=True, a weight that jumps from 0 where p = 0 to the bound where p > 0 would leave some steps without
-# a solution: a node may close without friction and open with it. The ramp w(p) = min(STEEPNESS p, g int phi_i) is
-# continuous, so every step has a solution (Brouwer). It is Coulomb's law with the coefficient STEEPNESS and the cap g.
+# For while_closed=True, a weight w that jumps from 0 to the nodal bound b at the normal force p = 0 would leave some
+# steps without a solution: a node may close without friction and open with friction. The ramp w = min(STEEPNESS p, b),
+# which is Coulomb's law with the cap b, is continuous, so every step has a solution (Brouwer).
 STEEPNESS = 1e6
+Reader = Callable[[str, float], Floats] | None  # maps the name of a field and a time to values (m,)
 
 
 class _Friction(Effect):
-    """An effect of friction, whose ground may move, and which in space may have a direction."""
+    """An effect of friction. Its ground may move; in space it may depend on the direction of slip."""
 
     on: str | Sequence[str]
     ground: data.Datum | None = None
     direction: data.Constant | None = None
     across: data.Datum | None = None
 
-    def _rub(self, space: Space, rows: BoundaryRows, name: str = "", read: Any = None, **acts: Any) -> Contribution:
-        """Return the contribution of friction with the weights or the law `acts` on rows.
+    def _rub(self, space: Space, rows: BoundaryRows, name: str = "", read: Reader = None, **acts: Any) -> Contribution:
+        """Return the contribution of friction on rows; `acts` are further fields of Friction, such as its weights.
 
-        For friction by direction, `name` is the field of the bound, and `read` maps a field's name and a time to (m,).
+        Friction by direction needs `read` and the `name` of the field that holds the bound.
         """
         points, subject, ground, ellipse = space.mesh.points[rows.nodes], self._subject, None, None
         if self.ground is not None:
@@ -283,7 +289,7 @@ class _Friction(Effect):
             ground = Ground(f"{subject}: ground", points, self.ground)
         if (self.direction is None) != (self.across is None):
             raise SceneError(f"{subject}: friction by direction takes both direction= and across=; found one of them.")
-        if self.direction is not None:
+        if self.direction is not None and read is not None:
             ellipse = Ellipse(
                 subject=subject,
                 points=points,
@@ -304,12 +310,12 @@ class _Friction(Effect):
 class TrescaFriction(_Friction):
     """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
 
-    The bound does not depend on pressure. With UnilateralContact or NormalCompliance, friction therefore also acts
-    where contact is open, and a warning is issued if that happens (see `while_closed`).
+    The bound does not depend on pressure. So friction also acts where UnilateralContact or NormalCompliance is open; a
+    warning is then issued (see `while_closed`).
 
     Where two parts of the boundary meet at a node, each part has the bound of its own edges; bounds of overlapping
     parts add up. If a prescribed displacement moves nodes along the obstacle, friction g acts against their slip, and
-    the support carries it. In a step without such a motion, friction at these nodes is taken as 0.
+    the support carries this friction. In a step without such a motion, friction at these nodes is taken as 0.
 
     Parameters
     ----------
@@ -318,19 +324,19 @@ class TrescaFriction(_Friction):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     quadrature : {"nodes", "integral"}
-        The nodal weights: w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
+        The weight of node i, whose basis function is phi_i: g(x_i) int phi_i, or int g phi_i if g varies on an edge.
     while_closed : bool, optional
-        True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 where it is open. Friction
-        then depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes
-        without it, the step may be refused. False: g everywhere. None (default): as False, with a warning.
+        True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 elsewhere. Friction then
+        depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes without
+        friction, the step may be refused. False: the bound is g everywhere. None (default): as False, with the warning.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
         Friction acts against the slip relative to the obstacle. Only the motion of the obstacle along the boundary
         counts; for its motion along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
         Friction by direction, in space: `bound` limits friction along this vector (along its part in the surface), and
-        `across` limits friction perpendicular to it. Friction lies in the ellipse with these two semi-axes, and slip is
-        normal to the ellipse (:mod:`vemcvx.effects.effect`).
+        `across` limits friction perpendicular to this vector. Friction lies in the ellipse with these two semi-axes,
+        and slip is normal to the ellipse (:mod:`vemcvx.effects.effect`).
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 
@@ -371,7 +377,7 @@ class TrescaFriction(_Friction):
 
 
 def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
-    """Return the law with the weights min(mu p, cap), where p (m,) are normal contact forces."""
+    """Return the law with the weights min(coefficient * p, cap), where p (m,) are normal contact forces."""
 
     def weights(t: float, p: Floats, *slips: Floats) -> Floats:
         return np.minimum(coefficient(t) * np.maximum(p, 0.0), cap(t))
@@ -388,13 +394,13 @@ class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
     The effect needs UnilateralContact or NormalCompliance on the same boundary. The solution of a step minimises no
-    energy. It solves the convex Tresca problem with the weights coefficient * nodal pressure, for the pressures of this
-    solution (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). The certificate is "for the given
-    friction": it bounds the error in this Tresca problem. A solution exists, and is unique for small coefficients.
+    energy. It solves a convex problem of Tresca's friction, whose weights are the coefficient times the normal forces
+    of this solution (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). The certificate "for the given
+    friction" bounds the error in this problem. A solution exists, and is unique for small coefficients.
 
     Where two parts of the boundary meet at a node, the nodal force is divided among the edges, and friction of each
-    part is proportional to its fraction. Where a prescribed displacement moves nodes along the obstacle, friction acts
-    as with TrescaFriction; there the normal component must be free, or the pressure is unknown.
+    part is proportional to the force on its edges. Where a prescribed displacement moves nodes along the obstacle,
+    friction acts as with TrescaFriction; the normal component must be free there, or the pressure is unknown.
 
     Parameters
     ----------
@@ -407,7 +413,7 @@ class CoulombFriction(_Friction):
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of an obstacle that slides under the body, as for TrescaFriction.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space, as for TrescaFriction; `coefficient` acts against slip along this vector.
+        Friction by direction, in space, as for TrescaFriction; `coefficient` holds along this vector.
     across : number, or callable f(x, t) -> (m,), optional
         The coefficient across `direction`, >= 0; its ratio to `coefficient` must not change in time. `cap` limits
         friction along the direction; across it, the limit is `cap` times this ratio.
@@ -446,13 +452,13 @@ class CoulombFriction(_Friction):
 
 @dataclass(frozen=True)
 class SpeedFriction(_Friction):
-    """Friction whose bound depends on the speed of slip: |friction| <= bound(|s| / k) in a step of length k.
+    """Friction whose bound depends on the speed: |friction| <= bound(|s| / k) for the slip s in a step of length k.
 
     If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
-    bounds the error. If `bound` falls, a step may have several solutions, or jump. A warning then compares `softening`
-    with the stiffness of the body, and the certificate is "for the given friction". For existence see Han and Sofonea
-    (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002). A warning is issued if friction acts
-    where one-sided contact is open.
+    bounds the error. If `bound` falls, a step may have several solutions, and slip may jump. A warning then compares
+    `softening` with the stiffness of the body, and the certificate is "for the given friction". For the existence of
+    solutions, see Han and Sofonea (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002). A
+    warning is issued if friction acts where one-sided contact is open.
 
     Parameters
     ----------

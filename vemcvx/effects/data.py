@@ -79,8 +79,8 @@ class Tabulated:
         return f"Tabulated({len(self.times)} instants from {self.times[0]:.6g} to {self.times[-1]:.6g})"
 
 
-# Every value of a scene is checked here once, before it enters a matrix. A wrong shape, a NaN or a wrong signature
-# raises a SceneError with one sentence, not an exception of numpy.
+# Every value of a scene is checked here once, before it enters a matrix: a wrong shape, a NaN or a wrong signature
+# raises a SceneError.
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, or f(x); for materials also one value per cell, or the name of a cell datum (str is ArrayLike)."""
@@ -169,12 +169,12 @@ def varies(*values: object) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points x (k, dim) of cells (k,) at which material constants are evaluated; by default all centroids."""
+    """Points x (k, dim) in `cells` (k,), at which material constants are evaluated; by default all centroids."""
 
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # points in the material; elsewhere constants with a sign rule become 1, the others 0
+    inside: Bools | None = None  # True in the material; elsewhere constants with a sign rule become 1, the others 0
 
     def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
         """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""

@@ -9,9 +9,9 @@ the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, 
 
     max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
 
-attained where s is along the normal (q_e / g^2, q_c / h^2) of the ellipse (Michalowski and Mroz, Arch. Mech. 30, 1978).
-So the norm term has the weight g, as for isotropic friction, but multiplies slip by the vectors e and r c instead of
-two orthonormal tangents. r must not change in time.
+attained where s is opposite to the normal (q_e / g^2, q_c / h^2) of the ellipse at q (Michalowski and Mroz, Arch. Mech.
+30, 1978). So the dissipation has the weight g, as for isotropic friction, but the norm of (s . e, s . r c) in place of
+the norm of s. The ratio r must not change in time.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Load:
     def borne(self) -> Floats:
         """The total force (q, dim) due to each point if the datum is the vector (1, ..., 1), or the scalar 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
-        # Basis functions sum to one. So the rows of all nodes for one axis add up to the total force along this axis.
+        # Basis functions sum to one: the rows of all nodes for one axis add up to the total force along this axis.
         total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
         return total if self.is_scalar else total.reshape(-1, dim, dim).sum(axis=1)
 
@@ -116,7 +116,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed components of displacements: directions . u(node) = value(t) + patterns @ c, with unknowns c.
+    """Prescribed components of displacements: directions . u(node) = value(t) + patterns @ c, with unknown c (k,).
 
     Attributes
     ----------
@@ -131,11 +131,11 @@ class Support:
     value : callable t -> (m,), optional
         Prescribed components, length; None means zero at all times.
     contact : bool
-        True for bilateral contact, u . n = 0. At shared nodes, other supports in the same direction take precedence.
+        True for bilateral contact. At shared nodes, supports without contact in the same direction take precedence.
     partners : (m,) array, optional
         Nodes of other bodies, or -1. With a partner, components of u(node) - u(partner) are prescribed.
     patterns : (m, k) array, optional
-        Linearly independent columns, multiplied by k unknown amplitudes c.
+        Linearly independent columns, one for each unknown amplitude in c.
 
     Examples
     --------
@@ -179,7 +179,7 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ellipse:
-    """The ellipses that bound friction in m contact rows; a row is a node with a normal."""
+    """The ellipses that bound friction in m contact rows (nodes with normals); this module's head has the notation."""
 
     subject: str
     points: Floats  # (m, 3)
@@ -261,7 +261,7 @@ class ContactSurface:
 
 @dataclass(frozen=True)
 class Friction(ContactSurface):
-    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u minus the displacement of the ground.
+    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u relative to the ground, v_prev before.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ class Friction(ContactSurface):
     def across(self) -> Floats:
         """The unit vectors (m, dim) that distinguish the terms of one node.
 
-        These are the normals or, if given, `directions`, which in the plane are rotated by -90 degrees.
+        These are the normals. If `directions` are given, they take their place, in the plane rotated by -90 degrees.
         """
         if self.directions is None:
             return self.normals
@@ -452,7 +452,7 @@ class Material:
         return self.stabilisation or vem.VertexWeights(vem.softest_shear(self.elastic(dim)))
 
     def stiffness(self, space: Space) -> vem.SumOverCells:
-        """Return the matrix of a^h on these cells."""
+        """Return the stiffness matrix of these cells."""
         return vem.stiffness_of(space, self.moduli, self.choose_stabilisation(space.dim))
 
     def stabilisation_energies(self, space: Space, u: Floats) -> Floats:
@@ -462,7 +462,7 @@ class Material:
 
 @dataclass(frozen=True)
 class Eigenstrain:
-    """An isotropic strain that causes no stress if it is free; the material of the cell determines the blocked stress.
+    """An isotropic strain that causes stress only where it is blocked; the stress depends on the material of the cell.
 
     Attributes
     ----------
@@ -514,12 +514,12 @@ class InitialStress:
 
 @dataclass(frozen=True)
 class Contribution:
-    """The contribution of one effect to the problem; every field may be absent.
+    """The contribution of one effect to the problem; every field is optional.
 
     Attributes
     ----------
     stiffness : (n_u, n_u) sparse matrix, optional
-        Stiffness of springs to the ground, which count as supports; or of a material that its moduli do not describe.
+        Stiffness of springs to the ground, or of a material whose stiffness does not follow from its moduli.
     material : Material, optional
     loads : tuple of Load
     supports : tuple of Support
@@ -530,7 +530,7 @@ class Contribution:
     eigenstrains : tuple of Eigenstrain
     initial_stresses : tuple of InitialStress
     viscosity : (n_u, n_u) sparse matrix, optional
-        The matrix of b^h, for stress proportional to the strain rate.
+        Nodal forces per nodal velocity, for stress proportional to the strain rate.
     curves : tuple of str
         Names of effects with conditions on the normals of a curved boundary.
 
@@ -580,8 +580,8 @@ class Effect(ABC):
     def contribute(self, space: Space) -> Contribution:
         """Return the contribution of this effect on the mesh of `space`.
 
-        Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at t_n. For contact, the
-        method is called again once the planes of symmetry are known, which change normals at the ends of curves.
+        Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at the instants of a run. For
+        contact, the method is called again with planes of symmetry, which change normals at the ends of curves.
 
         Raises
         ------

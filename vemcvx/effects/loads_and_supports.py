@@ -19,7 +19,7 @@ from vemcvx.vem import EdgeEnds, Part, Space, cell_load, edge_load, rigid_modes
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force f_2 per length (and unit thickness), in space per area: int f_2 . v ds (3.4), exact for affine f_2.
+    """Surface force f per length (and unit thickness), in space per area: the load int f . v ds, exact for affine f.
 
     Parameters
     ----------
@@ -82,10 +82,10 @@ class Pressure(Effect):
 
 @dataclass(frozen=True)
 class BodyForce(Effect):
-    """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
+    """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
 
-    v_hat is the average of the vertex values of v on K: see (3.2) and the text before (3.14). For constant f_1, the
-    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices, else up to O(h).
+    v_hat is the average of the vertex values of v on K. For constant f, the resultant is exact. The moment is exact on
+    cells whose centroid is the mean of their vertices; on other cells its error is O(h).
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
     On a mesh, the force acts as if spread over about one cell. Away from the point, the solution converges. At the
-    point, displacement and energy grow without bound (in the plane like log(1/h), Flamant's solution).
+    point, displacement and energy grow without bound as cells become smaller (in the plane like log(1/h), Flamant).
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class PointLoad(Effect):
 
 @dataclass(frozen=True)
 class Clamp(Effect):
-    """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3).
+    """Fixed boundary: u = 0 at every node of the edges `on`, end points included.
 
     Parameters
     ----------
@@ -201,8 +201,8 @@ class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
     Unlike BilateralContact, Symmetry is a support: its force is part of `history.reaction`, and a prescribed
-    displacement that contradicts it at a shared node is an error. Where a contact curve ends on a line of symmetry,
-    normals and pressures are those of the whole body.
+    displacement that contradicts Symmetry at a shared node is an error. Where a contact curve ends on a line of
+    symmetry, normals and pressures are those of the whole body.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ class PrescribedDisplacement(Effect):
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only). A vector is normalised.
         At a corner of `on`, components along both normals (tangents) are prescribed. Sides whose normals differ by less
-        than 42.5 degrees form a curve; all its sides move outward by the value.
+        than 42.5 degrees form a curve; with "normal", all its sides move outward by the value.
 
     Examples
     --------
@@ -296,9 +296,9 @@ class PrescribedDisplacement(Effect):
 class Rigid(Effect):
     """A part of the boundary, or a whole body, that moves rigidly: translations and small rotations.
 
-    The motion is unknown, except for components that `motion` prescribes. Other supports of its nodes are refused,
-    unless they agree with `motion`. `history.force(Rigid)` is the sum of `force` and of the force that causes the
-    prescribed motion. `history.reaction` also includes the internal forces that keep the part rigid; their sum is zero.
+    The motion is unknown, except for components that `motion` prescribes. Other supports of nodes of the part are
+    refused, unless they agree with `motion`. `history.force(Rigid)` is the sum of `force` and of the force that causes
+    the prescribed motion. `history.reaction` also includes internal forces that keep the part rigid; their sum is zero.
 
     Parameters
     ----------
@@ -388,14 +388,14 @@ class Pretension(Effect):
 
     The two sides of the cut are bonded, except for one uniform jump along the mean normal of the cut: the shortening
     of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.
-    `history.force` of the cut, or of this effect, is the force of the bolt on the first body: its normal component is
-    the tension, its tangential component the shear.
+    `history.force` of the cut, or of this effect, is the force that acts across the cut on the first body: its normal
+    component is the tension, its tangential component the shear.
 
     Parameters
     ----------
     on : str or sequence of str
         An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. All sides in `on` belong to
-        one bolt and share the force; give every bolt its own effect.
+        one bolt and share the force; every further bolt needs an effect of its own.
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
@@ -470,8 +470,8 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to a(u, v). Two Gauss points per edge are exact for affine
-# k, because traces are linear; the same holds on faces of polyhedra.
+# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to the virtual work. Displacements are linear on edges, so
+# two Gauss points per edge are exact for affine k; the rule on faces of polyhedra is exact for affine k, too.
 SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 
@@ -514,7 +514,7 @@ class ElasticFoundation(Effect):
             rows, columns = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
             places = rows.ravel(), columns.ravel()
             springs = springs + sp.coo_matrix((blocks.ravel(), places), shape=springs.shape).tocsr()
-        # The products round (i, j) and (j, i) differently.
+        # Make the matrix symmetric: the products round (i, j) and (j, i) differently.
         return Contribution(stiffness=sp.csr_matrix(0.5 * (springs + springs.T)))
 
     def describe(self) -> str:

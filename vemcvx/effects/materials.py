@@ -136,7 +136,7 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
     return found
 
 
-# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space:
+# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, in plane strain, plane stress or space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
 # A free strain s in all directions of space, blocked in the plane, causes the stress -b s in the plane. In space and in
@@ -162,8 +162,8 @@ class Elasticity(_Elastic):
         Tractions, pressures and friction bounds are forces per area. A `PointLoad` is the force on the whole circle;
         radial components of resultants are sums around the turn. `history.out_of_plane_stress` is the hoop stress.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
-        The part of a_K^h that vanishes for linear displacements. "shear" is 2 mu times the dofi-dofi product: it does
-        not lock, and results do not depend on units. "unit" is S_K of (3.13), without a factor.
+        The part of the stiffness that vanishes for linear displacements (:mod:`vemcvx.vem.stabilisation`). "shear" has
+        the factor 2 mu: it does not lock, and results do not depend on units. "unit" has the factor 1.
     on : None, str or sequence of str
         Names of cell data: the material fills the cells where at least one of them is nonzero. None is the whole body.
 
@@ -218,11 +218,11 @@ class Elasticity(_Elastic):
 
 # Orthotropic linear elasticity (Lekhnitskii 1963; Jones 1999, chapter 2).
 #
-# In the axes 1, 2, 3 of the material the strains are e = S sigma with
+# In the axes 1, 2, 3 of the material the strains are e = S sigma, with Young's moduli E, shear moduli G and
 #
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
-# with nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
+# where nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
 # axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. The same strain in x, y, z is eps: e = R eps R^T for tensors, and
 # e = Q eps for vectors. The row of Q for e_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for eps_ij. So
 # the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
@@ -234,7 +234,7 @@ SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "sh
 
 @dataclass(frozen=True)
 class Orthotropic(_Elastic):
-    """Orthotropic linear elasticity, with two axes of symmetry in the plane, and three in space.
+    """Orthotropic linear elasticity: two perpendicular axes of symmetry in the plane, three in space.
 
     Every modulus is a number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
 
@@ -243,7 +243,7 @@ class Orthotropic(_Elastic):
     young : (E1, E2) in plane stress, (E1, E2, E3) in plane strain and in space
         Young's moduli along the axes, force per area, > 0.
     poisson : nu12 in plane stress, (nu12, nu13, nu23) in plane strain and in space
-        nu_ij = -e_j / e_i under tension along i, so nu21 = nu12 E2 / E1. The energy must be positive.
+        nu_ij = -e_j / e_i for strains e under tension along i, so nu21 = nu12 E2 / E1. The energy must be positive.
     shear : G12 in the plane, (G12, G13, G23) in space
         Shear moduli, force per area, > 0.
     angle : number, (n_cells,) array, callable or name
@@ -276,7 +276,6 @@ class Orthotropic(_Elastic):
     _default_plane = "stress"
 
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        """Return the moduli. A plane body has the rows and columns xx, yy and xy of the law in space."""
         plane = self._plane if space.in_plane else None
         S = self._compliance(at, plane)
         C = np.zeros((len(S), 6, 6))
@@ -374,10 +373,10 @@ def _words(values: Any) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    The form b^h(u', v) is the form of elasticity with `shear` for mu, `volume` for lambda, and stabilisation "shear"
-    (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6). Results
-    then depend on step sizes. `history.dissipated` includes the viscous loss, and forces include viscous forces; energy
-    and `stress` are elastic. The initial state need not satisfy condition (2.1): viscous forces restore balance.
+    Viscous forces are those of an elastic material with `shear` for mu, `volume` for lambda, and stabilisation "shear",
+    applied to velocities (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
+    chapter 6). Results then depend on step sizes. `history.dissipated` includes the viscous loss, and forces include
+    viscous forces; energy and `stress` are elastic. Initial states are arbitrary: viscous forces balance the loads.
 
     Parameters
     ----------
@@ -407,10 +406,10 @@ class Viscosity(Effect):
 class ThermalStrain(Effect):
     """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is blocked.
 
-    Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
-    Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), with sigma_0 = C alpha theta I. `history.stress`
-    contains them, `history.energy` is the energy of the total strain, and `history.work` includes the work of thermal
-    stresses. If theta(x, times[0]) != 0, begin with ``initial="settled"`` or "equilibrium".
+    Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960). The load
+    is the work of C alpha theta I on the mean strains of cells. `history.stress` is this sigma, `history.energy` is the
+    energy of the total strain eps, and `history.work` includes the work of this load. If theta is not zero at the first
+    instant, begin with ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------
@@ -452,18 +451,17 @@ class ThermalStrain(Effect):
 
 @dataclass(frozen=True)
 class Prestress(Effect):
-    """Initial stress, a stress at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
+    """Initial stress, a stress sigma_0 at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    Initial stress acts as the load -sum_K |K| sigma_0 : eps(Pi v), and is part of `history.stress`. Energy, work and
-    the start of a run are as for ThermalStrain.
+    The load is as for ThermalStrain, with -sigma_0 in place of C alpha theta I; so are energy, work and initial states.
 
     Parameters
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
-        xx, yy, xy; in space (6,): xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz (no hoop stress). Force
-        per area, tension positive, at centroids and t_n.
+        Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
+        stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress; default all.
+        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress. By default all.
 
     Examples
     --------

@@ -33,9 +33,9 @@ from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
 # A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
-# a half model, where a support holds the tangent); contact holds the normal and a support the tangent; or it is dragged
-# against friction (`Freedom`). At a held node, the component of H'R along the contact normal is a contact force. So is
-# the force of a single support that moves a node along this normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
+# a half model, where a support holds the tangent); contact holds its normal and a support its tangent; or the node is
+# dragged against friction (`Freedom`). If contact holds the normal, the component of H'R along the normal is a contact
+# force. So is the force of a single support along the normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
 
@@ -45,7 +45,7 @@ class Freedom(NamedTuple):
 
     slides: Bools  # True if some free unknown moves the node along the boundary
     dragged: Bools  # True if a tangent is held, and supports or the ground move along the boundary
-    normal_only: Bools  # True if all tangents are held, and the normal is free or held by contact: there is a pressure
+    normal_only: Bools  # True if all tangents are held, and the normal is free or held by contact, under pressure
 
 
 def _freedom(
@@ -133,7 +133,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 # Friction rows with the same node, normal and kind (`_kinds`) form one term. The weight of a term is the sum of the
 # weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u (orthonormal tangents),
 # and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is kept if supports or the
-# ground make its node slip (this dissipates), or if it has a pressure (this is reported).
+# ground make its node slip, because this slip dissipates, or if it has a pressure, because the pressure is reported.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
@@ -254,7 +254,7 @@ def _friction_terms(
         repeat_by_row(frictions, flags).astype(bool)[first][kept]
         for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
     )
-    # Reported slip has components along unit tangents, but an ellipse scales its second tangent, even by 0.
+    # Reported slip has components along unit tangents, but an ellipse scales its second tangent, possibly by 0.
     unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
     ground = slid = None
     if under is not None and len(kept):
@@ -335,7 +335,7 @@ def warn_of_free_normals(
 class Surface(ContactRows):
     """The contact nodes (the four cases above), ascending; at a corner, one row stands for both sides.
 
-    The normal of this row is the mean weighted by length, and its length the sum. Partners have the opposite pressure.
+    The normal of this row is the mean normal weighted by length, and its length the sum of lengths of the sides.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact
@@ -344,9 +344,9 @@ class Surface(ContactRows):
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """Return the contact surface, from all rows of the table; an edge that several parts name counts once.
+    """Return the contact surface, from all m rows of the table; an edge that several parts name counts once.
 
-    A node dragged by supports, or whose ground `moves` (m,), belongs to the surface if it has a term in `terms`.
+    A node without free tangents that supports drag, or under which the ground `moves` (m,), needs a term in `terms`.
     """
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
@@ -368,7 +368,7 @@ def _contact_surface(
 # Each row of a compliant obstacle is a separate limit.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
-    """The limits of a posed scene."""
+    """The limits of a posed scene, one per row."""
 
     rows: sp.csr_matrix  # (r, n_u) D^, unit normals
     compliance: Floats
@@ -492,7 +492,7 @@ def pose_contact(
 ) -> tuple[Terms, Obstacles, Surface]:
     """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows.
 
-    Terms are dragged if supports or the ground move during `times`; ellipses are evaluated at the instants `known`.
+    A term is dragged if supports or the ground move during `times`. Ellipses are evaluated at the instants `known`.
     """
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)

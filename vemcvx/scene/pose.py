@@ -77,8 +77,6 @@ def build_motion(
 
 
 T = TypeVar("T")
-
-
 UNHELD = "the motion of the whole body: nothing holds it and its loads balance, so the mean motion is taken to be zero"
 
 
@@ -97,14 +95,14 @@ class PosedScene:
     material: Material
     prestress: InitialStresses | None  # stresses at zero strain, also among the loads; None if there are none
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, also in A; None if there are none
-    inactive: tuple[str, ...]  # a sentence for each effect that does nothing in this scene, and was dropped
+    inactive: tuple[str, ...]  # a sentence for each effect without influence; UNHELD if there are pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
     curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
     laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
     stops: Sequence[Obstacle]  # the obstacles as contributed; their limits are `obstacles`
     causes: Mapping[str, Ints]
-    """"supports", "frictions" or "obstacles" -> for each, the number of its effect in canonical order; -1 for pins"""
+    """For each of the "supports", "frictions" and "obstacles", its effect's number in canonical order; -1 for pins"""
     caused_loads: tuple[tuple[int, Load], ...]  # loads, each with the number of its effect
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # springs to the ground, each with its effect's number
     pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
@@ -113,11 +111,11 @@ class PosedScene:
     def system(self) -> System:
         """The system in free unknowns, in consistent units.
 
-        With A the stiffness over all nodal values and B^ the tangential projections at the contact nodes,
-        K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and dirichlet_force = P'A u_D.
+        With A the stiffness over all nodal values, f the nodal load, and B^ the projections on tangents of contact
+        nodes: K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and dirichlet_force = P'A u_D.
         """
         A, supports, terms = self.A, self.supports, self.terms
-        # The frame subtracts rigid motions; with springs, or in a body of revolution, these motions have energy.
+        # The frame subtracts rigid motions, unless they have energy: with springs, or in a body of revolution.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
@@ -188,7 +186,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     supports, pins, (frictions, stops, surfaces) = _hold(space, parts, springs)
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
-    # The moduli of a material give its stiffness, unless it contributes a stiffness matrix.
+    # The moduli of a material give its stiffness, unless the material contributes a stiffness matrix.
     forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
     laws = [p for effect, p in zip(scene.canonical, parts, strict=True) if isinstance(effect, MaterialLaw)]
     posed = PosedScene(
@@ -293,7 +291,7 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     """Return K = P'A P."""
     K = supports.P.T @ A @ supports.P
     K = sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
-    read_only(K.data)  # so that a System need not copy it
+    read_only(K.data)  # A System need not copy a matrix that is read-only.
     return K
 
 

@@ -1,9 +1,9 @@
 """Floating bodies: find motions without strain that no support resists, and describe them in words.
 
-The problem of a body that nothing holds has a solution if the loads balance: R'f(t) = 0 for the rigid motions R
-(n_u, k). The solution is unique up to a rigid motion. To choose one solution, k nodal values on which R is regular are
-held at zero (*pins*). R'(A u - f) = 0, so the forces r of pins obey R'r = 0; hence r = 0. Results are the solution
-without its mean rigid motion (:mod:`vemcvx.results.results`).
+Let A be the stiffness of a body that nothing holds, and R (n_u, k) its rigid motions. A u = f has a solution u if the
+loads f balance: R'f = 0. The solution is unique up to a rigid motion. To choose one solution, k nodal values on which R
+is regular are held at zero (*pins*). As A R = 0, the forces r = A u - f of pins obey R'r = 0; hence r = 0. Results are
+the solution without its mean rigid motion (:mod:`vemcvx.results.results`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the name of each piece's body from its interfaces; None if unclear. `node[i]` is in `piece[i]`."""
+    """Return the body of each piece, the only name its interfaces give, else None. `node[i]` is in `piece[i]`."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -88,13 +88,13 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 
 # A piece of the body is a set of cells joined along edges (in space, along faces); without strain it moves as a rigid
 # body. Pieces that share single nodes only are hinged there. Let R_q c_q be the nodal values of a rigid motion of piece
-# q. The squared distance to the nearest field that has one value per node and obeys the supports is
+# q. Their squared distance from the nearest field that has one value per node and obeys the supports (u = P y) is
 #
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 #
-# and the body floats if and only if this vanishes for some c != 0; with springs of matrix F, if also v'Fv = 0.
+# and the body floats if and only if this vanishes for some c != 0, and v'Fv = 0 for this field v and spring matrix F.
 FREE_FRACTION = 1e-12
-"""A motion is free if supports resist less than this fraction of its square; one clamped node of 1e6 resists 1e-6."""
+"""A motion is free if its squared distance is less than this times |R c|^2; one clamped node of 1e6 gives 1e-6."""
 
 
 def floating_motions(
@@ -103,7 +103,7 @@ def floating_motions(
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
     Return also whether all are motions of named bodies: contact at an interface usually holds such bodies. `felt`
-    (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that none of them resists.
+    (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that no row resists.
     """
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]
@@ -115,7 +115,7 @@ def floating_motions(
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)
-    # Sides of length h at a distance of D from the origin have directions known to EPS D / h.
+    # The direction of a side of length h at the distance D from the origin has a rounding error of EPS D / h.
     rounding = (64 * EPS) * max(1.0, np.abs(points).max() / space.mesh.h)
     modes, motions = list[Floats](), list[tuple[ConnectedPart, Floats]]()
     for number in range(parts):
@@ -151,7 +151,7 @@ def floating_motions(
 def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding: float) -> None:
     """Raise SceneError if a combination of the motions `loose` (., j) has no components `felt` (rows, j)."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
-    # If contact resists none of the motions, `size` is rounding.
+    # If contact resists no motion, `size` is rounding.
     least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
     unfelt = loose @ rotated[int((size > least).sum()) :].T
     count = unfelt.shape[1]
@@ -258,7 +258,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
-    # One factor for all rotations of a piece preserves the axis of a combined rotation.
+    # All rotations of a piece get one factor, which preserves the axis of a combined rotation.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
     # Rotations about axes other than the principal axes of inertia are not orthogonal; 1e-9 is above rounding.

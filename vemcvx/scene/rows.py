@@ -1,10 +1,10 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
 A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
-rows along tangents have a tangent in place of n. One effect acts on a *part* of the boundary. The *ends* of a row are
-the sides of its part at its node, each with int phi_i over the side (half the length of an edge). If rows of several
-parts form one term, the term has the union of their ends, so a shared side counts once. A force on a row of one table
-is spread over the rows of another table: each gets the fraction (length of common ends) / (length of the loaded row).
+rows along tangents have a tangent in place of n. One effect acts on a *part* of the boundary. The *ends* of a row at
+node i are the sides of its part at i, each with the integral of the basis function of i: half the length of an edge. If
+rows of several parts form one norm term, it has the union of their ends, so a shared side counts once. A force on a row
+of one table is spread over another table: each row gets the fraction (length of common ends) / (length of loaded row).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
 
 
 def repeat_by_row(parts: Sequence[ContactSurface | Support], numbers: Sequence[int]) -> Ints:
-    """Return for each row of all parts in turn the one of `numbers` that belongs to its part."""
+    """Return for each row of all parts in turn the number of its part; `numbers` has one per part."""
     return np.repeat(np.array(numbers, dtype=np.int64), [len(part.nodes) for part in parts])
 
 
@@ -75,7 +75,7 @@ def build_summation(group: Ints, count: int) -> sp.csr_matrix:
 class ContactRows:
     """Contact rows of a scene's surfaces, frictions and obstacles, in one table."""
 
-    nodes: Ints  # (m,) the nodes on which rows act; the opposite force acts on their partners
+    nodes: Ints  # (m,) the node on which each row acts; the opposite force acts on its partner
     partners: Ints  # (m,) nodes of other bodies; -1 where a row depends on one node only
     normals: Floats  # (m, dim) outward unit normals
     ends: sp.csr_matrix  # (m, e) the half edge lengths of the ends of each row
@@ -146,7 +146,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, of: ContactRows) -> sp.csr_matrix:
-        """Return fractions (m, r): entry (i, j) is the part of a force on row j of `of` that row i of `self` gets."""
+        """Return fractions (m, r): row i of `self` gets the fraction (i, j) of a force on row j of `of`."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
 
@@ -154,7 +154,7 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows of equal pair, kind and normal (up to sign); return each term's first row, and each row's term."""
+    """Merge rows of equal pair, kind and normal, up to sign unless `signed`; return first rows, and each row's term."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
@@ -174,8 +174,8 @@ def merge_terms(
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
     """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
 
-    Supports that hold a node fully are left out, because their directions are coordinate axes: a floor that is tilted
-    by half a degree keeps its normal.
+    Supports that hold a node fully are left out: their directions are coordinate axes, to which a floor that is tilted
+    by half a degree would be turned.
     """
     if not parts:
         return []

@@ -52,7 +52,6 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
 
 
 def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
-    """Raise SceneError unless every cell has exactly one material."""
     count = np.sum([np.ones(mesh.n_cells) if m.cells is None else m.cells for m in materials], axis=0)
     found = [
         f"{wrong.sum()} have {words} (first: cell {(first := int(np.argmax(wrong)))} around {mesh.centroids[first]})"
@@ -137,7 +136,7 @@ def _contact(part: Contribution) -> Ints:
 
 
 def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
-    """Return the planes of symmetry at contact nodes; None if supports hold each such node fully or not at all."""
+    """Return the planes of symmetry at contact nodes; None if supports hold every contact node fully or not at all."""
     still = [s for part in parts for s in part.supports if s.value is None and s.patterns is None and not s.contact]
     touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
     if not still or not len(touching):
@@ -158,7 +157,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
 
 
 def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
-    """Yield nodes (m, n) and normals (m, dim) of the sides that supports hold along the normal, grouped by n."""
+    """Yield nodes (m, n) and normals (m, dim) of the m sides with n nodes that supports hold along the normal."""
     part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
     place[held.nodes] = np.arange(len(held.nodes))
     for rule in part.rules(1):
@@ -196,7 +195,7 @@ def active_parts(
 
 
 def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], notes: list[str]) -> Contribution:
-    """Return a contribution without parts that vanish at all `times`; append a sentence to `notes` for each of them."""
+    """Return a contribution without parts that vanish at all `times`; append a sentence per dropped part to `notes`."""
 
     def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
         zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
@@ -222,7 +221,7 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return a function of time: values per row, zero if the row has no friction under any pressure."""
+    """Return a function of time whose values, one per row, are zero if the row has no friction at any pressure."""
     law, ellipse, m = friction.law, friction.ellipse, len(friction.nodes)
     if ellipse is not None:
         return lambda t: np.maximum(*ellipse.bounds(t))
@@ -230,7 +229,7 @@ def _bound(friction: Friction) -> Datum:
         return friction.weights
     if law.slips:
         return lambda t: np.ones(1)  # Weights that depend on slip are not known beforehand.
-    # At so large a contact force, a law that depends on pressure gives positive weights in any units.
+    # At a contact force of 1e100, a law that depends on pressure gives positive weights in any units.
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 
@@ -242,14 +241,12 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 
 
 class Scene:
-    """A set of effects, independent of any mesh; it can be simulated on every mesh that has the boundaries it names.
-
-    The order of effects changes nothing.
+    """A set of effects, for every mesh that has the named boundaries; the order of effects changes nothing.
 
     Parameters
     ----------
     *effects : Effect
-        A simulation needs a material. If there are several, each names its cells by `on`; every cell has exactly one.
+        A simulation needs a material. Several materials name their cells by `on`; every cell has exactly one material.
 
     Raises
     ------
@@ -283,7 +280,7 @@ class Scene:
 
     @property
     def is_axisymmetric(self) -> bool:
-        """True if the body is a body of revolution, by the plane= of a material."""
+        """True if the body is a body of revolution: a material has plane="axisymmetric"."""
         planes = [getattr(x, "plane", None) for x in self.effects if isinstance(x, MaterialLaw)]
         return any(isinstance(plane, str) and plane == REVOLVED for plane in planes)
 

@@ -7,13 +7,13 @@ Supports prescribe A u = g(t), one row per node (or pair of nodes) and direction
 y are the free unknowns, u_D = H g is the prescribed displacement, and H'R are the forces on the rows under reactions R.
 
 Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: the motions of rigid parts. Then
-u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these, P'H = 0 need
-not hold. The load on c is M'H'f, contact rows may depend on c, and the forces mu on rows balance: M'mu = 0.
+u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these columns, P'H = 0
+need not hold. Contact rows may depend on c. The load on c is M'H'f, and the forces H'R on rows balance: M'H'R = 0.
 
 Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
 found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
 bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Directions of the
-first two kinds are held, the others are columns of P. Each friction term thus has its unknowns: sticking is y_i = 0.
+first two kinds are held, the others are columns of P. So friction terms share no unknowns, and sticking is y_i = 0.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ def _split_sites(
 def _span_amplitudes(
     given: Sequence[Support], A: sp.csr_matrix, H: sp.csr_matrix, reach: Floats, points: Floats
 ) -> sp.csr_matrix:
-    """Return orthonormal columns (n_u, k) that span H M, the nodal motions under the amplitudes of supports.
+    """Return orthonormal columns (n_u, k) that span H M, the motions of nodes under unit amplitudes of supports.
 
     Raise SceneError if a dependent row contradicts these motions.
     """

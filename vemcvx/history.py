@@ -167,8 +167,9 @@ class History(Results, Outlined):
 
         Raises
         ------
-        SceneError
-            The plane does not cut these cells, an argument is invalid, or the material is viscous.
+        SceneError, HistoryError
+            The plane does not cut these cells, an argument is invalid, the body is viscous or a body of revolution, or
+            the stabilisation is unknown after reading files.
 
         Examples
         --------
@@ -194,7 +195,7 @@ class History(Results, Outlined):
         Raises
         ------
         SceneError
-            There is no such field, or no such cell datum.
+            There is no such field or cell datum, or the body is a body of revolution.
         """
         return mean(self, field, on)
 
@@ -261,7 +262,13 @@ class History(Results, Outlined):
         return next(programs_of_steps(self, [n], condense))
 
     def animate(self, path: str | Path, **options: Any) -> Path:
-        """Write a film of the deformed body, .gif or .mp4: :func:`vemcvx.plots.animate` has the options and errors."""
+        """Write a film of the deformed body, .gif or .mp4: see :func:`vemcvx.plots.animate` for the options.
+
+        Raises
+        ------
+        HistoryError, VemcvxError
+            The suffix or an option is invalid, the file cannot be written, or the writer of films is not installed.
+        """
         from vemcvx.plots import animate
 
         return animate(self, path, **options)

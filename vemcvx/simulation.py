@@ -65,9 +65,9 @@ def simulate(
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
     times : increasing sequence of instants
-        times[0] is the initial instant; data are evaluated at all later instants.
+        times[0] is the initial instant; a step ends at each later instant.
     solver : Solver, or object with solve(program, target), optional
-        By default Direct for programs without friction and one-sided contact, else Newton.
+        By default Direct for programs with neither friction nor one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
         The displacement at times[0]. None is zero; "equilibrium" is the equilibrium a(u_0, .) = l(0) without friction;
         "settled" is the result of one step from zero; :func:`vemcvx.projected` gives the projection P^h u_0. From a
@@ -78,7 +78,7 @@ def simulate(
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        True: eliminate the unknowns without friction and contact, except with Viscosity or dashpots. False: keep all.
+        True: eliminate unknowns with neither friction nor contact, unless Viscosity or a dashpot acts. False: keep all.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the size and the installed packages.
     progress : bool, or callable (step, steps)

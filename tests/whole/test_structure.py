@@ -60,7 +60,7 @@ LINES |= {"limit_analysis": 423}
 LINES |= {"sensitivity": 926, "cost": 682, "cli": 3_798}
 LINES |= {"meshes": 6_566, "meshes/io": 1_391, "vem": 2_601}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
-TOP = 1_848
+TOP = 1_855
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 22_342
 """Largest number of lines of the tests of the folders in `LINES`."""

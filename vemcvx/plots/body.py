@@ -55,8 +55,6 @@ def deformed_mesh(
 ) -> Figure:
     """Draw the mesh deformed at a stored step.
 
-    Magnification, scales of colours and arrows, and the visible part of the plane are the same at all steps.
-
     Parameters
     ----------
     history, step, ax, units : as for `friction_traction`
@@ -69,7 +67,8 @@ def deformed_mesh(
     -------
     matplotlib Figure
         The colour of a cell is the mean of |u| at its vertices. The dashed line is the undeformed outline. Arrows of
-        friction and marks of contact are as in `stressed_body` with ``forces="friction"``.
+        friction and marks of contact are as in `stressed_body` with ``forces="friction"``. Magnification, scales of
+        colours and arrows, and the visible part of the plane are the same at all steps.
 
     Raises
     ------

@@ -194,8 +194,8 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
 
     Raises
     ------
-    HistoryError
-        The history has no contact, or no step.
+    SceneError, HistoryError
+        The body is in space, or the history has no contact or no step.
 
     Examples
     --------
@@ -292,8 +292,8 @@ def along_contact(
 
     Raises
     ------
-    HistoryError
-        The history has no contact or no step, there are too many `steps`, or `show` is none of these names.
+    SceneError, HistoryError
+        The body is in space, there is no contact or no step, a step was not stored, or an argument is invalid.
 
     Examples
     --------
@@ -337,7 +337,7 @@ def wear(
 
     Raises
     ------
-    HistoryError
+    SceneError, HistoryError
         As for `along_contact`.
 
     Examples

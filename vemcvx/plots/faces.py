@@ -55,8 +55,8 @@ class ContactFace:
 def contact_faces(history: Results, on: str | None = None, picture: str = "contact_face") -> dict[str, ContactFace]:
     """Return the faces of contact that are visible in one view: interfaces by name, and all "obstacles" as one.
 
-    `on` selects one of them, or the obstacles of a boundary. Raise HistoryError if the body is plane, or if there is no
-    contact there.
+    `on` selects one of these faces, or the obstacles of a boundary. Raise HistoryError if the body is plane, or if the
+    selected face has no contact.
     """
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
@@ -167,9 +167,9 @@ def contact_face(
 
     Raises
     ------
-    HistoryError
-        The body is plane or has no contact there; contact goes round the body; there are several faces for one `ax`; or
-        `show` is none of these names.
+    SceneError, HistoryError
+        The body is plane or has no contact there, contact goes round the body, there are several faces for one `ax`,
+        the step was not stored, or an argument is invalid.
 
     Examples
     --------
@@ -270,7 +270,7 @@ def friction_disc(
 
     Raises
     ------
-    HistoryError
+    SceneError, HistoryError
         As for `contact_face`, or there is no friction at that step.
 
     Examples

@@ -100,8 +100,6 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
 def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
 
-    The colour shows sqrt(b / area), where b is the contribution of the cell to the squared bound.
-
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
@@ -109,7 +107,8 @@ def error_map(history: Results, *, ax: Axes | None = None, units: Units | None =
     Returns
     -------
     matplotlib Figure
-        The title gives the relative bound of the step.
+        The colour shows sqrt(b / area), where b is the contribution of the cell to the square of the bound. The title
+        gives the relative bound of the step.
 
     Raises
     ------
@@ -156,8 +155,6 @@ def hysteresis_loop(
 ) -> Figure:
     """Draw the force on a driven boundary against its mean motion, along the axis on which its path is longest.
 
-    The force is the reaction of a support, or else the force of contact or the total of a load.
-
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
@@ -168,12 +165,13 @@ def hysteresis_loop(
     Returns
     -------
     matplotlib Figure
-        The loop, with marks at its first and last instant, and bars for `history.force_bounds` on this force.
+        The loop, with marks at its first and last instant, and bars for `history.force_bounds` on this force. The force
+        is the reaction of a support, or else the force of contact or the total of a load.
 
     Raises
     ------
-    HistoryError
-        `on` is None, but no support moves and no load changes.
+    SceneError, HistoryError
+        `on` is no boundary; or `on` is None, but no support moves and no load changes.
 
     Examples
     --------
@@ -205,8 +203,6 @@ def hysteresis_loop(
 def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw the forces on named boundaries over time, one curve per component.
 
-    The eight largest components of `History.resultants` are drawn, without components below 1 % of the largest.
-
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
@@ -214,7 +210,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     Returns
     -------
     matplotlib Figure
-        One curve per boundary and component.
+        The eight largest components of `History.resultants`, without components below 1 % of the largest.
 
     Raises
     ------
@@ -323,7 +319,7 @@ def write_plots(
     Raises
     ------
     HistoryError
-        The folder cannot be written to, or foreign files have these names.
+        The suffix is unknown, the folder cannot be written to, or foreign files have these names.
     VemcvxError
         matplotlib is not installed.
 
@@ -381,8 +377,6 @@ def animate(
 ) -> Path:
     """Write a film of the deformed mesh through all stored steps.
 
-    All frames have the view and the scales of `deformed_mesh` (in space, `deformed_body`).
-
     Parameters
     ----------
     history : History
@@ -396,7 +390,7 @@ def animate(
     Returns
     -------
     Path
-        The file.
+        The file. All frames have the view and the scales of `deformed_mesh` (in space, `deformed_body`).
 
     Raises
     ------

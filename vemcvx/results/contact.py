@@ -36,8 +36,8 @@ class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
     A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement. If a
-    support holds or moves the node along the boundary, this force is neither traction nor pressure. Friction is then
-    traction, and it is 0 in steps in which the support stands still, although any value up to the bound is admissible.
+    support holds or moves the node along the boundary, the force of this support is neither traction nor pressure. The
+    friction on this node is traction; it is 0 in steps in which the support stands still, where it is not unique.
 
     In space, lengths are areas, and slip and traction are vectors in the tangent plane. At edges of contact, traction
     is the sum over all normals, and slip is orthogonal to the mean normal.
@@ -232,7 +232,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # With given directions, tractions are divided by other lengths than the sums below, and are not recovered.
+    # If terms have given directions, tractions are not recovered: their lengths differ from the sums below.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))

@@ -9,10 +9,10 @@
 - ``probes.csv``: displacements at points, if points were given
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. At nodes
-without contact, contact arrays are zero; only `sticking` and `closed`, which are 1 or 0 at contact nodes, are NaN. At
-an interface, both sides have values; slip and traction of the second body have the opposite sign. On cells, the file
-has the fields of `History.on_cells`.
+At nodes, a VTU file has the displacement and all contact arrays that change in time. Away from contact, these arrays
+are zero; only `sticking` and `closed`, which are 1 or 0 at contact nodes, are NaN there. At an interface, both sides
+have values; slip and traction of the second body have the opposite sign. On cells, the file has the fields of
+`History.on_cells`.
 
 All files are written to a temporary folder inside the target folder and then moved, first the archive, last the
 summary. If writing fails, an older history remains unchanged. Without an archive, files with these names do not belong
@@ -174,7 +174,7 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """Return the summary for JSON: energies at the end, contact at the peak; `writing` is the time of writing."""
+    """Return the summary for JSON: energies at the end, contact at the peak; `writing` is a time in seconds."""
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     row = history.row(None)
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}

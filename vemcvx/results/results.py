@@ -1,4 +1,4 @@
-"""Results at stored instants, computed from a march in free unknowns: displacements, forces and stresses."""
+"""Results at S stored instants, from the free unknowns of a trajectory: displacements, forces and stresses."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class Results(ActingForces):
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction": for the friction bounds of the answer."""
+        """The kind of `certificate`: "bound", or "for the given friction" if it is for the friction of the answer."""
         return self.trajectory.certificate_kind
 
     @property
@@ -145,12 +145,12 @@ class Results(ActingForces):
 
     @property
     def certified_total(self) -> Floats:
-        """The sum (S,) of the errors of all steps so far, relative to the energy norm, rounding included."""
+        """The sum (S,) of the certified errors of all steps so far, relative to the energy norm, with rounding."""
         return self.trajectory.certified_total[self.stored]
 
     @property
     def certificate_total(self) -> Floats:
-        """The sum (S,) of the certified errors of all steps so far, relative to the energy norm."""
+        """The sum (S,) of the certified errors of all steps so far, relative to the energy norm, without rounding."""
         return self.trajectory.certificate_total[self.stored]
 
     @property
@@ -267,7 +267,7 @@ class Results(ActingForces):
 
         Displacements are taken at nodes, stresses at centroids of cells, and slip, friction and pressure at contact
         nodes. `Extreme.unbounded` warns of values at corners and point loads that may grow without limit as the mesh is
-        refined (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the value.
+        refined (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the extreme.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()

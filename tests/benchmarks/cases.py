@@ -111,7 +111,7 @@ def measure_space(n: int, steps: int = 16) -> list[Row]:
 
 
 def measure_assembly(n: int) -> list[Row]:
-    """Measure the assembly of K: ours against scikit-fem on equal meshes, Voronoi cells against distorted squares."""
+    """Measure the assembly of K: the package against scikit-fem, and Voronoi cells against distorted squares."""
     rows = []
     for family, kind in (("squares", skfem.MeshQuad), ("triangles", skfem.MeshTri)):
         mesh, theirs = getattr(vx.meshes, family)(n), grid(n, kind)

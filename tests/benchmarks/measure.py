@@ -33,7 +33,7 @@ class Row:
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
-    """Return the median seconds of each action; actions alternate, so that a drift of the machine affects all.
+    """Return the median seconds of each action; actions alternate, so that a drift of the machine affects all actions.
 
     If repeats > 1, an uncounted round comes first, because the first use of memory takes as long as the work.
     """

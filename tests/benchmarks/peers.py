@@ -5,8 +5,8 @@ python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 
 A block (1 x 1 x 1/4, n x n x n/4 cubes of six tetrahedra, E = 200, nu = .3) is held at its top, pushed down, tilted and
 pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU seconds.
 
-Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, u = W r + q on Coulomb's cones, by nonsmooth
-Gauss-Seidel (NSGS) to 1e-8, starting from the forces of the previous step. We solve the condensed program of the step.
+Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, slips u = W r + q for forces r in Coulomb's
+cones, by nonsmooth Gauss-Seidel (NSGS) to 1e-8, from the forces of the previous step. We solve the condensed program.
 W and our condensed matrix are computed beforehand and not counted. Times are medians over steps; ours omit the first.
 
 GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for

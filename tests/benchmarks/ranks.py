@@ -3,10 +3,10 @@
 mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | iterative] [--solves 3]
 
 A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its free bottom.
-Set-up is done once per run and includes the bound on the spectrum; a solve is K^{-1} b to 1e-12, for forces of three
-shapes. These are wall seconds of rank 0, which depend on other work of the machine. Every rank prints its peak memory,
-its CPU seconds, and its floating-point operations (in solves and matrix products only). `--linear iterative` on one
-rank does the same with PyAMG.
+Set-up is done once per run and includes the bound on the spectrum. A solve is K^{-1} b to 1e-12; b is one of three
+forces. Both times are wall seconds of rank 0, which depend on other work of the machine. Every rank prints its peak
+memory, its CPU seconds, and its floating-point operations (in solves and matrix products only). `--linear iterative`
+on one rank uses PyAMG instead.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ def assemble_elasticity(mesh: skfem.Mesh) -> tuple[sp.csr_matrix, skfem.Basis]:
 
 
 def grid(n: int, kind: type[skfem.Mesh]) -> skfem.Mesh:
-    """Return the unit square in n x n squares, or twice as many triangles."""
+    """Return the unit square, divided into n x n squares or twice as many triangles."""
     line = np.linspace(0, 1, n + 1)
     return kind.init_tensor(line, line)
 

@@ -1,4 +1,4 @@
-"""Effects that are absent, or that change nothing, cost nothing and leave every bit of an answer as it is."""
+"""Effects without influence cost nothing, and leave every bit of an answer unchanged."""
 
 import logging
 

@@ -165,7 +165,7 @@ def test_thermal_strain(body):
     free = body.run(body.walls, heat)
     assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
-    # Heat counts as a load; energy is 1/2 a(u, u). In each step, work exceeds energy plus dissipation by 1/2 a(du, du).
+    # Heat counts as a load. In each step, work exceeds the growth of energy and dissipation by the energy of du.
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
     assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
     rest = np.diff(free.work - free.energy - free.dissipated)
@@ -250,7 +250,7 @@ def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
 
 
 def test_supports_that_drag_the_bottom_of_a_block_bear_its_friction():
-    """All rubbing nodes have prescribed motions: friction has size g and opposes the motion."""
+    """All rubbing nodes have prescribed motions: friction is equal to the bound, and opposes the motion."""
     block, way = make_body(("space", "cubes")), np.array([0.1, 0.2, 0.0])
     dragged = vx.PrescribedDisplacement(lambda x, t: t * way, on="bottom")
     rubs = vx.BilateralContact(on="bottom"), vx.TrescaFriction(3.0, on="bottom")

@@ -20,10 +20,7 @@ SIDES = ("left", 0, -1), ("right", 0, 1), ("front", 1, -1), ("back", 1, 1)
 
 
 def nearest(trial, across):
-    """Return the point of the ellipse nearest to a trial force.
-
-    It is the friction of a block that is equally stiff in all directions.
-    """
+    """Return the point of the ellipse nearest to a trial force, the friction of a block with one shear stiffness."""
     at, squares = AXES @ trial, np.array([BOUND, across]) ** 2
     if across == 0.0:
         return AXES.T @ [np.clip(at[0], -BOUND, BOUND), 0.0]
@@ -34,7 +31,7 @@ def nearest(trial, across):
 
 
 def closed_form(across, path=PATH):
-    """Return the slips a and the forces q = mu (U - a) / H on the floor."""
+    """Return the slips a and the forces q = mu (U - a) / H on the floor, for motions U of the top along the path."""
     a, q = [np.zeros(2)], [np.zeros(2)]
     for U in path[1:]:
         q.append(nearest(MU * (U - a[-1]) / HEIGHT, across))
@@ -43,7 +40,7 @@ def closed_form(across, path=PATH):
 
 
 def sheared(q, *effects, press=0.0, path=PATH):
-    """Return the scene of a block whose top moves along the path; if the top also presses, nu = 0: nothing bulges."""
+    """Return the scene of a block whose top moves along the path; if the top presses, nu = 0 prevents bulges."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]

@@ -11,7 +11,7 @@ INNER, JOINT, OUTER = 1.0, 1.6, 2.4
 
 
 def ring(inside, outside, cells, turn):
-    """Return a ring, or a sector of it that ends on the axes."""
+    """Return a ring, or its sector between the angles 0 and `turn`."""
     radii = np.geomspace(inside, outside, max(1, round(cells / turn * np.log(outside / inside))) + 1)
     return vx.meshes.ring(radii, cells, angles=(0.0, turn))
 

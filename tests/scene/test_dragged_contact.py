@@ -26,7 +26,7 @@ def drag(direction):
 
 
 def ledger_rest(history):
-    """Return work - dE - loss - 1/2 a(du, du) - p . dz, which is zero: energy E, pressure p, normal displacement z."""
+    """Return work - dE - loss - 1/2 a(du, du) - p . dz, which is zero; E = a(u, u) / 2, and p is the force along z."""
     posed = pose_scene(history.scene, history.mesh)
     du = np.diff(history.displacement, axis=0).reshape(history.steps, -1)
     rest = 0.5 * np.einsum("ni,ni->n", du, (posed.A @ du.T).T)
@@ -60,7 +60,7 @@ def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, to
     assert np.abs(contact.slip[:, corner[0], 0] - course(TIMES)).max() < 1e-15
     assert np.array_equal(contact.sticking[1:, corner[0]], moves[1:] == 0)
     assert np.abs(contact.bound - g).max() < 1e-12
-    # Work, dissipation and wear include those of the corner.
+    # Work, dissipation and wear include the corner.
     size = history.work.max()
     assert np.abs(ledger_rest(history)).max() < 1e-12 * size
     assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)

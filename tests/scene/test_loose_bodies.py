@@ -28,7 +28,7 @@ def test_contact_that_holds_a_body_to_another_causes_no_warning(caplog):
 
 
 def test_rotations_are_named_by_their_axes():
-    """The rotation axes of an inclined long body differ from those of the orthonormal kernel."""
+    """A long body on an inclined plane may rotate about the normal of the plane; messages name this axis."""
     straight = vx.meshes.cubes(1, box=((0, 4), (0, 1), (0, 1)))
     c, s = np.cos(0.5), np.sin(0.5)
     points = straight.points @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
@@ -79,7 +79,7 @@ def test_a_refusal_names_the_direction_of_the_load(mesh, held, load, motion):
 
 
 def test_a_skew_body_in_space_is_held_by_a_clamp():
-    """Rotations about the coordinate axes are not orthogonal, because these are no principal axes of inertia."""
+    """Rotations about the coordinate axes are not orthogonal: these axes are no principal axes of inertia."""
     block = vx.meshes.cubes(2)
     skew = block.points + np.column_stack([0 * block.points[:, :2], block.points[:, 0]])
     arrays = {name: getattr(block, name) for name in block.ARRAYS if name != "points"}

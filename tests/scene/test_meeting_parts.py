@@ -22,7 +22,7 @@ def floor(family, n=5):
 
 
 def share(mesh, name, nodes):
-    """Return the integrals of phi_i over a part of the boundary, for these nodes."""
+    """Return the integrals of the basis functions of these nodes over a part of the boundary."""
     part = vx.vem.Space(mesh).part(name, "test")
     length = np.zeros(mesh.n_nodes)
     length[part.nodes] = part.node_lengths
@@ -58,7 +58,7 @@ def test_a_side_divided_into_two_parts_acts_as_one_side(family, pair):
     mesh = floor(family)
     one, two = run(mesh, *PAIRS[pair]("bottom")), run(mesh, *PAIRS[pair]("west"), *PAIRS[pair]("east"))
     size = np.abs(one.displacement).max()
-    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in energy, pressures to fewer digits.
+    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in the energy norm, pressures to 1e-6.
     loose = 1e-6 if "Coulomb" in pair else 1e-11
     assert np.abs(one.displacement - two.displacement).max() <= loose * size
     for name in FIELDS:

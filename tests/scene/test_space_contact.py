@@ -14,7 +14,7 @@ SHARP = vx.Newton(accuracy=1e-11)
 
 
 def test_contact_holds_every_normal_at_edges_and_corners():
-    """A cube lies in a corner: nodes on one wall slide along it, nodes on two along an edge; the corner is fixed."""
+    """A cube lies in a corner: nodes slide along a wall, or along the edge of two walls; the corner node is fixed."""
     mesh = vx.meshes.cubes(2)
     walls = ["left", "front", "bottom"]
     scene = vx.Scene(
@@ -32,7 +32,7 @@ def test_contact_holds_every_normal_at_edges_and_corners():
     assert np.abs(u[free]).min() > 1e-4
     assert np.array_equal(history.contact.nodes, np.flatnonzero((on.sum(axis=1) > 0) & (on.sum(axis=1) < 3)))
     assert slip == pytest.approx(u[history.contact.nodes], abs=1e-14)
-    # Dissipation is bound times slip on each wall; at an edge both walls count.
+    # Dissipation is the bound times slip, summed over walls.
     lengths = history.contact.friction_lengths
     moved = np.linalg.norm(np.diff(history.contact.slip, axis=0), axis=2)
     assert history.dissipated[-1] == pytest.approx(1e-3 * (moved @ lengths).sum(), rel=1e-6)
@@ -102,7 +102,7 @@ def test_a_block_agrees_with_scikit_fem_and_cvxpy():
 
 
 def test_wear_is_traction_times_displacement():
-    """At edges, friction acts in two planes; `slip` lacks the component along the mean normal, and is smaller."""
+    """At edges, friction acts in two planes, but `slip` lacks the displacement along the mean normal."""
     mesh, sides = vx.meshes.cubes(2), ["bottom", "left"]
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),

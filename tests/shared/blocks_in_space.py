@@ -11,7 +11,7 @@ from vemcvx.scene import pose_scene
 def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=True):
     """Return the System of the unit cube with n cells per edge, clamped on its right, under traction(t) on its top.
 
-    Friction on the bottom is Tresca's with the bound, or Coulomb's with the coefficient if it is given.
+    Friction on the bottom is Tresca's with `bound`, or Coulomb's if `coefficient` is given.
     """
     friction = vx.TrescaFriction(bound, on="bottom", while_closed=None if is_bilateral else False)
     scene = vx.Scene(

@@ -1,7 +1,7 @@
 """Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds.
 
-|.|_a is the energy norm. Arrays of a chunk of c cells have the shape (c, n, ...): a cell is a fan of n triangles, each
-of which is split into three parts (`vemcvx.bound.fan`). On a triangle, a field has 10 nodes, hence 20 values.
+|.|_a is the energy norm. Arrays of a chunk of c cells have the shape (c, n, ...), because a cell is a fan of n
+triangles (`vemcvx.bound.fan`). Each triangle has three parts, and a field has 10 nodes and 20 values on the triangle.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def beside_refined(coarse, part, most=20_000):
     """Return three results: |v - v_f - w_f|_a; a bound of |u - v_f - w_f|_a; and the ErrorBound of the finer run.
 
     All results are for a step from rest: u is the solution, v belongs to the coarse run, v_f and its enrichment w_f to
-    the finer run. The finer mesh is refined where its bound is large, until the bound is at most `part` of the error
+    the finer run. The finer mesh is refined where the bound is large, until the bound is at most `part` times the error
     of the coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()

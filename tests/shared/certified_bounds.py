@@ -2,8 +2,8 @@
 
 Step n has the state y_n, multipliers lam_n, slips s = B (y_n - y_{n-1}), a certified duality gap gap_n and a rounding
 floor floor_n; a star marks exact values. Steps with given weights w are nonexpansive, so |y_n - y_n*|_K <= E_n = sum
-over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m). With A = K^{-1} and mu = lam_n - lam_n*, forces balance up to r_n with
-|r_n|_A <= sqrt(2 gap_n), hence
+over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m). Let A = K^{-1} and mu = lam_n - lam_n*. Forces balance up to a residual
+r_n with |r_n|_A <= sqrt(2 gap_n), hence
 
     |B'mu|_A = |r_n + K (y_n - y_n*)|_A <= sqrt(2 gap_n) + E_n <= 2 E_n,
 

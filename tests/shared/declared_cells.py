@@ -1,7 +1,7 @@
 """Cases on which estimated mesh errors are compared with true errors: flat and tall cells of aspect 1 to 100.
 
-Blocks and beams are meshed by rectangles of aspect up to 100, and blocks by all other families with cells of aspect up
-to 16. Every case also has a finer reference mesh, whose error is a small part of the error of the tested mesh.
+Blocks and beams have meshes of rectangles of aspect up to 100. Blocks also have meshes of all other families, of aspect
+up to 16. Every case has a finer reference mesh, whose error is a small part of the error of the tested mesh.
 """
 
 from __future__ import annotations

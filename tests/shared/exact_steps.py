@@ -6,13 +6,13 @@ slipping terms with their directions, active limits), the optimality conditions 
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
-which is refined, with factors in double precision, until its residual is below 1e-60. Sets change by a primal-dual
-active set method (by single pivots, Murty 1974, if it cycles) until every inequality holds to 1e-48 in the units of the
-step, in which K's diagonal and the largest force have size one. With given weights, a solution of the conditions is
-*the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), other solutions may exist.
+with weights w and compliances c. The solution is refined, with factors in double precision, until the residual is below
+1e-60. Sets change by a primal-dual active set method (by single pivots, Murty 1974, if sets repeat) until every
+inequality holds to 1e-48 in units in which the largest force and the diagonal of K have size one. With given weights,
+the solution is *the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), others may exist.
 
 Units are powers of two: d_i = 2^(a - e_i) times the scaled increment, where K_ii 2^(-2 e_i) is of size one. Energies
-are 2^(2a) times those of the scaled program.
+are 2^(2a) times the energies of the scaled program.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _multiply(A, B):
 
 
 def _project_out(K, N):
-    """Return P K P, where P projects along the columns of N: because of rounding, K N is not exactly zero."""
+    """Return P K P, where P projects out the columns of N: because of rounding, K N is not exactly zero."""
     gram = [[int(v) for v in row] for row in _multiply(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
@@ -145,7 +145,7 @@ def eliminate(matrix, right):
 
 
 class Stuck(Exception):
-    """Error if no sets were found on which all conditions hold."""
+    """The error if no sets were found on which all conditions hold."""
 
 
 @dataclass(frozen=True)
@@ -325,7 +325,7 @@ class _Conditions:
         ]
 
     def _release_terms(self, slips, acts, pairs):
-        """Mark terms as slipping if an active limit prescribes their slip: such terms cannot stick."""
+        """Mark terms as slipping if an active limit prescribes a nonzero slip."""
         slips = slips.copy()
         for i, j, ratio in pairs:
             slip = (ratio * int(self.e[j]) >> BITS) - int(self.b[i])

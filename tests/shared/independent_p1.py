@@ -8,11 +8,11 @@ This module does not use the package. A step of backward Euler is the convex pro
 
 in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program to 1e-13 if
 possible. On the active sets of Clarabel's answer (slipping rows, pressing obstacles), the optimality conditions are
-solved again as a dense linear system, and all inequalities are checked. Coulomb's friction, w = mu p, needs a
-fixed-point iteration, in which each program begins with the sets of the previous program.
+solved again as a dense linear system, and all inequalities are checked. Coulomb's friction, w = mu p with pressures p,
+needs a fixed-point iteration, in which each program begins with the sets of the previous program.
 
-Signs: normals point out of the body, and tangents are normals rotated by +90 degrees. Friction exerts the nodal force
--lam t on the body, and the obstacle exerts -p n.
+Signs: normals n_j point out of the body; tangents t_i are normals rotated by +90 degrees. Friction exerts the nodal
+force -lam_i t_i on the body, with |lam_i| <= w_i, and the obstacle exerts -p_j n_j.
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ def scalar(value):
 
 
 class NotPolished(AssertionError):
-    """Error if no sets satisfy all optimality conditions."""
+    """The error if no sets satisfy all optimality conditions."""
 
 
 @dataclass
 class Rows:
-    """Directions at nodes: row i is direction_i . u(node_i), with its length, the integral of phi_i.
+    """Directions at nodes: row i is direction_i . u(node_i), with its length, the integral of the basis function.
 
     Between bodies, row i is direction_i . (u(node_i) - u(partner_i)).
     """
@@ -146,7 +146,7 @@ class Body:
         return Rows(nodes, np.tile(direction, (len(nodes), 1)), lengths[nodes])
 
     def integral(self, side, g):
-        """Return the integrals of g phi_i over a side, for each of its nodes i and a polynomial g(x)."""
+        """Return the integrals of g times the basis function over a side, for each node; g(x) is a polynomial."""
         basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=8)
         return skfem.LinearForm(lambda v, w: g(np.array(w.x)) * v).assemble(basis)[self.nodes(side)]
 

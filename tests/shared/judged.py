@@ -18,13 +18,13 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""Assumed inverse of the least eigenvalue of K with unit diagonal and anchors, for bodies that only contact holds."""
+"""Assumed inverse of the least eigenvalue of K with unit diagonal and anchors (:mod:`vemcvx.program.kernel`)."""
 CONSISTENT = 1e-11
-"""Allowed deviation of weights from the friction law, relative to the largest force: Newton's method stops there."""
+"""Allowed deviation of weights from the friction law, relative to the largest force: Newton's tolerance of a step."""
 EXACT = 2.0**-160
 """Relative error of exact distances, which are roots of energies computed with 512 bits."""
 UPPER = 1 + 1e-9
-"""Factor for the rounding of bound and error in doubles."""
+"""Factor for the rounding of bounds and errors in doubles."""
 
 
 @dataclass
@@ -210,7 +210,7 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution for the answer's weights; infinity if these do not obey the law.
+    """Return the distance from the exact solution for the answer's weights; infinity if weights do not obey the law.
 
     With large coefficients, a step may have several solutions. An answer that solves the step with its own weights is
     one of these solutions, perhaps not the one that `exact_steps` finds.

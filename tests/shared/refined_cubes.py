@@ -26,7 +26,7 @@ def refined_cubes(n, cut=(0,), scale=1.0):
 
 
 def squares(low, width, small):
-    """Yield corner, width and two axes (outward normal by the right-hand rule) of each square face of a cube."""
+    """Yield corner, width and two axes of each square face of a cube; the cross product of the axes points outward."""
     for axis, up in product(range(3), (False, True)):
         one, other = (axis + 1) % 3, (axis + 2) % 3
         at = np.array(low)

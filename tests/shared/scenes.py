@@ -80,7 +80,7 @@ def cyclic(t):
 
 
 def drawn(family, seed):
-    """Return the family, or, for one seed in eight, a family that is not in `SEEDED`, if there is one."""
+    """Return the family; for one seed in eight, return a family that is not in `SEEDED` instead, if there is one."""
     added = [name for name in FAMILIES if name not in SEEDED]
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 

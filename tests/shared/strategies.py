@@ -125,7 +125,7 @@ class Setting:
 
 @st.composite
 def settings_of_scenes(draw, moving=False, most_steps=4):
-    """Draw settings: affine tractions on one or two sides, or a body force, random courses, bounds of every kind."""
+    """Draw settings: affine tractions on one or two sides, sometimes a body force, courses, bounds of all kinds."""
     mesh, times = draw(meshes()), draw(instants(most_steps))
     steps, rng = len(times) - 1, np.random.default_rng(draw(SEEDS))
     size = draw(exponents(-3, 3))

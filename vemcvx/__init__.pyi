@@ -1,4 +1,4 @@
-"""The public names of vemcvx, and where they stand; each is imported when it is first used."""
+"""The public names of vemcvx, and the modules that define them; each name is imported at its first use."""
 
 from . import bound as bound
 from . import effects as effects

@@ -307,8 +307,6 @@ def scene_of(history: object, subject: str) -> Scene:
 def read_history(folder: str | Path) -> History:
     """Read a history from a folder that :meth:`History.write` wrote; all numbers are equal to the last bit.
 
-    Files do not keep the scene, because its data may be functions: `scene` is None, and `effects` describes it.
-
     Parameters
     ----------
     folder : str or Path
@@ -316,6 +314,7 @@ def read_history(folder: str | Path) -> History:
     Returns
     -------
     History
+        `scene` is None, because data of a scene may be functions; `effects` describes the scene.
 
     Raises
     ------

@@ -180,9 +180,6 @@ STATES = (
 def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw stick, and slip with its direction, for every contact node and stored step.
 
-    The band of a step spans the time from the previous stored instant to the instant of the step. If steps in between
-    were not stored, the band shows the state of its last step, with a note in the title.
-
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
@@ -190,7 +187,8 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     Returns
     -------
     matplotlib Figure
-        The horizontal axis is the position along contact, the vertical axis time.
+        The horizontal axis is the position along contact, the vertical axis time. The band of a step begins at the
+        previous stored instant, and shows the state at the end of the step. The title counts the steps not stored.
 
     Raises
     ------

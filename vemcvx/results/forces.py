@@ -147,7 +147,6 @@ def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSu
 
 
 def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Iterator[_Rows]:
-    """Yield the forces of supports and of bilateral contact."""
     supports, S = posed.supports, len(forces)
     own = np.flatnonzero(np.diff(supports.H.indptr))
     rest = forces.reshape(S, -1)[:, own] + trajectory.multipliers.reshape(S, -1) @ posed.terms.rows[:, own]
@@ -353,7 +352,6 @@ class ActingForces:
         return mine.any(axis=1) & (acting.ends[:, 1] != ACROSS)
 
     def _numbers(self, of: Effect | type[Effect], subject: str) -> Ints:
-        """Return the numbers of an effect, or of all effects of a class."""
         if isinstance(of, Effect):
             words = of.describe_body(self._space.in_plane)
             known = self.scene.canonical if self.scene else ()

@@ -312,7 +312,13 @@ class Results(ActingForces):
         return chosen if self.peak in chosen else np.union1d(chosen[int(len(chosen) == most) :], self.peak)
 
     def row(self, step: int | None) -> int:
-        """Return the row of a step in the arrays; negative steps count from the end, and None is the peak."""
+        """Return the row of a step in the arrays; negative steps count from the end, and None is the peak.
+
+        Raises
+        ------
+        SceneError
+            That step was not stored.
+        """
         step = self.peak if step is None else step
         wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
         stored: list[int] = self.stored.tolist()

@@ -92,7 +92,6 @@ def _when(history: Results, count: int) -> Columns:
 
 
 def _by_axis(name: str, values: Floats | Ints) -> Columns:
-    """Return a column of numbers, or one column for each component of vectors."""
     if values.ndim == 1:
         return {name: values}
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}

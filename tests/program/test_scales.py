@@ -32,7 +32,7 @@ def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
     for n in range(2):
         assert -motion[n, 1] < GAP
         assert np.abs(history.displacement[n] - motion[n]).max() <= 10 * accuracy * np.abs(motion).max()
-        # On a block of width 1, displacements x have norms of about x times the root of the shear modulus, 20.
+        # A displacement x of a block of width 1 has a norm of about 20 x; 20 is the root of the shear modulus.
         assert history.trajectory.norm[n] <= 10 * accuracy * 20 * np.abs(motion).max()
 
 

@@ -91,8 +91,8 @@ def test_active_sets_of_discs_that_share_a_node_settle(seed):
     assert vx.simulate(scene, mesh, TIMES).certificate.max() <= 1e-8
 
 
-UNSETTLED = {88, 101, 177, 248, 1053, 1196}
-"""Seeds of nonconvex scenes (Coulomb's law, friction while closed) whose sets do not settle in `max_iterations`."""
+UNSETTLED = {88, 101, 177, 248, 358, 1024, 1053, 1196}
+"""Seeds of nonconvex scenes (Coulomb's law, friction while closed) in which a step may be refused as not certified."""
 
 
 @pytest.mark.slow

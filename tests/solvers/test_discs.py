@@ -114,7 +114,7 @@ def test_random_programs_are_solved(kind, count):
 
 @mostly_long("polygon", [4, 16, 64], 1)
 def test_osqp_replaces_discs_by_polygons_and_certifies_the_difference(polygon):
-    """For polygons of P sides, the gap of the true program is at most 1 - cos(pi / P) times the dissipation."""
+    """For polygons of P sides, the gap of the true program is at most (1 - cos(pi / P)) times the dissipation."""
     system, between = make_system("bilateral, to and fro"), [0.0, 0.2]
     exact = vx.march(system, between)
     found = vx.march(system, between, solver=vx.OSQP(polygon=polygon), check=False)

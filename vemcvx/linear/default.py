@@ -48,7 +48,7 @@ _find_libraries = cache(ThreadpoolController)  # The search for BLAS libraries t
 
 @contextmanager
 def one_thread(unknowns: int) -> Iterator[None]:
-    """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns, which is faster.
+    """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns: more threads are slower.
 
     The limit holds for the whole process, so only the main thread sets it.
     """

@@ -20,7 +20,7 @@ Matrix = Floats | sp.csr_matrix
 """Matrix of a program: dense if the program is condensed, else sparse."""
 
 SAMPLES = 8
-"""Number of random vectors from which the diagonal of K^{-1} is estimated."""
+"""Number of random vectors, or of rows, from which energies b'K^{-1}b are estimated."""
 CHUNK_SIZE = 2**25
 """Largest number of entries (256 MB) in one batch of right-hand sides."""
 
@@ -71,7 +71,7 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 
 
 class LinearSolver(ABC):
-    """Settings of a linear solver; frozen.
+    """The settings of a linear solver.
 
     A run factorises its K once; with viscosity, once for every length of step. The run calls `eliminate` if the class
     `eliminates`, and then condenses programs to the unknowns of contact and friction. Otherwise the run calls

@@ -1,16 +1,16 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-PyAMG aggregates unknowns and smooths the prolongations P built from the near-kernel, the rigid motions. The cycle M
-sweeps Gauss-Seidel forward before the coarse correction and backward after it. The coarse matrix is Galerkin's, P'KP.
-So M is symmetric and positive definite, and no eigenvalue of MK exceeds one. If Poisson's ratio
-exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
+PyAMG aggregates unknowns and smooths the prolongations P built from the near-kernel, the rigid motions. A cycle, which
+multiplies by a matrix M close to K^{-1}, sweeps Gauss-Seidel forward before the coarse correction and backward after
+it. The coarse matrix is Galerkin's, P'KP. So M is symmetric and positive definite, and no eigenvalue of MK exceeds one.
+If Poisson's ratio exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
 
 Solves are inexact, so certificates use the following bound. For any approximation x of K^{-1}b, with rho = b - K x
 and l <= lambda_min(MK),
 
     b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
 
-because x'Kx = x'(b - rho), and M^{1/2}K M^{1/2} >= l means K^{-1} <= M / l.
+because K^{-1}b = x + K^{-1}rho, and M^{1/2}K M^{1/2} >= l means K^{-1} <= M / l.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class IterativeFactor(Factor):
         return x
 
     def energy(self, b: Floats) -> float:
-        x = self.iterate(b, 0.1)[0]  # Smaller residuals would lower the bound by a hundredth only.
+        x = self.iterate(b, 0.1)[0]  # Smaller residuals would lower the bound by only a hundredth.
         left = b - self._K @ x
         return abs(float(b @ x + x @ left + left @ self.cycle(left) / self._lowest))
 

@@ -1,11 +1,11 @@
 """oneMKL's PARDISO: the supernodal Cholesky factorisation, through the package py-mkl-pardiso (extra ``mkl``).
 
-If `perm` marks m unknowns c and iparm[35] = 2, phase 12 factorises all of K, and returns the Schur complement onto c as
-m x m numbers at the beginning of the solution array. Phase 33 solves with the same factors; phase 333 substitutes
-backward, with K = L L', and leaves x_c unchanged. PARDISO orders the unknowns itself, and runs on one thread.
+PARDISO's array `perm` marks m unknowns c. With the setting iparm[35] = 2, phase 12 factorises all of K = L L', and
+returns the Schur complement onto c as m x m numbers at the beginning of the solution array. Phase 33 solves with these
+factors; phase 333 substitutes backward, and leaves x_c unchanged. PARDISO orders the unknowns itself, on one thread.
 
 The package's public class factorises before `perm` can be set, so we use its base class, _PardisoSolver. We do not
-request blocks of unknowns whose rows have the same pattern (iparm[36]): more than 256 crash the process.
+request blocks of unknowns whose rows have the same pattern (iparm[36]): blocks of more than 256 crash the process.
 """
 
 from __future__ import annotations

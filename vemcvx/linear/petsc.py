@@ -1,7 +1,7 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
 
-Rank 0 poses the problem, holds K and computes the steps. Every rank holds a block of K's rows and its part of the
-hierarchy. All other ranks wait for calls (:func:`serve`) of methods of :class:`Ranks`, which all ranks then execute.
+Rank 0 poses the problem, holds K and computes the steps. Each rank holds some rows of K and a part of the multigrid
+hierarchy. Ranks above 0 wait for calls (:func:`serve`) of methods of :class:`Ranks`, which all ranks then execute.
 
 GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both smoothers are
 self-adjoint in the energy, with eigenvalues of at most one, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
@@ -208,7 +208,7 @@ def all_ranks() -> Ranks:
 
 
 def serve() -> bool:
-    """Answer calls of rank 0 until rank 0 ends; on rank 0 itself, return False at once.
+    """Answer calls of rank 0 until rank 0 ends, then return True; on rank 0 itself, return False at once.
 
     Examples
     --------

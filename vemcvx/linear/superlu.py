@@ -112,7 +112,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut join the upper half unless this would empty the lower half. So rows become separators.
+        # Vertices at the cut join the upper half unless this would empty the lower half. So grid lines are separators.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]

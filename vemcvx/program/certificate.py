@@ -1,17 +1,17 @@
 r"""The certificate: a bound on the distance of any answer from the solution.
 
-For the program of a step (``StepProgram``), any $d$ within its bounds, any $\lambda$ with $|\lambda_i| \le w_i$ and
-$p \ge 0$, let $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$. Then
+For the program of a step (``StepProgram``) with the solution $d^*$, any $d$ within its bounds, any $\lambda$ with
+$|\lambda_i| \le w_i$ and $p \ge 0$, let $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$. Then
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 + \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) $$
 
-is primal minus dual objective, and
+is primal minus dual objective, and with $|e|_K^2 = e' K e$
 
 $$ \textbf{Theorem 1.} \quad \tfrac12 |d - d^*|_K^2 \le \text{gap}. $$
 
-Proof. Write the terms as $h(A d)$ with their conjugates $h^*$. The conjugate of $w |s|$ is 0 for $|\lambda| \le w$. The
-conjugate of $(z_+)^2 / 2c$ is $c p^2 / 2$ for $p \ge 0$; if $c = 0$, the conjugate of the bound $z \le 0$ is 0. With
+Proof. The dual objective consists of conjugates. The conjugate of $w |s|$ is 0 for $|\lambda| \le w$. The conjugate of
+$(z_+)^2 / 2c$ is $c p^2 / 2$ for $p \ge 0$; if $c = 0$, the conjugate of the bound $z \le 0$ is 0. With
 $v = K^{-1} (g - B' \lambda - D' p)$ the dual value is $G = -\frac12 v' K v - \lambda' b - p' e - \sum c p^2 / 2$,
 the primal value is $P(d) = \frac12 d' K d - g' d + \sum w |s| + \sum z_+^2 / 2c$, and $P(d) - G$ is the gap, because
 $g' d = v' K d + \lambda \cdot B d + p \cdot D d$. $P$ is $K$-strongly convex with minimiser $d^*$, so
@@ -22,8 +22,8 @@ inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinit
 
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
-The gap is linear in the slip of a sticking term. A slip of 1e-16, which is rounding, makes a bound of its root, 1e-8.
-If a move $v$ removes the slip instead, the bound grows only by $2 |v|_K$:
+The gap is linear in the slip of a sticking term, and the error is a root of the gap. So a slip of 1e-16, which is only
+rounding, makes a bound of 1e-8. If a move $v$ removes the slip instead, the bound grows only by $2 |v|_K$:
 
 **Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
 parts of norm terms and limits in the gap at $d - v$,
@@ -52,8 +52,8 @@ from vemcvx.base.arrays import EPS, Floats, directions, lengths
 from vemcvx.base.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
-"""Relative rounding error of |w lam / |lam||: a root, a quotient, a product, and another root. A multiplier this close
-to its bound counts as on the bound."""
+"""Relative rounding error of the length of w lam / |lam|: a root, a quotient, a product, and another root. Multipliers
+with a length this close to w count as on their bound."""
 
 ROUNDED = 8 * EPS
 """Rounding error of a sum of sixteen terms, relative to their sizes. Condensation drops smaller fractions of loads."""
@@ -122,15 +122,15 @@ class Certificate(ArrayRecord):
 
     @property
     def at_floor(self) -> bool:
-        """True if rounding accounts for the whole error, so that no smaller error can be requested."""
+        """True if rounding may account for the whole error, so that no smaller error can be requested."""
         return self.gap <= self.floor
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i.
 
-    If w_i is infinite, the gap is zero for s_i = 0, else infinite. It is computed without cancellation, as
-    (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2.
+    If w_i is infinite, the gap is zero for s_i = 0, else infinite. Other gaps are computed without cancellation, as
+    (w - |lam|) |s| + |lam| |s| |e - f|^2 / 2 with the directions e of lam and f of s.
     """
     size, slip = lengths(lam), lengths(s)
     # If lam or s vanishes, its factor |lam| or |s| removes the undefined direction from the sum.
@@ -143,7 +143,7 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
 def limit_gaps(compliance: Floats, p: Floats, z: Floats) -> Floats:
     """Return (z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 (r,) for p >= 0; infinite if z violates a bound.
 
-    It is computed without cancellation, as (z - c p)^2 / 2c where z > 0, and c p^2 / 2 + p |z| elsewhere.
+    Gaps are computed without cancellation, as (z - c p)^2 / 2c where z > 0, and c p^2 / 2 + p |z| elsewhere.
     """
     if len(p) == 0:
         return p

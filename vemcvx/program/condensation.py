@@ -13,7 +13,7 @@ For a state y with retained displacements y_c under the total force f, and for t
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
 so that no energies are subtracted from each other. If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns
-are anchored: K + E is factorised, with E the diagonal matrix of the anchors' stiffness, and gives S + E.
+are anchored: K + E is factorised, with E the diagonal matrix of the anchors' stiffness. Its Schur complement is S + E.
 
 The loads of a run combine few forces, called shapes. Each costs one solve; the energy of a combination is a sum over
 pairs of shapes.
@@ -42,7 +42,7 @@ MOST_SHAPES = 6
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A force phi (n,) of size one, with xi (n,), tau (m,), and `released` (m,), the retained part of K^{-1} phi."""
+    """A force phi (n,) with its xi (n,) and tau (m,), and `released` (m,), the retained part of K^{-1} phi."""
 
     phi: Floats
     xi: Floats
@@ -191,7 +191,7 @@ class Condensation:
         return Shape(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return tau (m,), corrected to do the work of phi (n,) on K's kernel; no work if that is only rounding."""
+        """Return tau (m,), corrected to do the work of phi (n,) on K's kernel; work by rounding counts as zero."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau

@@ -1,6 +1,6 @@
 """A step in terms of contact forces: how slips and gaps change when these forces change.
 
-With A = [B; D] the rows of norm terms and limits, and x = (lam, p) their forces, a step is
+With A = [B; D] the rows of norm terms and limits, and x = (lam, p) their forces, a step (:mod:`.step_program`) is
 
     K d + A'x = g,    s = B d - b,    z = D d - e,
     |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|;      p >= 0,  z <= c p,  p (c p - z) = 0.

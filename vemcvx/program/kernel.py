@@ -1,9 +1,10 @@
-r"""A matrix K with a kernel N: motions without energy, held by norm terms and limits alone.
+r"""A matrix K with a kernel N (n, k): k motions without energy, which only norm terms and limits resist.
 
-An example is a body without supports, held by friction, or by its weight on an obstacle. The step min 1/2 d'Kd - g'd +
-sum_i w_i |B_i d - b_i| subject to Dd <= e has a solution if no motion Nc gains energy,
+An example is a body without supports, held by friction, or by its weight on an obstacle. In the notation of
+:mod:`vemcvx.program.step_program`, the program of a step has a solution d* if no motion Nc gains energy (first
+formula). Forces of norm terms and limits then balance the load on the kernel (second formula):
 
-$$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \text{ with } D N c \le 0, \quad \text{so that} \quad
+$$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \ne 0 \text{ with } D N c \le 0, \qquad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
 K d* is unique, but d* need not be unique, so that errors are measured in the seminorm |.|_K. K can be factorised after
@@ -112,7 +113,7 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
     """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish modes (m, k) best, zero elsewhere.
 
-    Where the diagonal is only rounding, its largest entry is used. With softer anchors W = A K^{-1}A' loses digits.
+    Where the diagonal is only rounding, its largest entry is used. With softer anchors, flexibilities lose digits.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
@@ -128,11 +129,11 @@ def add_anchors(K: Matrix, anchor: Floats) -> Matrix:
 def balance_multipliers(
     near: tuple[Floats, Floats], w: Floats, modes: Floats, push: Floats, weights: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance N'g = `push` (k,).
+    """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance `push` (k,).
 
+    Multipliers balance `push` if (lam, p)'modes = push; `modes` (m * block + r, k) are slips and gaps in k motions.
     Corrections are least squares with `weights` (m,) and (r,): a larger weight allows a larger change. Multipliers that
-    were cut at their bounds change only along these bounds. `modes` (m * block + r, k) are the motions of the rows. If
-    the load is too large, part of it stays unbalanced.
+    were cut at their bounds change only along these bounds. If `push` is too large, part of it stays unbalanced.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]

@@ -40,12 +40,11 @@ FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQ
 """The features that a program can have."""
 
 SYMMETRY_TOLERANCE = 1e-10
-"""Largest difference between K and K', relative to the largest entry: products such as A'CA are not exactly
-symmetric."""
+"""Largest accepted difference between K and K', relative to the largest entry: rounding makes K asymmetric."""
 
 
 def check_symmetric(K: Any, subject: str) -> None:
-    """Raise SceneError unless K is square and Kx = K'x for a random x, which costs a tenth of K - K'."""
+    """Raise SceneError unless K is square and Kx = K'x for a random x, in a tenth of the time of K - K'."""
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
@@ -269,7 +268,7 @@ class Operators(ArrayRecord):
 
 
 class DenseInverse(Factor):
-    """The inverse of a dense K: every run needs its diagonal, and its block at the nonzero columns of A."""
+    """The inverse of a dense K: every run needs its diagonal, and its block on unknowns of norm terms and limits."""
 
     def __init__(self, K: Floats):
         # LAPACK reads matrices by columns: passing K' = K avoids a copy, and halves the time.

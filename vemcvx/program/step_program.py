@@ -1,12 +1,13 @@
-"""The convex program of a step for the increment d = y - y_prev, and its answers (in cvxpy: :mod:`.cvxpy_step`).
+"""The convex program of a step for the increment d = y - y_prev of a system's unknowns y, and its answers.
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-with g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown is d, not y, so that d
-keeps all digits if it is tiny compared with y. A *limit* j with compliance c_j = 0 is the bound D_j d <= e_j. A term of
-infinite weight always sticks: it is the constraint B_i d = b_i, and lam_i is free.
+with the stiffness matrix K and g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown
+is d, not y, so that d keeps all digits if it is tiny compared with y. Norm term i with the weight w_i resists the slip
+s_i by the force lam_i; a term of infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j with the
+compliance c_j has the force p_j; if c_j = 0, it is the bound D_j d <= e_j.
 """
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm of K^{-1} g and of least motions that undo an overlap or move a stuck term by b."""
+        """The largest energy norm of K^{-1} g and of least motions that undo an overlap, or move a stuck term by b."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -147,7 +148,8 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        A level is STILL_TOLERANCE times the largest motion of all terms (limits) in d, or of this one at norm `size`.
+        The level of a term (limit) is STILL_TOLERANCE times the larger of two motions: the largest motion of all terms
+        (limits) in d, and the largest motion of this term (limit) in a state of the energy norm `size`.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
@@ -247,9 +249,7 @@ class StepProgram(ArrayRecord):
         return operators.blocks(x[:rows]), x[rows:]
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
-        """Bound the error of any answer: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
-
-        The theorem is in :mod:`vemcvx.program.certificate`.
+        """Bound the error of any answer: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error (:mod:`.certificate`).
 
         Parameters
         ----------
@@ -376,7 +376,7 @@ class StepProgram(ArrayRecord):
             return d
         if not (np.diff(D.indptr)[rigid] == 1).all():
             return self._project_onto_limits(d, rigid.astype(np.int64))
-        # Several bounds, and soft limits, may act on the same unknown.
+        # Several bounds may act on the same unknown.
         column, coefficient, moved = D.indices[D.indptr[rigid]], D.data[D.indptr[rigid]], d.copy()
         edge, upper = self.e[rigid] / coefficient, coefficient > 0
         np.minimum.at(moved, column[upper], edge[upper])
@@ -442,7 +442,7 @@ class Answer(ArrayRecord):
 
 
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """Convert a solver's return value into an Answer, and compute missing multipliers."""
+    """Convert a solver's return value into an Answer with all multipliers; raise SolverFailed if it does not fit."""
     own, shapes = isinstance(raw, Answer), program.shapes
     parts = (raw.d, raw.lam, raw.p, raw.iterations) if own else raw if isinstance(raw, tuple) else (raw,)
     counted = len(parts) > 1 and is_whole(parts[-1])

@@ -1,9 +1,8 @@
-"""A system K y + B'lam + D'p = f(t) in plain arrays, possibly with moving supports: the argument of `march`.
+"""A quasistatic variational inequality in plain arrays, without a mesh: the argument of `march`.
 
-The system is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku,
-<l(t), v> = v'load(t) and the seminorm j(v) = sum_i w_i |B_i v|. It does not refer to a mesh. `Norms` are the terms
-w_i |B_i v|, with laws for the weights. `Limits` are the bounds D_j y <= e_j, or soft limits. `Motion` describes the
-contributions of moving supports to the energy, the norm terms and the limits.
+It is problem 2.1 of the paper for unknowns y(t), with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
+j(v) = sum_i w_i |B_i v|. `Norms` are the terms w_i |B_i v|, with laws for the weights w_i. `Limits` are the bounds
+D_j y <= e_j, or soft limits. Forces lam of norm terms and p >= 0 of limits balance the load, K y + B'lam + D'p = load.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ DRAG_ROUNDING = 16 * EPS
 
 
 class Rows(ArrayRecord):
-    """The base class of norm terms and of limits, with the `kind` and the places of the rows in words."""
+    """The base class of norm terms and of limits; `kind` and `places` name a term or a limit in messages."""
 
     kind: ClassVar[str]
     places: Callable[[int], str] | None
@@ -263,11 +262,11 @@ class DraggedTerms:
 
 @dataclass(frozen=True)
 class Motion:
-    """The contributions of moving supports: u = P y + u_D(t), and A is the matrix of a(u, v).
+    """The contributions of moving supports, which prescribe u_D(t): nodal displacements are u = P y + u_D(t).
 
-    a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure B (y - y_prev) plus the change of
-    `prescribed_slip` in the step. If supports move a body far and strain it little, the terms of a(u, u) cancel;
-    `pair` computes a(u, v) from two fields of `frame` without cancellation.
+    With the matrix A of a(u, v), a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure B (y - y_prev)
+    plus the change of `prescribed_slip` in the step. If supports move a body far and strain it little, the terms of
+    a(u, u) cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D
@@ -287,7 +286,7 @@ class Damping(ArrayRecord):
     C : (n, n) array or sparse matrix
         The matrix of b, symmetric, positive semidefinite.
     motion : Motion, optional
-        The contributions of moving supports, with b instead of a. The slips and gaps in it are not used.
+        The contributions of moving supports, with b instead of a. Its slips and gaps are not used.
 
     Examples
     --------

@@ -285,8 +285,8 @@ class OSQP(ThroughCvxpy):
         See :class:`ThroughCvxpy`.
     polygon : int, optional
         Replace the discs |lam_i| <= w_i by inscribed regular polygons with this many corners, at least 4. Certificates
-        still refer to discs: the gap is up to 1 - cos(pi / polygon) times sum w_i |s_i|, which is .019 times the sum
-        for 16 corners. By default programs with discs are not accepted.
+        still refer to discs: the gap is up to (1 - cos(pi / polygon)) sum w_i |s_i|, which is .019 times the sum for 16
+        corners. By default programs with discs are not accepted.
 
     Examples
     --------
@@ -322,7 +322,7 @@ class OSQP(ThroughCvxpy):
 
 
 class _PreparedConic:
-    """A cvxpy problem, compiled once with g, w, b, e as parameters; if K is sparse, it is posed anew in every step."""
+    """A cvxpy problem with parameters g, w, b, e, compiled once; if K is sparse, the problem is posed in every step."""
 
     def __init__(self, settings: ThroughCvxpy, newton: PreparedNewton):
         self._settings, self._newton = settings, newton

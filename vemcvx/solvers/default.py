@@ -36,7 +36,7 @@ class Solves(Protocol):
 
 
 def as_solver(given: Solver | Solves) -> Solver:
-    """Return a Solver unchanged, and wrap any other object with `solve`."""
+    """Return a Solver unchanged, and wrap any other object with `solve`; raise SceneError for everything else."""
     if isinstance(given, Solver):
         _features(given.accepts, given.name)
         return given
@@ -204,7 +204,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
-    """Return the given solver, or the default solver for the programs of `operators`."""
+    """Return the given solver, or the default; raise NotAccepted if the given solver does not accept the programs."""
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
         log.info("solver: %s, the default for %s", solver.name, name_features(operators.features))

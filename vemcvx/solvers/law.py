@@ -1,4 +1,4 @@
-"""The weights w(p, |s|) of one step: given numbers or a law of friction, in any units.
+"""The weights w of norm terms in one step: given numbers, or a law w(p, |s|) of limit forces p and slips s.
 
 A law has two derivatives: J = dw/dp if the law defines it, and dw/d|s|, by differences, if the law depends on the slip
 of the step. A step under a law is one set-valued equation. Each of its solutions also solves the program with weights
@@ -111,8 +111,8 @@ MOST_EVALUATIONS = 200
 def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance: float = 16 * EPS) -> Floats:
     """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law.
 
-    The solution is unique; w(p, r) is then the length of the proximal point of a force of length `size`. The search
-    keeps brackets, takes points on secants (Illinois), and ends at an error of `tolerance` times `size`.
+    The solution is unique: w(p, r) is the friction of a term that slips by r, and whose predicted force has the length
+    `size`. The search keeps brackets, takes points on secants (Illinois), and ends at errors of `tolerance` * `size`.
     """
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size

@@ -1,10 +1,10 @@
-r"""Semismooth Newton on active sets, in the contact forces x = (lam, p) (:mod:`vemcvx.program.forces`).
+r"""Semismooth Newton on active sets, in contact forces x = (lam, p), with the symbols of :mod:`vemcvx.program.forces`.
 
 The active sets are the sticking terms, the acting limits, and the directions in which the other terms slip. On given
 sets the forces are x = x_law + Q z. x_law is w s/|s| on slipping terms, zero on open limits, and x elsewhere. The
 unknowns z are changes of
 
-- forces of sticking terms and acting limits (for limits also J = dw/dp along slips),
+- forces of sticking terms and acting limits (forces p of limits also change friction along slips, by J = dw/dp),
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1/w'.
 
@@ -16,15 +16,15 @@ $$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off
 This is the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. Rows
 may be linearly dependent: REGULARISATION is added to the diagonal. If K has a kernel, N'A'x = N'g borders the system.
 
-We factorise only if sets change, or if the error of the law no longer halves. Otherwise we correct with the last
-factors. Rounding may change sets for ever, so we stop by the error of the law. If W is an operator (iterative linear
-solvers, very many rows), GMRES solves the system.
+We factorise only if sets change, or if the error of the law (`ActiveSets.law_error`) no longer halves. Otherwise we
+correct with the last factors. Rounding may change sets for ever, so we stop by the error of the law. If W is an
+operator (iterative linear solvers, very many rows), GMRES solves the system.
 
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
-Accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a solution. In
-space they run after the first active sets, in the plane when sets recur. Then Newton's method continues. A kernel
-enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is not proven: if sets recur,
-we first try four points between the last two, and take the one with the least error.
+Steps of accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a
+solution. In space they follow the first active sets, in the plane they begin when sets recur. Then Newton's method
+continues. A kernel enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is not
+proven: if sets recur, we first try four points between the last two, and take the point of least error.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class ActiveSets:
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
-        """Return the error of the law of friction and contact at a point with these sets."""
+        """Return the error of the law: the largest entry of x_law - x, SHIFT off on held rows, and the imbalance."""
         parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 

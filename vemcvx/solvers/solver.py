@@ -22,9 +22,9 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of an accuracy or of a gap that we request where other errors are added. We use it when a step missed its
-accuracy and we solve it again, for each program while we iterate on the weights of a law, for interior unknowns of
-stored steps, and for Clarabel, which defines its gap differently."""
+"""Fraction of an accuracy or of a gap that we request where other errors are added: in a second attempt at a step, in
+each program of the iteration on weights of a law, for interior unknowns of stored steps, and for Clarabel, whose gap
+has another definition."""
 TARGET_FRACTION = 0.01
 """Negligible fraction of the requested gap, for tolerances on residuals, which enter the gap by their squares, and for
 tolerances whose meaning differs between solvers."""
@@ -66,7 +66,7 @@ class Solver(ABC):
         Requested relative energy error of a step, in (0, 1): |d - d*|_K <= accuracy times the largest energy norm of
         the states so far. The target of a step's duality gap is half the square of this bound.
     semidefinite : bool
-        True if the solver accepts a K with a kernel, `operators.kernel`: only friction or contact then hold a body.
+        True if the solver accepts a K with a kernel, `operators.kernel`: only friction and contact then hold a body.
     any_units : bool
         True if the solver works in any units; other solvers receive scaled programs.
     instead : str

@@ -8,22 +8,23 @@
 With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.
 
-Dashpots. With b(u', v) in addition to a(u, v), a step of length k has the matrix K + C/k in place of K, and moving
-supports add the force -P'A_b (u_D,n - u_D,n-1) / k. C is the matrix of b on y, and A_b the matrix of b on u. Such
-systems are not condensed. The certificate bounds the error in the norm of K + C/k.
+Dashpots. With b(u', v) in addition to a(u, v), a step of length k has the matrix K + C/k in place of K, and supports
+that move by u_D add the force -P'A_b (u_D,n - u_D,n-1) / k. C is the matrix of b on y, and A_b the matrix of b on nodal
+displacements u = P y + u_D. Such systems are not condensed. The certificate bounds the error in the norm of K + C/k.
 
-Errors are relative to the largest energy norm of the states so far. A body that moves without contact has no energy:
-its norm is only rounding. The reference is then the largest energy norm that the data could cause: a load f causes
-|K^{-1}f|_K without contact and friction. A state counts as zero if its norm is at most accuracy times this reference.
+Errors are relative to the largest energy norm of the states so far. A body that moves without strains has no energy:
+its norm is only rounding. So if all states so far count as zero, the reference is the largest energy norm that the data
+could cause: a load f causes |K^{-1}f|_K without contact and friction. A state counts as zero if its norm is at most
+`accuracy` times this reference, or rounding.
 
 A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. The condition holds
 if and only if one step at times[0] from u_0 returns u_0. Otherwise the distance of u_0 from a state that obeys (2.1) is
-at most the jump of this step plus its certified error. This bound is the certificate of step 0. Step maps are
-nonexpansive: an error of u_0 adds at most this bound to the errors of later states. The projection P^h u_0, (3.26),
-violates (2.1) by O(h), because loads and friction have other quadratures than a(u_0, v). So a run that is given P^h u_0
-begins after this step, unless settle=False.
+at most the jump of this step plus its certified error. This bound is the certificate of step 0. It also bounds the
+change of later states under given weights and without limits, because step maps are then nonexpansive. The projection
+P^h u_0, (3.26), violates (2.1) by O(h), because loads and friction have other quadratures than a(u_0, v). So a run that
+is given P^h u_0 begins after this step, unless settle=False.
 
-We do not use the midpoint rule: its states at the instants violate (2.1), and it is of first order, too, if slips begin
+We do not use the midpoint rule: its states at the instants violate (2.1), and its order is also one if slips begin
 inside steps (problems/midpoint_rule.py).
 """
 
@@ -332,6 +333,8 @@ def march(
         The solver does not accept the program.
     NotCertified
         A step misses the requested accuracy.
+    HistoryError
+        The folder of `storage` contains another run, or the rows have no room.
 
     Examples
     --------

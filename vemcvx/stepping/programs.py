@@ -70,7 +70,7 @@ def programs_of_march(
 def programs_of_trajectory(
     system: System, trajectory: Trajectory, numbers: Sequence[int], condense: bool = True
 ) -> Iterator[SolvedProgram]:
-    """Yield the programs of the steps `numbers`, posed again from the stored states before and after them."""
+    """Yield the programs of the steps `numbers`; raise HistoryError if a state before or after a step is not stored."""
     for n in numbers:
         _check_stored(trajectory, n)
     run = prepare(system, None, True, condense)

@@ -2,7 +2,7 @@
 
 States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
 
-The ledger of a step of backward Euler consists of
+The ledger of a step of backward Euler consists of the following entries, in which d marks a change in the step:
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
@@ -13,20 +13,20 @@ identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanc
            limits p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is >= c (dp)^2 / 2
 
 Nodes that supports drag along the contact have a given slip s, the change of c, and do not enter the program. They add
-w |s| to the loss and to the work of the supports. In a step of length k, dashpots dissipate b(du, du) / k, and supports
-that move against dashpots do the work b(du, du_D) / k.
+w |s| to the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate
+b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
 
 The sums above are of first order in the length of steps. The following sums are of second order, by the trapezoidal
 rule on slips and by the energy balance of the continuum:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
-If supports move a body far and strain it little, the terms of the energy cancel. So a state is split, u = u_m + P z,
-into the response u_m to the supports alone and the rest P z, with m = P'A u_D:
+If supports move a body far and strain it little, the terms of the energy cancel. So a state is split, u = u_m + P q,
+into the response u_m to the supports alone and the rest P q, with m = P'A u_D:
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
-    E = 1/2 a(u_m, u_m) + 1/2 z'Kz,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
+    E = 1/2 a(u_m, u_m) + 1/2 q'Kq,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
 
 with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, x_m solves
 (K + K_a) x_m = -m with the stiffness K_a of anchors, and a(u_m, Pv) = -v'K_a x_m.
@@ -56,7 +56,6 @@ NORM_ROUNDING = float(np.sqrt(ROUNDED))
 """Rounding error of |u|_a = sqrt(2 E), relative to the square root of the terms of E, which may cancel."""
 MAX_STEP_LENGTHS = 4
 """Largest number of step lengths for which factors are stored in runs with dashpots."""
-
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 """Range of energy norms: outside it their squares, or the much smaller gaps, overflow or underflow."""
@@ -223,7 +222,7 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
 
     Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
     r = load - B'lam - D'p - K y of all unknowns; it is zero if r is only rounding, which the floor covers. If this
-    energy is too large, interior unknowns are corrected once. On K's kernel, multipliers balance r.
+    energy is too large, interior unknowns are corrected once. The part of r on K's kernel is rounding, and removed.
     """
     if not states:
         return []
@@ -275,7 +274,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 
 
 def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
-    """Return a(u_m, Pz), the work of the anchors; zero without anchors."""
+    """Return a(u_m, P z) for a motion z of the retained unknowns: the work of the anchors, zero without anchors."""
     anchor = condensation.anchor
     return 0.0 if anchor is None else float(z @ (anchor * push.x[condensation.retained]))
 
@@ -293,7 +292,6 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
         force, d, change = force + now.push, d + x, change + moved
         work += motion.pair(now.field, now.field - last.field) + _anchor_work(condensation, moved, z)
         work -= float(after.unbalanced @ x)
-    # Add the work of the force on interior and on stored unknowns.
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
     if condensation.system.reads_rates:
@@ -321,7 +319,7 @@ def losses(before: State, after: State) -> tuple[Floats, Floats]:
     # Compute |s| as loss / w; use |s| itself if the weight is zero at the end of the step.
     size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
     mean = 0.5 * (before.bound + after.bound)
-    # A term with an infinite weight at one end of the step has no mean weight: keep its loss.
+    # A term with an infinite weight at either end of the step has no mean weight: keep its loss.
     return loss, np.maximum(np.multiply(mean, size, out=loss.copy(), where=mean < np.inf), 0.0)
 
 

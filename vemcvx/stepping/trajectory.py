@@ -301,7 +301,7 @@ class Recorder:
         }
 
     def begin(self) -> tuple[int, State] | None:
-        """Return the last stored step of an earlier run and its state, or None."""
+        """Return the last stored step of an earlier run and its state, or None; raise HistoryError for another run."""
         folder = self._storage
         if not (isinstance(folder, Folder) and folder.resumes):
             return None

@@ -32,7 +32,7 @@ from vemcvx.vem import BoundaryRows, Space, tangents_of
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """Contact without separation: u . n = 0 at the nodes of `on`, with the displacement u and the outward normal n.
+    """Contact without separation: u . n = 0 at the nodes of `on`, with the outward normal n; (3.6) of the paper.
 
     At a corner, u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
     degrees form a curve, along which nodes slide. At shared nodes, clamps and prescribed displacements take precedence.
@@ -83,7 +83,7 @@ class PrescribedSlip(Effect):
     Raises
     ------
     SceneError
-        `value` has a wrong shape, is not finite, or contradicts other supports, for example around a corner.
+        From `contribute` or a run: `value` has a wrong shape, is not finite, or contradicts other supports.
 
     Examples
     --------
@@ -267,7 +267,7 @@ Reader = Callable[[str, float], Floats] | None  # maps the name of a field and a
 
 
 class _Friction(Effect):
-    """An effect of friction. Its ground may move; in space it may depend on the direction of slip."""
+    """An effect of friction. The ground may move; in space, friction may depend on the direction of slip."""
 
     on: str | Sequence[str]
     ground: data.Datum | None = None

@@ -261,7 +261,7 @@ class ContactSurface:
 
 @dataclass(frozen=True)
 class Friction(ContactSurface):
-    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u relative to the ground, v_prev before.
+    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u minus the displacement of the ground.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ class Friction(ContactSurface):
     def across(self) -> Floats:
         """The unit vectors (m, dim) that distinguish the terms of one node.
 
-        These are the normals. If `directions` are given, they take their place, in the plane rotated by -90 degrees.
+        These are the normals, or `directions` if given. In the plane, `directions` are rotated by -90 degrees.
         """
         if self.directions is None:
             return self.normals
@@ -519,7 +519,7 @@ class Contribution:
     Attributes
     ----------
     stiffness : (n_u, n_u) sparse matrix, optional
-        Stiffness of springs to the ground, or of a material whose stiffness does not follow from its moduli.
+        Stiffness of springs to the ground, which hold the body, or of a material that its moduli do not describe.
     material : Material, optional
     loads : tuple of Load
     supports : tuple of Support

@@ -19,12 +19,12 @@ from vemcvx.vem import EdgeEnds, Part, Space, cell_load, edge_load, rigid_modes
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force f per length (and unit thickness), in space per area: the load int f . v ds, exact for affine f.
+    """Surface force f per length (and unit thickness), in space per area: the load int f . v ds, (3.4) of the paper.
 
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per length (in space per area), evaluated at t_n.
+        Cartesian components, force per length (in space per area), evaluated at t_n. Loads are exact for affine f.
     on : str or sequence of str
         Boundary names.
 
@@ -84,8 +84,8 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
 
-    v_hat is the average of the vertex values of v on K. For constant f, the resultant is exact. The moment is exact on
-    cells whose centroid is the mean of their vertices; on other cells its error is O(h).
+    v_hat is the average of the vertex values of v on K, as above (3.14) of the paper. For constant f, the resultant is
+    exact. The moment is exact on cells whose centroid is the mean of their vertices; on other cells its error is O(h).
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class PointLoad(Effect):
 
 @dataclass(frozen=True)
 class Clamp(Effect):
-    """Fixed boundary: u = 0 at every node of the edges `on`, end points included.
+    """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3) of the paper.
 
     Parameters
     ----------

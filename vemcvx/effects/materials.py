@@ -136,7 +136,7 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
     return found
 
 
-# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, in plane strain, plane stress or space:
+# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper, in plane strain and in space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
 # A free strain s in all directions of space, blocked in the plane, causes the stress -b s in the plane. In space and in
@@ -163,7 +163,7 @@ class Elasticity(_Elastic):
         radial components of resultants are sums around the turn. `history.out_of_plane_stress` is the hoop stress.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of the stiffness that vanishes for linear displacements (:mod:`vemcvx.vem.stabilisation`). "shear" has
-        the factor 2 mu: it does not lock, and results do not depend on units. "unit" has the factor 1.
+        the factor 2 mu: it does not lock, and results do not depend on units. "unit" has the factor 1, as in the paper.
     on : None, str or sequence of str
         Names of cell data: the material fills the cells where at least one of them is nonzero. None is the whole body.
 
@@ -376,7 +376,7 @@ class Viscosity(Effect):
     Viscous forces are those of an elastic material with `shear` for mu, `volume` for lambda, and stabilisation "shear",
     applied to velocities (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
     chapter 6). Results then depend on step sizes. `history.dissipated` includes the viscous loss, and forces include
-    viscous forces; energy and `stress` are elastic. Initial states are arbitrary: viscous forces balance the loads.
+    viscous forces; energy and `stress` are elastic. The initial state may violate equilibrium, (2.1) of the paper.
 
     Parameters
     ----------
@@ -453,7 +453,7 @@ class ThermalStrain(Effect):
 class Prestress(Effect):
     """Initial stress, a stress sigma_0 at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    The load is as for ThermalStrain, with -sigma_0 in place of C alpha theta I; so are energy, work and initial states.
+    ThermalStrain describes load, energy, work and initial states: -sigma_0 takes the place of C alpha theta I.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ from vemcvx.vem import tangents_of
 # A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
 # a half model, where a support holds the tangent); contact holds its normal and a support its tangent; or the node is
 # dragged against friction (`Freedom`). If contact holds the normal, the component of H'R along the normal is a contact
-# force. So is the force of a single support along the normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
+# force. So is the force of a support that alone holds the normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
 
@@ -45,7 +45,7 @@ class Freedom(NamedTuple):
 
     slides: Bools  # True if some free unknown moves the node along the boundary
     dragged: Bools  # True if a tangent is held, and supports or the ground move along the boundary
-    normal_only: Bools  # True if all tangents are held, and the normal is free or held by contact, under pressure
+    normal_only: Bools  # True if all tangents are held, but there is a pressure: the normal is free or held by contact
 
 
 def _freedom(
@@ -335,7 +335,7 @@ def warn_of_free_normals(
 class Surface(ContactRows):
     """The contact nodes (the four cases above), ascending; at a corner, one row stands for both sides.
 
-    The normal of this row is the mean normal weighted by length, and its length the sum of lengths of the sides.
+    The normal of this row is the mean normal weighted by length; its length is the sum of both lengths.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact
@@ -346,7 +346,7 @@ def _contact_surface(
 ) -> Surface:
     """Return the contact surface, from all m rows of the table; an edge that several parts name counts once.
 
-    A node without free tangents that supports drag, or under which the ground `moves` (m,), needs a term in `terms`.
+    A node that only supports or the ground (mask `moves`, (m,)) drag belongs to the surface if `terms` has its pair.
     """
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
@@ -423,7 +423,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the fractions (rows of all frictions, r) of limit forces that act on rows whose law depends on pressure.
+    """Return the fractions (rows of all frictions, r) of the forces of r limits that rows get, if their law needs them.
 
     Return None if no friction has a law. Raise SceneError if a law needs the pressure at a free node without obstacle.
     """

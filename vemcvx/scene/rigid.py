@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the body of each piece, the only name its interfaces give, else None. `node[i]` is in `piece[i]`."""
+    """Return the body of each piece, or None unless interfaces give one name. `node[i]` is in `piece[i]`."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -103,7 +103,7 @@ def floating_motions(
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
     Return also whether all are motions of named bodies: contact at an interface usually holds such bodies. `felt`
-    (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that no row resists.
+    (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that no such row resists.
     """
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]

@@ -2,9 +2,9 @@
 
 A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
 rows along tangents have a tangent in place of n. One effect acts on a *part* of the boundary. The *ends* of a row at
-node i are the sides of its part at i, each with the integral of the basis function of i: half the length of an edge. If
-rows of several parts form one norm term, it has the union of their ends, so a shared side counts once. A force on a row
-of one table is spread over another table: each row gets the fraction (length of common ends) / (length of loaded row).
+node i are the sides of its part at i, each with the integral of the basis function of i: half the length of an edge. A
+norm term of rows of several parts has the union of their ends, so a shared side counts once. A force on a row of one
+table is spread over another table: each row gets the fraction (length of common ends) / (length of loaded row).
 """
 
 from __future__ import annotations

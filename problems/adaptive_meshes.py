@@ -3,15 +3,15 @@
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
 There are two scenes. Stresses of the paper's scene (`feng_han_huang.py`) are singular where supports meet loads. An
-L-shaped bracket also has a singular re-entrant corner. A true error is the distance to a reference run in the energy
-norm, for projected displacements. The mesh of the reference is the finest adaptive mesh, refined until it is nowhere
+L-shaped bracket also has a singular re-entrant corner. The true error is the distance of projected displacements from a
+reference run, in the energy norm. The mesh of the reference is the finest adaptive mesh, refined until it is nowhere
 coarser than the finest uniform mesh. Then the cells that the estimator marks are refined, twice.
 
-An adaptive run starts from a coarse mesh and one step, and its seconds include all passes. Several targets are tried
-for each uniform run: the table has the adaptive run with the fewest unknowns whose true error is no larger than the
-error of the uniform run. The column "limit" has the number of cells of the best mesh without stretched cells, divided
-by the number of cells of the uniform mesh. If the errors e_K of cells K of the area |K| satisfy e_K^2 = c |K|^2, the
-best cells have sides proportional to c^(-1/4). A mesh of (sum e_K)^2 / E^2 such cells has the error E.
+An adaptive run starts from a coarse mesh and one time step; its seconds are the time of all passes. Several targets are
+tried for each uniform run: the table has the adaptive run with the fewest unknowns whose true error is no larger than
+the error of the uniform run. The column "limit" has the number of cells of the best mesh without stretched cells,
+divided by the number of uniform cells. If the error e_K of a cell of the area |K| satisfies e_K^2 = c |K|^2, where c is
+a function of the place, the best sides are proportional to c^(-1/4). (sum e_K)^2 / E^2 such cells have the error E.
 """
 
 from __future__ import annotations

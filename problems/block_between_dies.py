@@ -1,12 +1,12 @@
 r"""A block between inclined dies that close along their normals: the same pressure on all dies and on the floor.
 
 A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
-these sides is parallel to an axis. Let c be a point of the floor, and e a rate. Each die closes along its own normal n
-by e t n . (x - c), where x is a point of its side: n . (x - c) is the distance of the side from c. Then
+these sides is parallel to an axis. Let c be a point of the floor, and e a rate. The distance of c from a side with the
+outward normal n is n . (x - c), with any point x of the side. Its die closes along -n by e t n . (x - c). Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 
-whatever the angles: n . (x - c) is constant along a straight side, so that u fits the dies, and a stress without shear
+whatever the angles: n . (x - c) is constant along a straight side, so that u fits the dies. A stress without shear
 needs no friction. On each die and on the floor the force is p times the length of this side. The floor is a unilateral
 contact. The displacement is linear, hence exact on every mesh.
 

@@ -10,10 +10,10 @@ Let P be the normal force on the sole, the bottom of the block. In full slip, th
 
 $$ F = -\mu P U' / |U'|, $$
 
-opposite to the velocity; in a step of backward Euler, opposite to the step U_n - U_{n-1}. This formula neglects a small
-effect: the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H, the
-shear modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. The directions of the velocities
-of sole and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
+opposite to the velocity U'. In a step of backward Euler, the step U_n - U_{n-1} replaces U'. The formula neglects a
+small effect: the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H,
+the shear modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. The directions of the
+velocities of sole and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """

@@ -8,15 +8,15 @@ gamma and the slip a, and the tractions on the floor are
 
 $$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma. $$
 
-Here C26 > 0: a shear gamma > 0 lowers the pressure, and a shear gamma < 0 raises it. |tau| = mu p at
+Here C26 > 0, so gamma > 0 lowers the pressure, and gamma < 0 raises the pressure. The block slips, |tau| = mu p, at
 
 $$
 \gamma^+ = e (\mu C_{22} + C_{26}) / (C_{66} + \mu C_{26}),
 \qquad \gamma^{-} = -e (\mu C_{22} - C_{26}) / (C_{66} - \mu C_{26}),
 $$
 
-and the steps are gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this
-state act on the sides. The displacement is linear, so virtual elements reproduce it and the friction on every mesh.
+and step n gives gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this state
+act on the sides. The displacement is linear, so virtual elements reproduce it and the friction on every mesh.
 
     vemcvx run problems/block_with_grain.py --mesh voronoi --n 4 --steps 48 --plot
 """

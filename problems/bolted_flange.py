@@ -4,10 +4,10 @@ A steel ring of radii 30 and 60 mm, 12 mm high, is pressed on a rigid base by fo
 like springs spread over the top: they resist sideways motion and rotation. From the start a torque M acts on the ring,
 three quarters of the largest torque that friction can transmit. At rest friction transmits M, and the ring does not
 slip. Then the base shakes along x_1, one cycle per unit of time, far enough that all of the bottom of the ring slips.
-The friction of a slipping ring opposes the shaking, so that it resists the torque less. In every cycle the ring rotates
-further, until the springs alone transmit the torque:
+The friction of a slipping ring opposes the shaking, so friction resists the torque less. In every cycle the ring
+rotates further, until the springs alone transmit the torque:
 
-$$ \text{angle} = M / (k J), \qquad J = \int r^2 \text{ over the top}, k \text{ the stiffness of the springs}. $$
+$$ \text{angle} = M / (k J), \qquad J = \int r^2 \text{ over the top}, k \text{ the springs' stiffness per area}. $$
 
 (Junker, SAE 690055, 1969, found that joints unscrew under transverse slip, not under axial loads.) At each instant the
 torques of load, springs and friction balance up to rounding. SI units.

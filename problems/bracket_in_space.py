@@ -10,7 +10,7 @@ C = -\cos((a + 1) b) / \cos((a - 1) b),
 $$
 
 with b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin(2 a b) = a. This displacement is prescribed on the
-sides far from the edge. The ends z = const slide in their planes. Strains are known everywhere, and so is the error.
+sides far from the edge. The ends z = const slide in their planes. The exact strains give the true error.
 
 Up to constants, cells of size h(r) at the distance r from the edge make the squared error int r^(2a - 3) h^2 dr, and
 their number N is int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for

@@ -12,7 +12,7 @@ the solution
 
 $$ q(t) = g(V) - c V e^{-(t - t_0) / \tau}, \qquad \tau = c H / G . $$
 
-Every step is a convex program, and its certificate is a bound. In the steady state, friction is g(V) on every mesh.
+Every step is a convex program with a certified error bound. In the steady state, friction is g(V) on every mesh.
 
 If friction falls (c < 0), a step of the length k has one solution (in uniform shear) if the ratio of softening to
 stiffness, -c H / (G k), is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad begins to

@@ -2,8 +2,8 @@ r"""Partial slip under a cylinder, pressed and then dragged: the contact sticks 
 
 A tangential force Q < mu P is added to the force P of Hertz' contact. If Dundurs' constant beta vanishes, pressure
 alone causes no slip; beta is 0 for a rigid obstacle and a body with nu = 1/2. Then the traction of Cattaneo (1938) and
-Mindlin (1949) is a difference of two half-ellipses. Their half-widths are a, of the contact, and c, of its sticking
-part; p_0 is the largest pressure, and a root of a negative number counts as 0:
+Mindlin (1949) is a difference of two half-ellipses. Let a be the half-width of the contact, c the half-width of its
+sticking part, and p_0 the largest pressure. A root of a negative number counts as 0:
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-x^2/a^2} - \tfrac ca \sqrt{1-x^2/c^2}), \qquad c / a = \sqrt{1-Q/(\mu P)}, $$
 
@@ -84,7 +84,7 @@ def stick_half_width(history):
 
 
 def picture(history):
-    """Draw the block dragged over the cylinder, and friction that sticks inside and slips at the edges."""
+    """Draw the block dragged over the cylinder, and its friction: nodes stick inside and slip at the edges."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -2,15 +2,15 @@ r"""A block whose top moves in circles over a rough floor: rotating friction in 
 
 The block (0, 2) x (0, 1) x (0, H), H = 1/2, with E = 1000, nu = 1/4, has the shear modulus mu and a sole of the area A.
 It rests in bilateral contact with Tresca friction, bound g. Its top is moved by U(t) = (U_1, U_2, 0): straight to a
-circle of radius R for t < 1, then around the circle, one turn per unit of time. On the sides act the shear tractions of
-a uniformly sheared block, so that the block is sheared uniformly: u = (a + gamma z, 0) with vectors a, gamma in the
-plane of the floor. The shear gamma and the slip a are, step by step,
+circle of radius R for t < 1, then around the circle, one turn per unit of time. Shear tractions on the sides keep the
+shear uniform: u = (a + gamma z, 0) with vectors a, gamma in the plane of the floor. The shear gamma and the slip a are,
+step by step,
 
 $$ \gamma_n = P((U_n - a_{n-1}) / H), \qquad a_n = U_n - \gamma_n H. $$
 
-P is the projection on the disc of radius g / mu: the slip a is a play of U. With r = g H / mu < R the path of the sole
-tends to the circle of radius sqrt(R^2 - r^2). The sole lags behind the top: U - a is perpendicular to a.
-A turn dissipates 2 pi g A sqrt(R^2 - r^2). In steps of the angle alpha the radius of the sole's path is
+P is the projection on the disc of radius g / mu. With r = g H / mu < R the path of the sole tends to the circle of
+radius sqrt(R^2 - r^2). The sole lags behind the top: U - a is perpendicular to a. A turn dissipates
+2 pi g A sqrt(R^2 - r^2). In steps of the angle alpha the radius of the sole's path is
 
 $$ \rho = \sqrt{R^2-r^2 \cos^2(\alpha/2)} - r \sin(\alpha / 2), $$
 

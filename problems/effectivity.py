@@ -2,11 +2,11 @@
 
     python problems/effectivity.py [--small] [--picture FILE]
 
-The estimate is the sum of the three parts of `vx.error_budget`; its constant is the same in all cases. Each case has a
+The estimate is the sum of the three parts of `vx.error_budget`, with the same constant in all cases. Each case has a
 reference for the true error:
 
 - Full slip with two Poisson's ratios, where steps make no error: the closed form.
-- The paper's scene with h = k: the solution on squares of side 1/256.
+- The paper's scene (`feng_han_huang.py`), with time steps as long as cells: the solution on squares of side 1/256.
 - A load that reverses, on one mesh: a run with sixteen times as many steps. The estimate is then the part for time.
 """
 

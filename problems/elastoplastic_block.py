@@ -8,15 +8,15 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-where N_2 has a strain out of the plane, which no plane displacement has. Let s = 2 mu (dev eps - P) be the deviator of
-the stress, H the hardening modulus and sigma_y the yield stress. Stored energy and loss of energy per volume are
+where N_2 has the component zz, which is zero in strains eps. Let s = 2 mu (dev eps - P) be the deviator of the stress,
+C the elasticity tensor, H the hardening modulus and sigma_y the yield stress. Stored energy and loss per volume are
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
 \qquad \text{loss} \qquad R |P'|, \qquad |s - H P| \le R = \sqrt{2/3} \sigma_y.
 $$
 
-On virtual elements P is constant on each cell K of the area |K|. It couples to the deviatoric strain of Pi u, where Pi
+On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, where Pi
 is the projection on linear fields. For y = (u, p), a cell has the bilinear form a, and the block has the loss j:
 
 $$

@@ -1,7 +1,7 @@
 r"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1 of the paper.
 
-Bars have the strain e = G u (elongation divided by length), the plastic strain p, the stored energy per volume and the
-stress
+Bars have the strain e = G u (elongation divided by length) and the plastic strain p. The stored energy per volume and
+the stress are
 
 $$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p). $$
 
@@ -110,7 +110,7 @@ def three_bars():
 
 
 def load_down(F):
-    """Return the forces on the nodes of three bars."""
+    """Return the forces on the nodes of three bars: F pulls the free node down."""
     return F[:, None] * -np.eye(8)[1]
 
 

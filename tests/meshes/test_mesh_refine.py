@@ -183,10 +183,10 @@ MORE = [("squares", (10, 40), 0.3), ("voronoi", (10, 40), 1.0), ("tetrahedra", (
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "sizes", "fraction"), MORE)
 def test_many_more_cells_take_hardly_more_calls(name, sizes, fraction):
-    """Refine meshes with 16 to 27 times the cells; only cubes are split in a loop over batches."""
+    """Refine meshes with 16 to 27 times the cells."""
     count = []
     for n in sizes:
         mesh = (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[name](n)
         marked = None if fraction == 1.0 else np.random.default_rng(0).random(mesh.n_cells) < fraction
         count.append(calls(lambda mesh=mesh, marked=marked: refinement(mesh, marked)))
-    assert count[1] < (1.5 if name == "cubes" else 1.2) * count[0]
+    assert count[1] < 1.2 * count[0]

@@ -95,7 +95,7 @@ def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
 @pytest.mark.parametrize("offset", [0.0, 3.0, -40.0])
 def test_tiny_edges_are_valid(offset):
     """Two cells share a long edge and an edge of about 1e-12, or of about 1e-10 if the offset is not zero."""
-    tiny = 1e-12 if not offset else 1e-12 * 64  # a unit in the last place at 40 is 64 times that below 1
+    tiny = 1e-12 if not offset else 1e-12 * 64  # a unit in the last place at 40 is 64 times the unit below 1
     points = np.array([(0, 0), (1, 0), (1, 1 - tiny), (1 - tiny, 1), (0, 1), (2, 0), (2, 1)]) + offset
     mesh = PolygonMesh(points, [[0, 1, 2, 3, 4], [1, 5, 6, 3, 2]])
     assert mesh.areas.sum() == pytest.approx(2.0, rel=1e-11)
@@ -131,7 +131,7 @@ def test_cells_may_be_lists_tuples_or_arrays():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["voronoi", "hanging", "cubes", "voronoi3"])
 def test_many_more_cells_take_few_more_calls(name):
-    """The search for pairs of edges is a loop over rows of a grid: calls grow like the root of the number of cells."""
+    """Cells given as lists are read one by one; all checks are vectorised."""
     make = (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[name]
     meshes = [make(n) for n in ((10, 40) if name in vx.meshes.FAMILIES else (2, 6))]
     count = [calls(lambda mesh=mesh: type(mesh)(mesh.points, mesh.cells)) for mesh in meshes]

@@ -187,7 +187,7 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
 
 @pytest.mark.long
 def test_a_silo_hangs_on_its_walls():
-    """For width B and decay length l, plane slices have an error O((B / l)^2): .9 % at mu = .4 and .3 % at .2."""
+    """For width B and decay length l, the theory of slices has an error O((B / l)^2): .9 % at mu = .4, .3 % at .2."""
     errors = []
     for friction in (0.2, 0.4):
         history = simulate(silo, 4, steps=2, friction=friction)

@@ -44,7 +44,7 @@ def test_with_free_sides_the_steady_friction_is_the_bound_at_the_speed_of_the_di
 
 
 def test_a_block_sinks_into_its_dashpots_like_an_exponential():
-    """The steps obey their closed form. Sinking and loss have errors O(k) in time; the work is that of the weight."""
+    """The steps obey their closed form. Sinking and loss have errors O(k); the weight does all the work."""
     errors, mesh = [], support.mesh(3)
     mesh = mesh.with_cell_data("all", np.ones(mesh.n_cells))
     for steps in (50, 100):

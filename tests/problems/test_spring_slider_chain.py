@@ -43,7 +43,7 @@ def test_the_chain_adds_up_plays(marched):
 
 @pytest.mark.long
 def test_the_area_of_closed_loops_is_the_lost_energy(capsys):
-    """The trapezoidal rule is exact: loops bend at instants only, where F is twice a threshold from its last turn."""
+    """The trapezoidal rule is exact: slopes of u(F) jump at instants only, twice a threshold after a turn of F."""
     trajectory = lesson.march(lesson.chain(FORCE), FORCE)
     u = trajectory.state[:, 0]
     first, last = lesson.turning_instants(FORCE)[[1, 8]]

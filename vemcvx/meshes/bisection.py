@@ -3,12 +3,12 @@
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
 Meth. Eng. 20 (1984), 745-756). Every cut halves the longest edge of a cell, so the process ends. Among equally long
-edges the numbers of the end nodes decide, and coinciding nodes at an interface count as one, so neighbours and both
-bodies choose the same edge. By default every cell is bisected three times, once in every direction:
-`tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
+edges the numbers of the end nodes decide, and coinciding nodes at an interface count as one. So neighbouring cells
+choose the same edge, also across an interface. By default every cell is bisected at least three times, once in every
+direction: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
 
-*Other cells* are split into one part per vertex. The corners of the parts are vertices, midpoints of edges, centroids
-of faces and the centroid of the cell. Cubes become eight cubes; prisms become prisms. The new faces must be plane.
+*Other cells* are split into one part per vertex. The vertices of the parts are the vertices, midpoints of edges and
+centroids of faces of the cell, and its centroid. A cube becomes eight cubes. The new faces must be plane.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def check_tetrahedra(mesh: PolyhedralMesh, subject: str) -> None:
 class Tetrahedra(NamedTuple):
     """Tetrahedra during bisection, with their origins."""
 
-    corners: Ints  # (n, 4) seen from the fourth, the first three run counter-clockwise
+    corners: Ints  # (n, 4) the first three run counter-clockwise, seen from the fourth
     parts: Ints  # (n, 4) position in the old boundary of the face opposite to each corner; -1 inside
     parents: Ints  # (n,) original cell
     cuts: Ints  # (n,) number of bisections that led from the original cell to this one
@@ -126,7 +126,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the positions in the old boundary of the parents of boundary faces; `listed` has those of all faces."""
+    """Return the position in the old boundary of each boundary face's parent; `listed` has it for all faces."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]

@@ -27,8 +27,8 @@ class Refinement(Generic[Kind]):
     Attributes
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        The refined mesh. The parts of a cell take its position. Old nodes come first, then midpoints of edges, centres
-        of faces (in space), and centres of cells. Boundaries and cell data are inherited.
+        The refined mesh. The parts of a cell take its position in the list of cells. Old nodes come first, then
+        midpoints of edges, centres of faces (in space), and centres of cells. Boundaries and cell data are inherited.
     parents : (n_new_cells,) int
         The old cell that contains each new cell.
 
@@ -46,8 +46,8 @@ class Refinement(Generic[Kind]):
 def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Refinement[Kind]:
     """Return the refinement; the new mesh `made` inherits the boundaries, interfaces and cell data of `mesh`.
 
-    `parents` has the old cell of each cell, `parts` the position in the old boundary of the parent of each boundary
-    edge or face, and `places` the first node with the coordinates of each node.
+    `parents` are the old cells of the new cells. For each new boundary edge or face, `parts` is the position of its
+    parent in the old boundary. For each new node, `places` is the first node with the same coordinates.
     """
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
@@ -72,7 +72,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return, for the midpoint of each edge (e, 2), the first midpoint in its place; numbers follow the old nodes."""
+    """Return, for the midpoint of each edge (e, 2), the first midpoint in its place; midpoints come after old nodes."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

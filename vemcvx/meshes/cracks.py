@@ -1,8 +1,8 @@
 """Cracks: meshes cut along the edges (in space: faces) between two sets of cells.
 
 A corner is a pair of a cell and one of its nodes. The corners at a node are grouped: corners of two neighbouring cells
-are in one group unless the side between these cells is cut. If there are several groups at a node, each group gets its
-own node. If there is one group, as at a crack tip (in space: crack front) inside the body, the node stays single.
+are in one group unless the edge or face between these cells is cut. Each group gets its own node. At a crack tip (in
+space: crack front) inside the body there is one group, so the node stays single.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
 
 
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the new node of each corner, and the old node of each new node; opened `pairs` of corners are parted."""
+    """Return the new node of each corner, and the old node of each new node; the corners of an opened pair part."""
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = np.unique(parted)  # each group is identified by its first corner
     fresh = ~np.isin(first, np.unique(whole))

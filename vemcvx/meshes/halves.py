@@ -1,7 +1,7 @@
 """Cutting a mesh in two along a line, in space along a plane.
 
-In the plane, each cell that the line crosses becomes two polygons. There is a new node where the line meets an edge,
-shared by both cells at the edge. To avoid slivers, inner nodes near the line first move onto it.
+In the plane, each cell that the line crosses becomes two polygons. Where the line crosses an edge, there is a new node,
+which both cells at the edge share. To avoid slivers, inner nodes near the line first move onto it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vemcvx.meshes.polygons import corner_edges, insert_hanging, positions, rows
 from vemcvx.meshes.polyhedra import list_faces
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
-NEAR_FRACTION = 0.1  # of the shortest edge at a node: inner nodes at most this far from the line move onto it
+NEAR_FRACTION = 0.1  # largest distance at which inner nodes move onto the line, relative to their shortest edge
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:

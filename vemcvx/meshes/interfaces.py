@@ -1,4 +1,4 @@
-"""Interfaces: coinciding boundary edges (in space: faces) of two bodies, each of which has its own nodes there."""
+"""Interfaces: edges (in space: faces) at which the boundaries of two bodies coincide; each body has its own nodes."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Interface:
         Edges of the first body, with the body on their left. In space (k, n) rows of the vertices of its faces,
         counter-clockwise seen from outside; shorter rows are padded with -1.
     partners : (k, 2) int
-        The nodes of the second body in the places of `edges`, so edges of the second body are ``partners[:, ::-1]``. In
-        space (k, n) rows of nodes, padded like `edges`.
+        The nodes of the second body that coincide with the nodes in `edges`, entry by entry. So the edges of the second
+        body are ``partners[:, ::-1]``. In space (k, n) rows of nodes, padded like `edges`.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class Interface:
 
     @property
     def pairs(self) -> Ints:
-        """Pairs (m, 2) of coinciding nodes, of the first and the second body, each pair once, sorted."""
+        """Sorted pairs (m, 2) of coinciding nodes: a node of the first body, and a node of the second body."""
         known = self.edges >= 0
         return np.unique(np.column_stack([self.edges[known], self.partners[known]]), axis=0)
 
@@ -82,7 +82,7 @@ def check_interfaces(
 
 
 def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimension: int) -> bool:
-    """Return True if both arrays have valid nodes in the same places; in space, -1 fills rows."""
+    """Return True if both arrays have valid nodes, and -1 as padding (in space only) at the same positions."""
     if {edges.dtype.kind, partners.dtype.kind} - {"i", "u"} or edges.shape != partners.shape or edges.ndim != 2:
         return False
     if not len(edges) or edges.shape[1] < dimension or (dimension == 2 and edges.shape[1] > 2):
@@ -101,9 +101,9 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return rows (k, n) of nodes of coinciding sides of the earlier body, and of nodes of the later body there.
+    """Return the nodes (k, n) of coinciding sides (edges or faces), of the earlier and of the later body.
 
-    `outlines` are the offsets and vertices of the boundary sides, `place` is the first node in the place of each node.
+    `outlines` are the offsets and vertices of the boundary sides. `place` is the first node in the place of each node.
     """
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
@@ -176,6 +176,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the positions in the boundary of edges or faces, given as rows (k, n) of nodes padded with -1."""
+    """Return the position in the boundary of each edge or face; rows (k, n) of nodes are padded with -1."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -2,19 +2,19 @@
 
 The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. The midpoints of a
 triangle are joined to each other instead (four similar triangles), and a long thin convex cell with two midpoints is
-cut across. A cell that is not star-shaped is refused. Virtual elements treat hanging nodes like any vertex, so no
-closure is needed. Further cells are marked until no unmarked cell has a side with two hanging nodes.
+cut across. A cell that is not star-shaped is refused. Virtual elements treat hanging nodes like any vertex, so hanging
+nodes stay. Further cells are split until no straight part of the outline of an unsplit cell gets a second hanging node.
 
 A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`: if the
-midpoints beside an angle of 175 degrees were joined to the centre, all later parts would keep this angle. If a cell has
-fewer than three such bends, like a regular polygon with many sides, all bends are corners.
+midpoints beside an angle of 175 degrees were joined to the centre, one part would have this angle after any number of
+refinements. If a cell has fewer than three corners, like a regular polygon with many sides, all bends are corners.
 
-A *side* of a cell is its outline from one corner to the next. It is *long*, and split once, if it has at least
-`LONG_SIDE` times the diameter of the cell: at a vertex near its midpoint if there is one, else at the midpoint of the
-edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all. If short sides were
-split, the short edges of Voronoi cells would lead to thinner and thinner cells; their length relative to the diameter
-doubles with each refinement until they are long. Consecutive short sides count as one side, or as several if they are
-very long together. If their bends cancel, they become part of a longer side.
+A *side* of a cell is its outline from one corner to the next. It is *long* if its length is at least `LONG_SIDE` times
+the diameter of the cell. A long side is split once: at a vertex near its midpoint if there is one, else at the midpoint
+of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all. Short sides stay
+whole: if short edges of Voronoi cells were split, cells would become thinner and thinner. A short side gets longer
+relative to the diameter with each refinement, until it is long. Consecutive short sides count as one side, or as
+several if their total length is large. If it is small and their bends cancel, they become part of a longer side.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
 """Least length, relative to the cell diameter, of sides that are split.
 
-All sides of squares, hexagons, regular decagons (0.31) and rectangles up to 1 : 3.2 are long.
+All sides of squares, regular hexagons and decagons (0.31), and rectangles up to 1 : 3.1 are long.
 """
 
 
@@ -57,7 +57,7 @@ class Sides(NamedTuple):
 
     cell: Ints  # (n_sides,) cell of each side
     first: Ints  # (n_sides,) start of each side in `order`
-    order: Ints  # (n_corners,) corners of the mesh, side after side
+    order: Ints  # (n_corners,) positions in the vertices of the mesh, side after side
     lengths: Floats  # (n_sides,) divided by the diameter of the cell
     long: Bools  # (n_sides,) sides to split: those of at least `LONG_SIDE`, and all sides of triangles
 
@@ -96,7 +96,7 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
-    """Return the lengths of edges, the angles of left turns at corners, and a mask of bends, (n_corners,) each."""
+    """Return the lengths of edges, the angles of left turns at vertices, and a mask of bends, (n_corners,) each."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -114,7 +114,6 @@ def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
 
 
 def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
-    """Return the sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(corner, mesh.offsets)
     for _ in range(2):  # in the second pass, each cell begins with a long side
@@ -176,7 +175,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
     four long sides    the mean of the four vertices: repeated refinement leads to parallelograms
     an arrow           (four sides, right turn at x_1) the midpoint of the inner diagonal, (x_1 + x_3) / 2: two parts
                        are arrows of the same shape, two are parallelograms
-    convex             the centroid, whose distance from every side is at least a third of the width
+    convex             the centroid: its distance from every side is at least a third of the width across this side
     otherwise          the centroid if it is at least .1 diameters inside the lines of all sides; else the centre of
                        the largest ball about which the cell is star-shaped (:mod:`.quality`)
     """
@@ -220,8 +219,8 @@ def _children(
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
     A part has the vertices of the outline from one midpoint to the next, and the centre if there is one. `begin` marks
-    the vertices at which parts begin, and the first vertex of each cell. `split` and `medial` mark cells with several
-    parts, and triangles with a part between midpoints. `centre` are nodes, or -1.
+    the vertices at which parts begin, and the first vertex of each cell. `split` marks cells with several parts,
+    `medial` triangles with a part between the three midpoints. `centre` is the node at the centre of a cell, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)
@@ -279,14 +278,14 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask of the corners whose edges are split in a marked cell; `edge` has the edge of each corner."""
+    """Return a mask of the edges split in a marked cell, (n_corners,); `edge` is the number of each edge."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]
 
 
 def mark_crowded(marked: Bools, mesh: PolygonMesh, splitting: Splitting, edge: Ints) -> Bools:
-    """Mark further cells, until no unmarked cell would get a second node between two bends of its outline."""
+    """Mark further cells until no unmarked cell would get a second node between neighbouring bends."""
     marked, cell, bend = marked.copy(), cell_of_corner(mesh.offsets), splitting.bend
     order = rotation(bend, mesh.offsets)
     begin = np.flatnonzero(bend[order])

@@ -1,12 +1,12 @@
 """Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
 
 Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another are linked; linked
-faces form a *patch* in one plane. In each patch, GEOS unites the outlines of all faces and returns the polygons between
-the lines. Each face is replaced by the polygons inside it, as coplanar faces of its cell. Finally every place on an
-edge becomes a vertex of all faces with this edge. So touching bodies get the same pieces.
+faces form a *patch* in one plane. In each patch, Shapely unites the outlines of all faces to a net of lines, and finds
+the polygons of this net. The polygons inside a face replace the face, as coplanar faces of its cell. Finally every
+place on an edge becomes a vertex of all faces with this edge. So touching bodies get the same pieces.
 
 A place within the tolerance of an edge counts as on the edge. Nodes of two bodies within `CORNER_FACTOR` times the
-tolerance get one place, so a node near both edges of a corner of 30 degrees or more is merged with the corner.
+tolerance get one place, so a node near both edges of an angle of at least 30 degrees gets the place of the vertex.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, joi
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 CORNER_FACTOR = 4.0  # 1 / sin(15 degrees), rounded up
-COVERAGE_TOLERANCE = 1e-3  # relative difference between the area of a face and that of its pieces without slivers
+COVERAGE_TOLERANCE = 1e-3  # largest relative difference between the areas of a face and of its pieces
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 
 
@@ -49,8 +49,8 @@ def overlay_tilings(
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
     """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
 
-    In the mesh `apart`, bodies have no common node; `body` and `place` are the body and the place of each node. Return
-    the mesh, both for its nodes, and for each boundary face the number (m,) of the old boundary face.
+    In the mesh `apart`, bodies have no common node. `body` is the body of each node, and `place` the first node in the
+    same place. Return the new mesh, the bodies and places of its nodes, and the old number (m,) of each boundary face.
     """
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)

@@ -4,14 +4,14 @@ Rows of different lengths are stored end to end in one array: row c is ``flat[of
 are the vertices of cells, entry k is called corner k. An edge starts at each corner: from ``vertices[k]`` to the next
 vertex of the cell. An undirected edge {a, b}, a < b, has the key a * n_nodes + b.
 
-Distances below `TOLERANCE` times the coordinates are rounding errors of the coordinates and count as zero. Areas and
-centroids use coordinates relative to the first vertex o of each cell (d_i = x_i - o), so a mesh far from the origin
-loses no digits:
+Distances below `TOLERANCE` times the largest coordinate are rounding errors of the coordinates and count as zero. Areas
+and centroids use the vectors d_i from the first vertex o of a cell to its vertex i, so a mesh far from the origin loses
+no digits. With the cross product a x b = a_1 b_2 - a_2 b_1,
 
     area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
     centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
 
-Shapely and SciPy's spatial structures are imported where they are used, because their imports take .1 and .3 s.
+Shapely and scipy.spatial are imported where they are used, because these imports take 0.1 and 0.3 s.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def rotation(flags: Bools, offsets: Ints) -> Ints:
-    """Return positions of all entries with every row rotated so that it begins with its first flag, if it has one."""
+    """Return the positions of all entries, with each row rotated to begin with its first True flag, if it has one."""
     row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
     first = np.where(first == none, 0, first - offsets[:-1])
@@ -109,7 +109,7 @@ def rotation(flags: Bools, offsets: Ints) -> Ints:
 
 
 def backwards(offsets: Ints) -> Ints:
-    """Return positions of all entries with every row in reverse."""
+    """Return the positions of all entries, with each row in reverse."""
     return np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(offsets[-1])
 
 
@@ -155,7 +155,7 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     """Return offsets and vertices of outlines with more nodes on some edges.
 
-    An edge from ``ends[k, 0]`` to ``ends[k, 1]`` gets row k of `nodes`; outlines may run along it in either direction.
+    Row k of `nodes` (with the offsets `rows`) goes into the edge from ``ends[k, 0]`` to ``ends[k, 1]``, in this order.
     """
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
@@ -178,7 +178,7 @@ class SharedEdges:
 
     corners: Ints  # (n_corners,) grouped by edge; within a group in the order of the cells
     first: Ints  # (n_edges,) position in `corners` of the first corner of each edge
-    counts: Ints  # (n_edges,) number of cells at each edge: 1 on the boundary, 2 inside, more only in invalid meshes
+    counts: Ints  # (n_edges,) number of cells at each edge: in valid plane meshes 1 on the boundary, 2 inside
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
     @cached_property
@@ -228,7 +228,7 @@ def right_of(vectors: Floats) -> Floats:
 
 
 def rounding(*points: Floats) -> Floats:
-    """Return the lengths (m,) below which distances between points (m, 2) are rounding errors of the coordinates."""
+    """Return the lengths (m,) below which distances between points (m, dim) are rounding errors of the coordinates."""
     return TOLERANCE * np.max([np.abs(point).max(axis=1) for point in points], axis=0)
 
 
@@ -264,7 +264,7 @@ def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
     """Return pairs (i, j) of overlapping polygons and their common parts; a pair is repeated for each of its parts.
 
-    If one polygon covers the other, the smaller is the common part, so nested meshes need no intersections.
+    If one polygon covers the other, the common part is the inner polygon, and no intersection is computed.
     """
     import shapely
 
@@ -312,7 +312,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Return signed areas (n_cells,) and centroids (n_cells, 2); cells without area have their first vertex instead."""
+    """Return signed areas (n_cells,) and centroids (n_cells, 2); for a cell without area, its first vertex."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -344,8 +344,8 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 # Barycentric coordinates of the three-point rule of degree 2 with equal weights.
 DEGREE_2_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
-# Barycentric coordinates of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5, and their weights with
-# sum 1: the centroid with 9/40; for r = -+ sqrt 15 the points (s, s, 1 - 2s), s = (6 + r) / 21, with (155 + r) / 1200.
+# Barycentric coordinates of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5. Weights are 9/40 at
+# the centroid, and (155 + r) / 1200 at the permutations of (s, s, 1 - 2 s) with s = (6 + r) / 21, r = -+ sqrt 15.
 RADON_POINTS = np.concatenate(
     [np.full((1, 3), 1.0 / 3.0)]
     + [np.full((3, 3), (6.0 + r) / 21.0) + (1.0 - r) / 7.0 * np.eye(3) for r in (-np.sqrt(15.0), np.sqrt(15.0))]

@@ -39,9 +39,9 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     Raises
     ------
     MeshError
-        ``cells`` are neither numbers of cells nor one bool per cell; the midpoint of an edge is lost in rounding;
-        only some cells of a mesh in space are to be split, and not all cells are tetrahedra; or the parts of a
-        polyhedron would have faces that are not plane.
+        ``cells`` are neither numbers of cells nor one bool per cell; the midpoint of an edge is lost in rounding; a
+        polygon to split is not star-shaped or has no two long sides; only some cells of a mesh in space are to be
+        split, and not all cells are tetrahedra; or a part of a polyhedron would have a face that is not plane.
 
     Examples
     --------

@@ -1,10 +1,10 @@
 """Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-The nodes and cells of all bodies go into one mesh. Nodes of different bodies within the tolerance move to the node of
-the first of these bodies. A node within the tolerance of an edge of another body becomes a hanging vertex of this edge;
-a node of a later body first moves to the nearest point of the edge. So the earlier body keeps its outline, the later
-body adopts it, and both have the same nodes along the common part. In space, boundaries can coincide in planes, or
-where both bodies have the same nodes; the faces of both bodies are overlaid: :mod:`.overlay`.
+The nodes and cells of all bodies go into one mesh. If nodes of different bodies are at most the tolerance apart, they
+move to the node of the first of these bodies. A node within the tolerance of an edge of another body becomes a vertex
+inside this edge (a hanging vertex). If the edge belongs to an earlier body, the node first moves onto the edge. So the
+earlier body keeps its outline, and the later body gets the same outline and nodes. In space, boundaries can coincide in
+planes, or where both bodies have the same nodes: see :mod:`.overlay`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from vemcvx.meshes.polyhedra import FaceShapes, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
-NARROW_BETWEEN_BODIES = 1e-3  # smallest width of a gap, relative to the smallest height of a cell
+NARROW_BETWEEN_BODIES = 1e-3  # smallest allowed width of a gap, relative to the smallest height of a cell
 FACING_COSINE = -0.5  # largest cosine between the outward normals of two faces that face each other
 BODY = "body"
 RESERVED_CHARACTERS = (".", "|")
@@ -54,7 +54,7 @@ def bodies(
     *,
     tolerance: float | None = None,
 ) -> AnyKind:
-    """Join the meshes of several bodies to one, with an interface wherever boundaries of two bodies coincide.
+    """Join the meshes of several bodies into one, with an interface wherever boundaries of two bodies coincide.
 
     Along an interface, the cells of each body get hanging vertices at the nodes of the other body; coinciding nodes
     stay separate. In space, the faces along an interface are the intersections of the faces of both bodies; along
@@ -70,16 +70,16 @@ def bodies(
         order of the bodies.
     tolerance : float, optional
         Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
-        the plane, nodes of the later body move to the nearest points of the earlier body: two polygons with edges h
-        inscribed in a circle of radius R are up to h^2 / (8 R) apart. In space, nodes of two bodies at most four times
-        the tolerance apart move to one place, and faces coincide in one plane.
+        the plane, nodes of the later body move to the nearest points of the earlier body. Two polygons with edges of
+        length h, inscribed in one circle of radius R, are up to h^2 / (8 R) apart. In space, nodes of two bodies at
+        most four times the tolerance apart move to one place.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
         The cells and nodes of the first body, then of the second, and so on; new nodes last. ``mesh.interfaces`` maps
         names to `Interface`. The boundary "left" of the body "lower" is called "lower.left", without its part on
-        interfaces. Cell data are kept, and are zero on other bodies. The cell datum "body" is the number of the body.
+        interfaces. Cell data are kept, and are zero on other bodies. The cell datum "body" numbers the bodies from 0.
         The name of a body is also a cell datum, 1 on its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
 
     Raises
@@ -101,7 +101,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the origin of each boundary edge or face, numbered through all bodies."""
+    """Return the mesh of :func:`bodies`, and each boundary edge's or face's old number, counted through all bodies."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -168,7 +168,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return the first node near each node; raise MeshError if two nodes of one body have the same first node."""
+    """Group nearby nodes of different bodies, and return the first node of each node's group, or raise MeshError."""
     nodes = np.unique(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -187,7 +187,7 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 def _match_in_plane(
     apart: PolygonMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolygonMesh, Ints, Ints, Ints]:
-    """Insert the nodes of each body into coinciding edges of the others; return the same as `overlay_tilings`."""
+    """Insert the nodes of each body into coinciding edges of the others; return what `overlay_tilings` returns."""
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
@@ -215,7 +215,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
-    off = off[np.unique(node[off], return_index=True)[1]]  # one edge per node: of the first body
+    off = off[np.unique(node[off], return_index=True)[1]]  # one edge per node: the edge of the first body
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
     points[node[off]] = shapely.get_coordinates(meeting)[::2]
     points = points[place]
@@ -297,7 +297,7 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket.
 
-    No unshared node, no point just outside such a node, and no point just below a face may be inside another body.
+    A body may contain no unshared node of another, nor points just outside such a node or just inside another's faces.
     """
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
@@ -338,7 +338,7 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # a named set of a file, which became this body
+                continue  # the named set of a file from which this body was made
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

@@ -39,12 +39,12 @@ class CheckedMesh(NamedTuple):
 
     arrays: tuple[NDArray[Any], ...]  # in the order of `ARRAYS` of the mesh
     interfaces: dict[str, Interface]
-    node_map: Ints | None
+    node_map: Ints | None  # new number of each given node, -1 if dropped; None if no node is dropped
     notes: list[str]  # on corrections
 
 
 def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> CheckedMesh:
-    """Return points, offsets and vertices of a `PolygonMesh`, or raise MeshError; nodes coincide at interfaces only."""
+    """Return the checked arrays of a `PolygonMesh`, or raise MeshError; only nodes at interfaces may coincide."""
     points = check_points(points)
     offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), CELL)
     if len(offsets) < 2:
@@ -219,7 +219,7 @@ def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return two cells (of two bodies if `body` is given) that overlap most or fit worst, and a point (2,) there."""
+    """Return two cells (of two bodies if `body` is given) that fit worst, and a point there; None if all fit."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)

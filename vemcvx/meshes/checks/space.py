@@ -3,11 +3,11 @@
 The checks are, in this order: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward
 normals are reversed and unused nodes dropped, each with a note for a warning.
 
-Each edge of a cell belongs to exactly two of its faces, which traverse it in opposite directions if both normals point
-outwards or both inwards. If the directions agree, faces whose normals point to the middle of the cell are reversed.
+Each edge of a cell belongs to exactly two faces of the cell. If both normals point outwards, or both inwards, the two
+faces traverse the edge in opposite directions. Else faces whose normals point to the middle of the cell are reversed.
 
-Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Intersecting cells are found
-only if the volumes of all cells add up to more than the volume of their convex hull.
+Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Cells that intersect otherwise
+are found only if the volumes of all cells add up to more than the volume of their convex hull.
 """
 
 from __future__ import annotations
@@ -247,7 +247,7 @@ RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
-    """Return a mask of the points (m, 3) inside a closed surface, by counting where a ray leaves and enters it."""
+    """Return a mask of the points (m, 3) inside a closed surface, by counting how often a ray leaves and enters it."""
     places, points = places @ RAY_FRAME, points @ RAY_FRAME
     first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]

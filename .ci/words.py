@@ -2,11 +2,11 @@
 
 1. The docstring of a function begins with a verb of the list; that of a class or a property does not.
 2. No docstring and no comment begins with a word that lacks its noun ("What", "Those", "Of").
-3. A function is named by a verb: neither by a participle ("checked") nor by "of". Public names are exempt, and
-   public methods of public classes.
+3. A function is named by a verb: neither by a participle ("checked") nor by "of". Public names and public
+   methods of public classes are exempt.
 4. What a public module exports has the sections of numpydoc: Parameters, Returns, and an example.
 
-Every fault is a line, with its file and line, and the exit code is 1 if there are any.
+Every fault is printed with its file and line. The exit code is 1 if there is a fault.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 split = re.compile(r"\S+").findall
-"""The words of a list."""
+"""Split a text into words."""
 
 ROOT = Path(__file__).resolve().parent.parent
 VERBS = set(
@@ -47,7 +47,7 @@ IRREGULAR = set(
 )
 NOT_PARTICIPLES = set(split("need speed seed feed embed proceed"))
 PUBLIC = split("vemcvx effects meshes plots program testing vem estimate/measures")
-"""Modules whose `__all__` is public; of the package itself the stub lists it."""
+"""Modules whose `__all__` is public; the public names of the package itself are in its stub."""
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 

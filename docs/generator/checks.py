@@ -12,7 +12,7 @@ from bs4 import BeautifulSoup
 
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 MADE_LATER = "search.html", "genindex.html"
-"""Pages whose headings are not checked: a script writes them on the search page; on the index they are letters."""
+"""Pages with unchecked headings: a script writes the headings of the search page; the index has letters as headings."""
 
 
 def find_faults(site: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""The public names with an entry in the reference, which the pages of `docs/reference` list."""
+"""The public names that the pages of `docs/reference` list."""
 
 from __future__ import annotations
 

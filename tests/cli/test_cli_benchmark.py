@@ -138,7 +138,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """Absolute errors of .03 and .02, divided by the largest norm, 2, give .015. The second step starts warm."""
+    """In units of the first norm, errors are .03 and .02, and the largest norm is 2. The second step starts warm."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 

@@ -77,7 +77,7 @@ def draw(seed):
 
 
 def compare(seed):
-    """Return ratios of two solvers' distance to their certificates, for a step and a next step with reversed loads."""
+    """Return distances of two solvers over sums of certificates, in a step and a next step with reversed loads."""
     scene, mesh = draw(seed)
     ratios, start = [], None
     for times in ([0.0, 1.0], [1.0, 2.5]):

@@ -1,13 +1,13 @@
 """`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
 
-Steps with given weights are nonexpansive in the energy norm. So the states y, z of two answers to the same steps obey
+If friction bounds are given, steps are nonexpansive in the energy norm. So the states y, z of two solvers obey
 
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
 
 where gap_m and floor_m are the duality gap and the rounding floor of step m. All answers are compared with the most
 certain answer, the one with the smallest last E_n. A certificate that satisfies the inequality is *honest*. It is
-*good* if it is as small as requested, apart from its rounding floor. If weights depend on the answer, or friction or
-viscosity occurs together with limits, the sum is no bound (:class:`vemcvx.stepping.trajectory.Trajectory`).
+*good* if it is as small as requested, apart from its rounding floor. The sum is no bound if friction bounds depend on
+the answer, or if one-sided limits meet friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
 
 Every solver has a row, even if it refuses the program, misses its accuracy, or fails. With a time limit, each solver
 runs in a separate process, which is stopped at the limit.
@@ -259,7 +259,6 @@ def entrants(command: Compare) -> list[tuple[Solver, str]]:
     """Return the chosen solvers and their settings: "own", or for cvxpy's solvers "tuned" and "default" in turn."""
     # This imports cvxpy, so that the import is not in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
-
     typed = parse_list("--solvers", command.solvers, str, "names such as newton,clarabel,SCS, or all")
     spelt = [name if ":" in name else name.lower() for name in typed]
     names = list(dict.fromkeys(one for name in spelt for one in (every if name == "all" else [name])))

@@ -84,7 +84,7 @@ def split_values(text: str) -> list[str]:
     try:
         body = ast.parse(text, mode="eval").body
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        # The text is not Python: words such as steel,rubber-2 are several values, but not within brackets or quotes.
+        # The text is no Python expression: split 2mm,3mm at commas, but keep a text with brackets or quotes whole.
         return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
     if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
         return [text]
@@ -200,7 +200,7 @@ class Problem:
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
         """Return the mesh. `family` names a family or, with a suffix, a mesh file; None is the family of the problem.
 
-        A file has several bodies if the scene names parts of bodies ("plate.rim") or interfaces ("plate|pin").
+        A file is read as several bodies if the scene names parts of bodies ("plate.rim") or interfaces ("plate|pin").
         """
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]

@@ -74,7 +74,7 @@ class Run:
     ] = None
     of: Of = "energy"
     bound: Annotated[
-        bool, typer.Option("--bound", help="Compute guaranteed bounds on the mesh error of every step, on both sides.")
+        bool, typer.Option("--bound", help="Compute guaranteed lower and upper bounds on the mesh error of every step.")
     ] = False
     settings: Annotated[
         list[str],

@@ -1,5 +1,6 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e; a limit j with c_j > 0 is soft.
 An NPZ archive holds every array bit by bit, and the certified answer if the program is solved::
 
     K               (n, n), dense; a sparse K is stored like B and D
@@ -8,12 +9,12 @@ An NPZ archive holds every array bit by bit, and the certified answer if the pro
     N               (n, k), orthonormal motions with K N = 0: the kernel of K; k = 0 if K is positive definite
     d, lam, p, step, t      the answer
 
-Only norm terms and limits restrain the motions N z, for example of a body without supports. The program has an optimum
+Only norm terms and limits restrain the motions N z, z (k,), of a body without supports. The program has an optimum
 if z'N'g < sum_i w_i |B_i N z| for all z != 0 with D N z <= 0. The multipliers balance the load on these motions: N'g =
 N'B'lam + N'D'p. K d and the least value are unique; d need not be unique.
 
-A sequence holds the programs of successive steps with the same matrices. The arrays that change (g, w, b, e and the
-answers) have one more axis, the first, which numbers the steps.
+A sequence holds the programs of successive steps with the same K, B, D, c and N. All other arrays (CHANGING) have one
+more axis, the first, which numbers the steps.
 
 Matrix Market has one file per array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
 """
@@ -40,7 +41,6 @@ NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"
 """The arrays of a program in every format."""
 CSR = "data", "indices", "indptr", "shape"
 CHANGING = "g", "w", "b", "e", "d", "lam", "p", "step", "t"
-"""The arrays that differ from step to step of a sequence."""
 
 
 def arrays_of(program: StepProgram) -> dict[str, Matrix]:

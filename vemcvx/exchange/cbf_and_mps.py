@@ -1,4 +1,4 @@
-"""Programs as CBF and MPS, the text formats of conic and of quadratic programs. Their first n variables are d.
+"""Programs as CBF and MPS, the text formats of conic and of quadratic programs; symbols as in :mod:`.arrays`.
 
 CBF, the Conic Benchmark Format (version 1), holds every program: one cone per norm term, and one for the energy::
 
@@ -21,8 +21,8 @@ QUADOBJ is the upper triangle of the Hessian. If duals are >= 0, lam is the dual
 dual of Z. HiGHS returns duals <= 0, so their signs must be reversed. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
-The first line of either file is a comment with n, m, the size of a block, the number of limits, the number of soft
-limits, and the number of motions in the kernel of K.
+The first n variables of either file are d. Its first line is a comment with n, m, the size of a block, and the numbers
+of limits, of soft limits, and of motions in the kernel of K.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ from vemcvx.exchange.arrays import matrix_with_kernel, program_from_arrays
 from vemcvx.program import SECOND_ORDER_CONES, SolvedProgram, StepProgram
 
 HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions {}"
-"""The comment in the first line."""
 
 
 def _head(program: StepProgram) -> str:

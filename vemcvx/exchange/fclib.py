@@ -1,21 +1,21 @@
 """HDF5 files of the Frictional Contact Library (FCLIB): a solved step with Coulomb's law.
 
+FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the contact forces r and the relative
+displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential ones (T):
+
     local   u = W r + q                         for a condensed program
     global  M v = H r + f,   u = H'v + w        for all unknowns: W of 10,000 contacts in space would take 7 GB
 
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-(Acary and others, INRIA RT-444, 2014, and FCLIB's fclib.h). The contact forces r and relative displacements u of each
-contact have their normal component (N) first, then one or two tangential ones (T). With the rows h_N = -D_j and
-h_T = B_i of the limit and the norm term of each contact, K d = g - B'lam - D'p gives
+With the rows h_N = -D_j of the limit and h_T = B_i of the norm term of a contact, K d = g - B'lam - D'p gives
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
 
-Matrices are stored by rows (nz = -2). Each step of a run has its own file; its solution is a guess for the next step.
-The description in `info` states, as JSON, the certified error: |v - v*|_M <= energy_error for the convex program whose
-weights are mu r_N of the solution. FCLIB files cannot be read back, because they contain Coulomb's law instead of given
-weights. They need h5py (extra ``fclib``).
+Matrices are stored by rows (nz = -2). Each step has its own file with a solution. The description in `info` states, as
+JSON, the certified error: |v - v*|_M <= energy_error, where v* solves the convex program with the weights mu r_N. Files
+state Coulomb's law without weights, so they cannot be read back. They need h5py (extra ``fclib``).
 """
 
 from __future__ import annotations

@@ -49,6 +49,11 @@ def solver_suite(
     callable
         A parametrised test for pytest.
 
+    Raises
+    ------
+    SceneError
+        An object has no method `solve`, or its `accepts` names no feature of programs.
+
     Examples
     --------
     >>> from vemcvx.testing import solver_suite

@@ -307,7 +307,7 @@ def does_not_move_without_a_load(case: Case) -> None:
 
 
 def answers_sliders_in_closed_form(case: Case) -> None:
-    """Check sliders k u + w u' / |u'| = f: u_n = u_{n-1} + (1 - w / |q|)_+ q / k with q = f_n - k u_{n-1}."""
+    """Check sliders of stiffness k and threshold w: u_n = u_{n-1} + (1 - w / |q|)_+ q / k, q = load_n - k u_{n-1}."""
     components = {"friction of one component": 1, "friction of two components": 2}.get(case.instance.name)
     if components is None:
         return

@@ -1,9 +1,9 @@
 """`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
 
-Tolerances of two solvers cannot be compared, because they bound different quantities. So each solver runs with many
-tolerances; a run with one tolerance is a trial. The true error of its answer d is |d - d*|_K / |d*|_K, where d* is the
-certified optimum of the file. The time of a solver to the error E on an instance is the time of the *cheapest* trial
-with a true error of at most E. The benchmark computes from these times
+Tolerances of two solvers bound different quantities and cannot be compared. So each solver runs with many tolerances; a
+run with one tolerance is a trial. The true error of its answer d is |d - d*|_K / |d*|_K, with the energy norm |.|_K and
+the certified optimum d* of the file. The time of a solver to the error E on an instance is the time of the *cheapest*
+trial with a true error of at most E. The benchmark computes from these times
 
 - for every E, the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
   answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);
@@ -16,7 +16,7 @@ An instance counts at E if its optimum is certified to E/10. For a program witho
 "infeasible" or "unbounded", is judged.
 
 Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
-tolerances and limits on iterations. The target of other solvers is the duality gap 1/2 (tolerance |d*|)^2. The answer
+tolerances and limits on iterations. The target of other solvers is the duality gap 1/2 (tolerance |d*|_K)^2. The answer
 to a step of a sequence is a warm start for the next step if the solver can use it. The error of a sequence is the
 largest error of all steps, in units of the largest |d*|_K, and its time is the sum over steps. Seconds are processor
 time for set-up and solve in the library: the minimum of up to five calls within a tenth of a second.
@@ -432,9 +432,6 @@ def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, f
     certificate = program.certify(answer.d, answer.lam, answer.p)
     true = program.operators.energy_norm(answer.d - program.answer.d)
     return true / unit, float(certificate.error + certificate.error_floor) / unit
-
-
-# Scores.
 
 
 def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:

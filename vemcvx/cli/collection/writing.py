@@ -341,7 +341,7 @@ def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[Step
 def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     """Return the program with a new limit that contradicts the first limit, and multipliers that prove infeasibility.
 
-    D_1 d <= e_1 and -D_1 d <= -e_1 - |e|_oo contradict each other: their sum is 0 <= -|e|_oo.
+    With o = |e|_oo, or |d|_oo if e = 0, the limits D_1 d <= e_1 and -D_1 d <= -e_1 - o have the sum 0 <= -o.
     """
     operators = program.operators
     D = sp.csr_matrix(sp.vstack([operators.D, -operators.D[:1]]))
@@ -355,7 +355,7 @@ def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     """Return the program with a load of twice the friction along a kernel motion r, and r itself.
 
-    K r = 0 and D r <= 0, so the objective at s r, s > 0, falls at the rate g'r - sum w_i |B_i r| > 0.
+    K r = 0 and D r <= 0, so the objective at s r falls at the rate g'r - sum w_i |B_i r| > 0 for large s.
     """
     operators = program.operators
     assert operators.kernel is not None

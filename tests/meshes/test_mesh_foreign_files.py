@@ -99,7 +99,7 @@ def test_files_of_users_keep_names_and_become_bodies():
 
 
 def test_every_cell_of_a_rod_has_its_own_material():
-    """Pull the rod: displacements are 1, 2, 2.01. With sets on wrong cells, they would be .01, 1.01, 2.01."""
+    """Pull the rod: displacements are 1, 2, 2.01. With wrong cells in the sets they would be .01, 1.01, 2.01."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.0, on="SOFT"),
@@ -163,7 +163,7 @@ def test_a_part_without_an_end_is_read(read_text):
 
 
 def test_nodes_within_an_instance_are_translated_and_rotated_with_it(read_text):
-    """Use instances with meshes of their own; the upper one is moved up by 1, then rotated by 180 degrees."""
+    """Define meshes within instances; the upper instance is moved up by 1, then rotated by 180 degrees."""
     words = r"mesh\.inp: .* not read: .*nodes of toe that do not exist"
     with pytest.warns(vx.MeshWarning, match=words):
         mesh = read_text(".inp", WITHIN, bodies="physical")
@@ -222,7 +222,7 @@ def test_unsupported_decks_are_refused_with_the_cause(read_text):
 
 
 def test_sets_of_one_name_in_two_parts_contain_elements_of_their_parts_only(read_text):
-    """Use one name, as other programs do, for the two sets that define surfaces of two parts."""
+    """Give two sets, which define surfaces of two parts, the same name, as other programs do."""
     block = FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n*ELSET, ELSET=_s, INTERNAL\n1\n*SURFACE, NAME={}\n_s, {}\n"
     parts = "".join(
         f"*PART, NAME={name}\n{block.format(name, side)}*END PART\n" for name, side in (("low", "S1"), ("up", "S3"))
@@ -470,7 +470,7 @@ TEXTS = {".polyhedra.vtu": POLYHEDRA, ".gmsh.msh": GMSH, ".parts.inp": TWICE, ".
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [*MADE, *TEXTS])
 def test_damaged_files_are_refused_or_hold_a_mesh(suffix, tmp_path):
-    """Read 250 damaged files within limits of time and memory: each holds a mesh or raises an error with its path."""
+    """Read 250 damaged files within limits of time and memory: each has a mesh, or its path is in an error."""
     whole, rng = tmp_path / f"whole{suffix}", np.random.default_rng(1)
     if suffix in MADE:
         MADE[suffix].write(whole)

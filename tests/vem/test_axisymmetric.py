@@ -34,7 +34,7 @@ def test_fields_of_constant_strain_are_exact_at_any_radius(family, inner):
         held = vx.PrescribedDisplacement(lambda x, t, u=u: 1e-3 * u(x), on="boundary")
         loads = [] if force is None else [vx.BodyForce(lambda x, t, f=force: 1e-3 * np.array(f(x, t)))]
         history = vx.simulate(vx.Scene(steel(), held, *loads), mesh, [0.0, 1.0], initial="equilibrium")
-        # The relative error grows with the condition number of K, at most 150 here.
+        # The relative error grows with the condition number of the stiffness, at most 150 here.
         assert np.abs(history.displacement[-1] - exact).max() <= 1e-11 * np.abs(exact).max()
 
 
@@ -82,7 +82,7 @@ def test_lames_tube_has_errors_of_first_order_and_does_not_lock(family, poisson)
 
 @pytest.fixture(scope="module")
 def press_fit():
-    """Return the history of a hub, shrunk by .002 onto a shaft of the same length 20, and then pushed off."""
+    """Return the history of a hub that is shrunk by .002 onto a shaft of the same length, and then pushed off."""
     shaft, hub = (vx.meshes.squares((4, 40), box=((r, r + 1.0), (0.0, 20.0))) for r in (1.0, 2.0))
     mesh = vx.meshes.bodies({"hub": hub, "shaft": shaft})
     scene = vx.Scene(
@@ -96,7 +96,8 @@ def press_fit():
 
 
 def test_the_force_that_pushes_a_hub_off_is_the_friction_under_lames_pressure(press_fit):
-    # For interference d and joint radius b, p = E d / (b (C + D)) (Lame, plane stress), C, D from the radii 1, 2, 3.
+    # Lame's pressure in plane stress, for interference d and the radii a = 1, b = 2, c = 3, is p = E d / (b (C + D))
+    # with C = (b^2 + a^2) / (b^2 - a^2) and D = (c^2 + b^2) / (c^2 - b^2).
     pressure = 1000.0 * 2e-3 / 2.0 / ((4.0 + 1.0) / (4.0 - 1.0) + (9.0 + 4.0) / (9.0 - 4.0))
     push = 0.2 * pressure * 2.0 * np.pi * 2.0 * 20.0
     assert press_fit.reaction("hub.bottom")[-1, 1] == pytest.approx(push, rel=0.01)
@@ -116,7 +117,8 @@ def test_files_keep_bodies_of_revolution_and_contain_the_radii(press_fit, tmp_pa
 def test_the_axis_is_held_radially():
     scene = vx.Scene(steel(), vx.Symmetry(on=["left", "bottom"]), vx.Pressure(1e-3, on="right"))
     history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="equilibrium")
-    assert history.displacement[-1, :, 0] == pytest.approx(-0.7e-3 * history.mesh.points[:, 0], abs=1e-15)
+    exact = -0.7e-3 * history.mesh.points[:, 0]  # -(1 - nu) p r / E
+    assert history.displacement[-1, :, 0] == pytest.approx(exact, abs=1e-15)
 
 
 AXIS = {

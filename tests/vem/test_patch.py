@@ -48,7 +48,7 @@ def test_a_sheared_body_between_prescribed_displacements_and_tractions(family):
     mu = YOUNG / (2 * (1 + POISSON))
     lam = 2 * mu * POISSON / (1 - 2 * POISSON)
     sigma = mu * (G + G.T) + lam * np.trace(G) * np.eye(2)
-    shear = np.array([1.0, -0.25]) / np.hypot(1.0, 0.25)
+    inclined = np.array([1.0, -0.25]) / np.hypot(1.0, 0.25)  # the normal of the right side
 
     def field(x, t):
         return t * (x @ G.T + [0.1, -0.2])
@@ -56,7 +56,7 @@ def test_a_sheared_body_between_prescribed_displacements_and_tractions(family):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
         vx.PrescribedDisplacement(field, on=["bottom", "left"]),
-        vx.Traction(lambda x, t: np.tile(t * sigma @ shear, (len(x), 1)), on="right"),
+        vx.Traction(lambda x, t: np.tile(t * sigma @ inclined, (len(x), 1)), on="right"),
         vx.Traction(lambda x, t: np.tile(t * sigma[:, 1], (len(x), 1)), on="top"),
     )
     history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0])

@@ -1,4 +1,4 @@
-"""Ratios of the stabilisation to the energy of virtual functions: closed forms, invariance, bounds on every family."""
+"""Ratios of the stabilisation S to the shear energy a_mu of v - Pi v: closed forms, invariance, bounds on families."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def make_rectangle(a, b):
 
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 3.0)])
 def test_hourglass_modes_of_rectangles(a, b):
-    """On a rectangle 2a x 2b, (xy, 0) and (0, xy) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
+    """The displacements (xy, 0) and (0, xy) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
     exact = sorted([6 * a * b / (a * a + 2 * b * b), 6 * a * b / (b * b + 2 * a * a)])
     assert lesson.spectrum(make_rectangle(a, b))[:2] == pytest.approx(exact, rel=CLOSE)
 
@@ -32,7 +32,7 @@ def test_size_place_and_direction_do_not_matter():
 
 
 def test_nu_changes_only_the_ratio_to_the_energy_with_dilatation():
-    """For the stabilisation S, S / a_mu does not depend on nu; S / (a_mu + a_lambda) decreases like 1 / lambda."""
+    """S / a_mu does not depend on nu. With the dilatation energy a_lambda, S / (a_mu + a_lambda) is O(1 / lambda)."""
     rows = [lesson.spectrum(lesson.hexagon(1), poisson) for poisson in (0.3, 0.499, 0.499999)]
     assert np.ptp([row[0] for row in rows]) == 0.0
     assert np.ptp([row[1] for row in rows]) == 0.0

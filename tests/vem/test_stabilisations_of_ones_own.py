@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, order, and one form a^h for stiffness, budget and nodal distance alike."""
+"""User-defined stabilisations: patch test, order, and the same form a^h in stiffness, budget and nodal distance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_patch_test():
 
 @pytest.mark.long
 def test_errors_are_of_first_order():
-    """Measured orders are .96 to 1.05 between h = 1/4 and 1/16; the default has .97 and 1.05."""
+    """Measured orders between h = 1/4 and 1/16 are .96 to 1.05; the default has .97 and 1.05 on the two families."""
     for family in ("voronoi", "hexagons"):
         for stabilisation in OWN:
             slope = vx.measures.orders([1 / 4, 1 / 8, 1 / 16], own.errors(stabilisation, family)).slope
@@ -46,7 +46,7 @@ def test_errors_are_of_first_order():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, the D-recipe's error is 2.7 times the default's; `deviatoric` makes them equal."""
+    """At nu = .49999, the error of the D-recipe is 2.7 times the default's; `deviatoric` makes both errors equal."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
@@ -55,7 +55,7 @@ def test_the_d_recipe_locks_unless_it_is_deviatoric():
 
 
 def test_energies_of_the_hourglass_of_a_square():
-    """Values 1, -1, 1, -1 have the energy 8 mu in the boundary form, 4 max(mu, (lam + 3 mu) / 4) in the D-recipe."""
+    """Vertex values 1, -1, 1, -1 have the energy 8 mu in the boundary form, and lam + 3 mu or 4 mu in the D-recipes."""
     mesh = vx.PolygonMesh([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], [[0, 1, 2, 3]])
     u = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
     for stabilisation, energy in ((OWN[0], 8 * MU), (OWN[1], LAM + 3 * MU), (OWN[2], 4 * MU), ("shear", 8 * MU)):
@@ -71,7 +71,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
-    """The square of the nodal distance of w is w'Aw on two materials; the budget itself checks that energies agree."""
+    """The square of the nodal distance of w is w'Aw on two materials; `error_budget` raises if its energy differs."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)
@@ -125,7 +125,7 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 def compute_squares(history):
     """Sum the squares of "jumps", "boundary" and "stabilisation" edge by edge, without the constant c^2.
 
-    Return also the number of cells in which S_K exceeds the energy of edges, the other value of "stabilisation".
+    "stabilisation" is the larger of S_K and an energy of edges. Also return the number of cells in which S_K is larger.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)
@@ -168,7 +168,7 @@ def test_the_budget_is_the_sum_over_edges_of_its_formula():
 
 @pytest.mark.long
 def test_bounds_hold_whatever_the_stabilisation():
-    """Bounds hold for the elastic energy a: intervals of energy and potential overlap the intervals of a finer mesh."""
+    """Bounds enclose the exact energy and potential, so their intervals overlap the intervals of a finer mesh."""
     fine = vx.error_bound(simulate_bar("shear", vx.meshes.squares(16)), step=1)
     for stabilisation in ("unit", *OWN):
         bound = vx.error_bound(simulate_bar(stabilisation, small("voronoi", 4)), step=1)

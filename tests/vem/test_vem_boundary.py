@@ -91,7 +91,7 @@ def test_sides_at_angles_below_42_and_a_half_degrees_are_a_curve(degrees):
 
 
 def test_normals_of_a_regular_polygon_are_radial():
-    """`cosines` are the cosines of half the angle between two sides."""
+    """`cosines` are the cosines of half the angle between the normals of two sides."""
     corners = [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 13)[:-1]]
     rows = Space(make_polygon(*corners).mesh).part("boundary", "test").node_normals
     assert len(rows.nodes) == 12
@@ -101,7 +101,7 @@ def test_normals_of_a_regular_polygon_are_radial():
 
 @pytest.mark.parametrize("turns", [(0.1, 0.1), (0.1, 0.3), (0.02, 0.5)])
 def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_nodes(turns):
-    """The error is O(angle^3) plus a small part of the angles, because very short sides have smaller weights."""
+    """The error is O(angle^3), plus a small fraction of the angle, because very short sides have smaller weights."""
     angles = np.array([-0.5 * np.pi - turns[0], -0.5 * np.pi, -0.5 * np.pi + turns[1]])
     mesh = make_polygon(*np.column_stack([np.cos(angles), np.sin(angles)]), (0, 3)).mesh
     rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < -0.5)).part("base", "test").node_normals
@@ -111,7 +111,7 @@ def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_n
 
 
 def test_normals_of_a_sphere_are_radial():
-    """The nodes of the triangles are at random places on the sphere; normals are weighted as in Max (1999)."""
+    """Triangles have random nodes on the sphere; their normals are averaged with the weights of Max (1999)."""
     points = np.random.default_rng(3).normal(size=(150, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     cells = [[*triangle, len(points)] for triangle in ConvexHull(points).simplices]

@@ -79,7 +79,7 @@ def test_matrices_are_symmetric_to_the_bit_and_rigid_modes_are_their_kernel(mesh
 
 
 def test_linear_displacements_have_the_forces_of_their_stresses_and_tractions(mesh):
-    """v'Ku = sum over cells E of |E| sigma : eps(Pi v), with moduli that jump; uniform stresses balance tractions."""
+    """If moduli jump, v'Ku is the sum over cells E of |E| sigma : eps(Pi v). Uniform stresses balance tractions."""
     space, (lam, mu), dim = Space(mesh), draw_moduli(mesh), mesh.points.shape[1]
     (a, b), slope = COMPONENTS[dim], SLOPE[:dim, :dim]
     strain, u = 0.5 * (slope + slope.T), mesh.points @ slope.T + [0.2, -0.1, 0.3][:dim]
@@ -193,7 +193,7 @@ def test_units_that_are_powers_of_two_change_no_bit(mesh):
     ("family", "n", "most"), [("squares", 4, 2), ("triangles", 8, 5), ("hexagons", 12, 101), ("tetrahedra", 4, 31)]
 )
 def test_translated_cells_of_equal_moduli_share_their_local_matrix(family, n, most):
-    """The sum equals the sum of separate matrices to the bit; widths that are powers of two are exact."""
+    """Shared and separate local matrices have equal sums to the bit; cell widths that are powers of two are exact."""
     mesh = getattr(vx.meshes, family)(n)
     lam, mu = np.full(mesh.n_cells, 1.7), np.full(mesh.n_cells, 0.6)
     mu[5] = 0.9
@@ -216,7 +216,7 @@ def test_translated_cells_of_equal_moduli_share_their_local_matrix(family, n, mo
 
 
 def test_cells_that_differ_in_the_last_bit_have_separate_matrices():
-    """The sums of such rows may be equal, but weighted sums of their bits differ."""
+    """The sums of these rows, rounded, are equal."""
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + EPS, 2.0 - 2 * EPS]] * 40)
     rows = rows[np.random.default_rng(0).permutation(80)]
     some, same = distinct([rows])

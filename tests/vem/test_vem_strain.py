@@ -11,7 +11,7 @@ from vemcvx.vem import Space, mean_strains, rigid_modes, strains
 
 
 def test_strains_are_means_over_cells(family):
-    """|K| eps is the sum over edges of the symmetric part of int v (x) n ds, for random nodal values."""
+    """|K| eps is the sum over edges of the symmetric part of int u (x) n ds, for random nodal values of u."""
     mesh = small(family, 3)
     u = np.random.default_rng(0).standard_normal((mesh.n_nodes, 2))
     found = strains(Space(mesh), u.ravel())
@@ -33,7 +33,7 @@ def test_large_translations_change_no_bit_of_strains():
 
 @pytest.mark.parametrize("family", [*vx.meshes.FAMILIES, *vx.meshes.SPACE_FAMILIES])
 def test_mean_strains_of_quadratic_displacements_are_their_strains_at_centroids(family):
-    """u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x): strains are linear."""
+    """The strains of u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x), are linear."""
     mesh = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}[family](2)
     if family in vx.meshes.FAMILIES:
         (x, y), quadratic = mesh.centroids.T, lambda p: p * np.column_stack([p.sum(axis=1), p[:, 1] - p[:, 0]])

@@ -58,7 +58,7 @@ LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
 LINES |= {"bound": 3_275, "results": 2_926, "estimate": 2_288, "plots": 2_112}
 LINES |= {"limit_analysis": 423}
 LINES |= {"sensitivity": 926, "cost": 682, "cli": 3_798}
-LINES |= {"meshes": 6_566, "meshes/io": 1_391, "vem": 2_601}
+LINES |= {"meshes": 6_633, "meshes/io": 1_391, "vem": 2_632}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_855
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""

@@ -51,7 +51,7 @@ class Box:
     def ticks(self, *counts: int, grades: tuple[float, ...] = (1.0, 1.0, 1.0)) -> list[Floats]:
         """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two equal.
 
-        Widths form a geometric sequence: the last is `grade` times the first.
+        The widths along an axis form a geometric sequence; the last width is `grade` times the first.
         """
         lines = []
         for low, high, count, grade in zip(self.low, self.high, counts, grades, strict=False):
@@ -120,7 +120,7 @@ def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Return the number of cells along each axis, at least one: the given numbers, or as many as fill the box.
+    """Return the numbers of cells along the axes, at least one each: the given numbers, or as many as fill the box.
 
     Cells of the family are `stretch` times as wide as squares of the same area. `each` is the largest number of cells
     into which the family splits one square or cube.
@@ -158,7 +158,7 @@ def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list
 
 
 def check_total(cells: float) -> None:
-    """Raise MeshError if there are more than `MOST_CELLS` cells, as after a typing error."""
+    """Raise MeshError if there are more than `MOST_CELLS` cells."""
     if cells > MOST_CELLS:
         raise MeshError(f"the mesh would have {cells:.3g} cells; at most {MOST_CELLS:g} are allowed. Ask for fewer.")
 

@@ -5,7 +5,7 @@ to two cells, or to one cell if the side is on the boundary. In the plane, cells
 counter-clockwise. In space, cells are polyhedra with plane faces. Neighbouring cells share whole sides. A cell may have
 angles of 180 degrees (at hanging nodes) and several coplanar faces, and need not be convex.
 
-Modules that refine, cut and write meshes import this module; its methods import them when called.
+Modules that refine, cut and write meshes import this module, so methods of `Mesh` import them when called.
 """
 
 from __future__ import annotations
@@ -282,8 +282,8 @@ class Mesh(ABC):
         name : str
             Name of the part. A part with this name is replaced; parts may overlap.
         predicate : callable
-            A function that gets the midpoints (m, 2) of all boundary edges outside interfaces, in space the centroids
-            (m, 3) of the boundary faces, and returns a mask, bool (m,).
+            Returns a mask, bool (m,), for the midpoints (m, 2) of all boundary edges outside interfaces, in space for
+            the centroids (m, 3) of these faces.
         of : str, optional
             Name of a boundary or interface: the predicate then gets only its midpoints or centroids.
 
@@ -323,12 +323,24 @@ class Mesh(ABC):
         return self._replace(_named={**self._named, **added})
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
-        """Return this mesh with cell data `values` (n_cells, ...); they replace data of the same name."""
+        """Return this mesh with cell data `values` (n_cells, ...), which replace data of the same name.
+
+        Raises
+        ------
+        MeshError
+            The name is not a non-empty string, or `values` are not numbers with one row per cell.
+        """
         added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None) -> Self:
-        """Return this mesh with cells split (numbers or a mask; by default all): :func:`vemcvx.meshes.refinement`."""
+        """Return this mesh with cells split (numbers or a mask; by default all): :func:`vemcvx.meshes.refinement`.
+
+        Raises
+        ------
+        MeshError
+            As :func:`vemcvx.meshes.refinement`.
+        """
         from vemcvx.meshes.refining import refinement
 
         return refinement(self, cells).mesh
@@ -382,7 +394,7 @@ class Mesh(ABC):
         Raises
         ------
         MeshError
-            The format would lose cells or interfaces, or the file cannot be written.
+            The format would lose cells, interfaces or names, or the file cannot be written.
 
         Warns
         -----
@@ -465,7 +477,7 @@ class Mesh(ABC):
 def straight_sides(mesh: Mesh) -> dict[str, Ints]:
     """Return the edges or faces where a coordinate is extreme, named "left", "right" ... as in mesh families."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    # sides of a mesh that was moved or scaled are straight up to rounding
+    # the sides of a moved or scaled mesh are straight up to rounding
     rounding = SAME * float((high - low).max())
     sides = mesh._in_planes(Box(tuple(low.tolist()), tuple(high.tolist())), rounding)
     return {name: parts for name, parts in sides.items() if len(parts)}

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class PolygonMesh(Mesh):
-    """A polygonal mesh of a plane domain.
+    """A polygonal mesh of a plane domain. All arrays are read-only; nodes and cells keep the given order.
 
     Parameters
     ----------
@@ -49,12 +49,9 @@ class PolygonMesh(Mesh):
 
     Attributes
     ----------
-    points : (n_nodes, 2) float
-        Node coordinates.
+    points, cell_data : as the parameters
     offsets, vertices : (n_cells + 1,) int, (n_corners,) int
         Cell c has the vertices ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise.
-    cell_data : mapping of str to (n_cells, ...) array
-        Data on cells.
     node_map : (n,) int or None
         If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
 
@@ -67,10 +64,6 @@ class PolygonMesh(Mesh):
     -----
     MeshWarning
         Clockwise cells were reversed, or unused nodes dropped.
-
-    Notes
-    -----
-    All arrays are read-only. Nodes and cells keep the given order.
 
     Examples
     --------
@@ -121,7 +114,7 @@ class PolygonMesh(Mesh):
 
     @cached_property
     def shared_edges(self) -> polygons.SharedEdges:
-        """The corners of cells, sorted by the edges that start there."""
+        """The corners of cells, sorted by the edges that start at these corners."""
         return polygons.sort_edges(self.offsets, self.vertices, self.n_nodes)
 
     @cached_property
@@ -200,6 +193,13 @@ class PolygonMesh(Mesh):
         -------
         Axes
             The given or new axes.
+
+        Raises
+        ------
+        VemcvxError
+            matplotlib is not installed.
+        MeshError
+            ``values`` or ``displacement`` do not fit the mesh.
         """
         values = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
         points = points_to_plot(self.points, displacement)
@@ -296,6 +296,11 @@ def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
     Returns
     -------
     PolygonMesh
+
+    Raises
+    ------
+    SceneError
+        The mesh is in space.
 
     Examples
     --------

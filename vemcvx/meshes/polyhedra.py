@@ -3,12 +3,13 @@
 Two listed faces are the same if they have the same vertices. Faces are numbered in the order of first appearance. So
 the first cell of a face has the lower number; it also determines the order of the vertices of the face.
 
-Integrals over a face are sums over triangles from its first vertex o (d_i = x_i - o), with signed areas s_i:
+Integrals over a face are sums over the triangles (o, x_i, x_{i+1}) from its first vertex o. With d_i = x_i - o and the
+signed areas s_i of the triangles,
 
     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
 
-exact for plane faces, convex or not. Integrals over a cell are sums over pyramids of volume V_f with the faces f as
-bases. Their apex is the mean p of the centroids c_f of the faces; a_f are the outward area vectors:
+exact for plane faces, convex or not. Integrals over a cell are sums over pyramids of volume V_f, whose bases are the
+faces f, with outward area vectors a_f and centroids c_f. The apex p of all pyramids is the mean of the c_f:
 
     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 """
@@ -76,7 +77,7 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
 
 
 class FaceShapes(NamedTuple):
-    """Areas (n_faces,), unit normals and centroids (n_faces, 3); without area: normal 0, centroid the first vertex."""
+    """Areas (n_faces,), unit normals and centroids (n_faces, 3); if the area is 0, normal 0 and the first vertex."""
 
     areas: Floats
     normals: Floats
@@ -127,7 +128,6 @@ def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, si
 
 
 def _divide_rows(rows: Floats, by: Floats) -> Floats:
-    """Divide each row by a number; return zero where the number is zero."""
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
@@ -144,10 +144,8 @@ FACES = {
 def angles_seen(arms: Floats) -> Floats:
     """Return the solid angles (...,) of triangles whose corners have the positions (..., 3, 3) relative to the eye.
 
-    tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a),
-
-    where a letter is a position in the products . and x, and the length of this position elsewhere
-    (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
+    tan(angle / 2) = a . (b x c) / (|a| |b| |c| + (a . b) |c| + (a . c) |b| + (b . c) |a|)
+    for corners a, b, c (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
     """
     a, b, c = (arms[..., k, :] for k in range(3))
     la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))

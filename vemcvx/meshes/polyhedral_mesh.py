@@ -30,7 +30,8 @@ class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
     Cells are polyhedra with plane faces. Neighbouring cells share whole faces: a large cell has four coplanar faces
-    where it meets four small cells. Neither cells nor faces need be convex.
+    where it meets four small cells. Neither cells nor faces need be convex. All arrays are read-only. Nodes and cells
+    keep the given order; faces are numbered as they first appear.
 
     Parameters
     ----------
@@ -46,12 +47,12 @@ class PolyhedralMesh(Mesh):
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Faces of one body that coincide with faces of another; each body has its own nodes there.
+        Faces of one body that coincide with faces of another; each body has its own nodes there. See
+        :func:`vemcvx.meshes.bodies`.
 
     Attributes
     ----------
-    points : (n_nodes, 3) float
-        Node coordinates.
+    points, cell_data, interfaces : as the parameters
     face_offsets, face_vertices : (n_faces + 1,) int, (n_corners,) int
         Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``; by the right-hand rule, its
         normal points out of its first cell.
@@ -59,10 +60,6 @@ class PolyhedralMesh(Mesh):
         First and second cell of each face; the second is -1 on the boundary.
     cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int
         Cell c has the faces ``cell_faces[cell_offsets[c]:cell_offsets[c + 1]]``.
-    cell_data : mapping of str to (n_cells, ...) array
-        Data on cells.
-    interfaces : mapping of str to Interface
-        Coinciding boundaries of two bodies: see :func:`vemcvx.meshes.bodies`.
     node_map : (n,) int or None
         If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
 
@@ -76,10 +73,6 @@ class PolyhedralMesh(Mesh):
     -----
     MeshWarning
         Faces were reversed, or unused nodes dropped.
-
-    Notes
-    -----
-    All arrays are read-only. Nodes and cells keep the given order; faces are numbered as they first appear.
 
     Examples
     --------
@@ -216,6 +209,11 @@ class PolyhedralMesh(Mesh):
             The part of the boundary to draw.
         **style
             Passed to matplotlib's Poly3DCollection (``cmap``, ``edgecolor``, ``linewidth``, ``alpha`` ...).
+
+        Raises
+        ------
+        VemcvxError, MeshError
+            As `PolygonMesh.plot`, or there is no boundary ``on``, or ``ax`` is not three-dimensional.
         """
         if not isinstance(on, str) or on not in self.boundaries:
             raise MeshError(f"there is no boundary {on!r}; this mesh has {', '.join(self.boundaries)}.")

@@ -1,11 +1,11 @@
-r"""The shapes of cells: two ratios that determine the constants of Assumption 3.3 of the paper.
+r"""The shapes of cells: two ratios that determine the constants of Assumption 3.3 of the paper named in :mod:`vemcvx`.
 
 By Assumption 3.3 every cell K can be split into shape-regular triangles of a size comparable to h_K, and each edge of K
 is a side of a triangle. The constants of the assumption depend on two ratios only (L. Chen and J. Huang, Some error
 analysis on virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with
 small edges or faces, 2018):
 
-- star: rho_K / h_K, where rho_K is the radius of the largest ball such that K is star-shaped about all its points;
+- star: rho_K / h_K, with the radius rho_K of the largest ball such that K is star-shaped about every point of the ball;
 - edge: the length of the shortest edge / h_K.
 
 K is star-shaped about x if x is on the inner side of all edges (faces). Hence
@@ -15,9 +15,9 @@ $$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward 
 If K is convex, rho_K is the radius of the largest inscribed circle (sphere). If K is not star-shaped, rho_K is
 negative, and star is set to 0. HiGHS solves this linear program for thousands of cells at once.
 
-By (2.9), the stabilisation S should be comparable to the energy a_mu of the component outside the range of Pi. The more
-a cell is stretched, the more S / a_mu differs from 1: by about the aspect ratio. A short edge lowers the least ratio
-like 1 / |log edge| (problems/stabilisation_spectrum.py).
+By (2.9), the stabilisation S of v - Pi v should be comparable to the shear energy a_mu of v - Pi v. On a stretched cell
+S / a_mu differs from 1 by a factor of up to about the aspect ratio. A short edge lowers the least ratio S / a_mu like
+1 / |log edge| (problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, right_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 LEAST_STAR, LEAST_EDGE = 0.05, 1e-4
-"""Ratios below which a warning is issued. At star .05, cells are stretched nine to one."""
+"""Ratios below which a warning is issued. A rectangle with sides ten to one has star .05."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,8 +48,8 @@ class Quality(Outlined):
     Attributes
     ----------
     star : (n_cells,)
-        Radius of the largest ball such that the cell is star-shaped about all its points, divided by the cell diameter;
-        0 if there is none. At most 1/2: a square has .35, a regular hexagon .43, a cube .29.
+        Radius of the largest ball such that the cell is star-shaped about every point of the ball, divided by the cell
+        diameter; 0 if there is no ball. At most 1/2: a square has .35, a regular hexagon .43, a cube .29.
     edge : (n_cells,)
         Length of the shortest edge divided by the cell diameter.
     in_plane : bool
@@ -114,7 +114,7 @@ class Walls(NamedTuple):
 
     offsets: Ints
     normals: Floats  # (k, dim) outward unit normals
-    away: Floats  # (k,) distance from the centroid of the cell, divided by its diameter
+    away: Floats  # (k,) distance from the centroid of the cell, divided by the cell diameter
     lengths: Floats  # (k,) length of the edge, in space of the shortest edge of the face
 
 

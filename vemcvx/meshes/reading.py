@@ -41,11 +41,11 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     path : str or Path
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
-        Make one body of every physical group of cells of a Gmsh file, of every instance or part of an Abaqus file (or
-        of element sets, if it has no parts), or of every property of a Nastran file, and join these bodies as
-        :func:`vemcvx.meshes.bodies` does. A boundary "rim" of "plate" is called "plate.rim". An interface is called
-        "plate|pin", or by its name in the file if exactly one name stands for the whole interface. Any other name whose
-        edges or faces all lie on interfaces becomes a named boundary.
+        Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells
+        (Gmsh), an instance or part, or an element set in a file without parts (Abaqus), or a property (Nastran). A
+        boundary "rim" of "plate" is called "plate.rim". An interface is called "plate|pin", or by its name in the file
+        if exactly one name stands for the whole interface. Any other name whose edges or faces all lie on interfaces
+        becomes a named boundary.
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
@@ -123,7 +123,12 @@ def convert(other: Any) -> PolygonMesh | Any:
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The checked mesh; errors and warnings are those of :func:`read`.
+        The checked mesh, with the warnings of :func:`read`.
+
+    Raises
+    ------
+    MeshError
+        ``other`` is no such object, or not a valid mesh.
 
     Examples
     --------

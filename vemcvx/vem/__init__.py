@@ -1,4 +1,4 @@
-"""The lowest-order virtual element method (Section 3 of the paper): spaces, local matrices, loads and strains."""
+"""The lowest-order virtual element method, Section 3 of the paper named in :mod:`vemcvx`: spaces, matrices, loads."""
 
 from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, SideRule, edge_part
 from vemcvx.vem.elasticity import (

@@ -1,4 +1,7 @@
-"""Parts of the boundary in the plane and in space: edges or faces, nodes, nodal lengths, normals and tangents."""
+"""Parts of the boundary: sides (edges in the plane, faces in space), nodes, nodal lengths, normals and tangents.
+
+phi_i is the basis function of node i: 1 at this node, 0 at all others, and linear on edges.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +25,12 @@ class SideRule:
     Attributes
     ----------
     sides : (m,) array of int
-        Positions of the sides in the part.
+        Positions of the sides in their `Part`.
     nodes : (m, n) array of int
     points : (m, q, dim) array
         Quadrature points.
     shares : (m, n, q) array
-        Weights times the basis function of each node, times the length or area of the side.
+        Weights: ``shares[k, j] @ f(points[k])`` is the integral of f phi_i over side k, for i = ``nodes[k, j]``.
 
     Examples
     --------
@@ -45,9 +48,9 @@ class SideRule:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """A closed set of sides of the boundary: edges in the plane, faces in space.
+    """A set of sides of the boundary, with the nodes of these sides.
 
-    The length (in space the area) of a node is int phi_i ds over the part. A node where sides meet at an angle has
+    The length (in space the area) of node i is int phi_i ds over the part. A node where sides meet at an angle has
     several *rows*, one per normal: see :class:`BoundaryRows`.
 
     Attributes
@@ -59,7 +62,7 @@ class Part:
     measures : (m,) array
         Length or area of each side.
     rules : callable
-        Quadrature with the given number of Gauss points per edge; faces always have a rule exact for degree 5.
+        Returns `SideRule` for a number of Gauss points per edge; rules on faces are exact for degree 5 at any number.
     ends : SideEnds
         The nodes of all sides, in the order of the rules.
 
@@ -130,8 +133,8 @@ def edge_part(
         True for nodes in only one cell of the body that defines the boundary. Such a node is a hanging node if the
         boundary is straight there.
     axisymmetric : bool
-        True for a body of revolution in the coordinates (r, z): then the lengths of sides and nodes, and the weights of
-        quadrature rules, are areas of the full turn.
+        True for a body of revolution in the coordinates (r, z). Lengths and quadrature weights then contain the factor
+        2 pi r of the full turn.
 
     Returns
     -------
@@ -144,7 +147,7 @@ def edge_part(
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
-    # The depth of the body at the two nodes of each edge; it is linear between them, and zero on the axis.
+    # The depth of the body, 2 pi r or 1, at the two nodes of each edge. Between the nodes, the depth is linear.
     r = points[edges, 0]
     depth = 2.0 * np.pi * r * (r > SAME * points[:, 0].max()) if axisymmetric else np.ones(edges.shape)
     node_lengths = 0.5 * lengths[:, None] * ((2.0 * depth + depth[:, ::-1]) / 3.0)
@@ -196,7 +199,7 @@ def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tupl
     first[after[hung]], last[hung] = hung, after[hung]
     for _ in range(len(edges).bit_length()):
         first, last = first[first], last[last]
-    # Do not join edges that form a closed chain (around a body of one cell), or a chain that bends in total.
+    # Do not join edges of a closed chain (around a body of one cell), or of a chain that is not straight as a whole.
     ends = ~np.isin(first, after[hung])
     chord = np.where(ends[:, None], points[edges[last, 1]] - points[edges[first, 0]], 1.0)
     bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= DIRECTION_TOLERANCE
@@ -209,7 +212,7 @@ def face_part(
 ) -> Part:
     """Return the part of the boundary that consists of these faces (m,), ascending; see `edge_part`.
 
-    `across` (c,) are the nodes of other bodies at the vertices of the faces, face by face, or -1.
+    `across` has, for each vertex of each face in turn, the node of another body at the same place, or -1.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
@@ -242,7 +245,7 @@ def face_part(
 
 
 def _curvature(group: FaceGroup) -> Floats:
-    """Return sin(alpha) / (|a| |b|), (f, n), for the edges a and b of each face at its vertices."""
+    """Return sin(alpha) / (|a| |b|), (f, n), for the edges a and b at each vertex of a face and their angle alpha."""
     corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
@@ -251,37 +254,37 @@ def _curvature(group: FaceGroup) -> Floats:
 
 # Rows of a part of the boundary: one per node and distinct normal.
 #
-# At a corner (in space also at an edge), conditions along the normal hold for all sides that meet there. Each distinct
-# normal has the part of int phi_i ds over the sides with this normal. Sides that turn by less than 42.5 degrees form a
-# curve, or a straight side with rounded coordinates; a node on it has one mean normal. With two normals, the node
-# could not slide, or would have to climb every corner, however fine the mesh is.
+# At a corner (in space also at an edge), conditions along the normal hold for all sides that meet there. The length of
+# a row is int phi_i ds over the sides with the normal of the row. Neighbouring sides whose normals differ by less than
+# 42.5 degrees form a curve, and their common node has one mean normal. With two normals, this node could not slide
+# along the curve, however fine the mesh is.
 #
 # Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
 # edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
 # nodes on a circle or a sphere with any spacing. Sides much shorter than their neighbours get almost no weight, because
 # rounding turns them.
 #
-# A curve that ends on a plane of symmetry continues as its mirror image. The mean over both is the normal without its
-# component across the plane. If the curve and its image form a corner, like the tip of a wedge, the node keeps the
-# normal of its side; the normal of the image gives the same condition.
+# A curve that ends on a plane of symmetry continues as its mirror image. The mean of the normals of the curve and its
+# image is the normal without its component perpendicular to the plane. If the curve and its image form a corner, like
+# the tip of a wedge, the node keeps the normal of its side; the normal of the image gives the same condition.
 #
-# In the plane, one body defines the curve of an interface; nodes of the other body hang in its sides. Means are over
-# whole sides, undivided; along a whole side, normals vary linearly from end to end. So on a circle all normals are
-# radial, and a ring can turn inside another. With the normals of chords, friction and pressure in a press fit would
-# oscillate at every h. (Continuous normals: Yang, Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and
-# Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
-CURVE_ANGLE = float(np.radians(42.5))  # Sides that turn by less form a curve.
+# An interface in the plane has the curve of one body; nodes of the other body hang in the sides of this curve. Means
+# are taken over whole sides, which hanging nodes do not divide. The normal at a hanging node is interpolated between
+# the ends of its whole side. So all normals on a circle are radial, and a ring can turn inside another. If each edge
+# had its own normal, friction and pressure in a press fit would oscillate at every h. (Continuous normals: Yang,
+# Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193
+# (2004).)
+CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
-"""Largest distance of unit normals on one curve: octagons and chamfers have corners, a regular nonagon is round,
-even if coordinates are rounded."""
+"""Largest distance between the unit normals of neighbouring sides of one curve."""
 DIRECTION_TOLERANCE = 1e-2
-"""Directions and motions that differ by less count as equal: no mesh resolves corners of half a degree. Sides that turn
-by less at a node of a single cell are one straight side, for example if points have four digits."""
+"""Largest distance of unit vectors that count as equal: .57 degrees, a corner that no mesh resolves. Sides that turn by
+less at a node of a single cell are one straight side, for example if points are rounded to four digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends of edges (in space: the corners of faces) that belong to rows.
+    """The ends of edges (in space: the corners of faces), each with the number of its row.
 
     Attributes
     ----------
@@ -325,13 +328,13 @@ class MirrorPlanes:
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return the components of vectors (m, dim) across the planes that nodes share with their partners."""
+        """Return the components of vectors (m, dim) normal to the planes that nodes share with their partners."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # Planes of two bodies that differ by half a degree count as one; along the bisector the mean of their
-        # projections has this eigenvalue.
+        # The planes of two bodies count as one if the angle t of their normals is at most the tolerance. The mean of
+        # both projections then has an eigenvalue cos(t / 2)^2, about 1 - t^2 / 4, along the bisector of the normals.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
@@ -358,7 +361,8 @@ class BoundaryRows:
     partners : (k,) array of int
         Nodes of other bodies at the same places; -1 where there is no interface.
     cosines : (k,) array
-        Mean of n . n_e over the edges e of each row. If all edges move outwards by 1, the node moves by 1 / cosine.
+        Mean of n . n_e over the edges e of each row, with the normals n of the row and n_e of e. If all edges move
+        outwards by 1, the node moves by 1 / cosine.
 
     Examples
     --------
@@ -393,7 +397,7 @@ class SideEnds:
 
     nodes: Ints
     normals: Floats  # (e, dim) normals of the whole sides
-    curvature: Floats  # (e,) weights of normals in the mean over a curve: see above
+    curvature: Floats  # (e,) weights of normals in the mean over a curve: 1 / length, or sin(alpha) / (|a| |b|)
     noise: Floats  # (e,) angle by which rounding may have turned the side
     sizes: Floats  # (e,) length (in space: area) of the whole side, which continues across hanging nodes
     lengths: Floats  # (e,) int phi_i ds over the side
@@ -442,7 +446,7 @@ class SideEnds:
         return relative * part / (part + 0.03**4) + TOLERANCE * part
 
     def _interpolate_normals(self, normals: Floats, row: Ints) -> Floats:
-        """Return the normals (k, dim) of rows, at hanging nodes interpolated between the ends of their sides."""
+        """Return the normals (k, dim) of rows; at hanging nodes, interpolate between the ends of the whole side."""
         if self.whole_sides is None or self.position is None:
             return normals
         (one, other), s = self.whole_sides.T, self.position[:, None]
@@ -473,7 +477,7 @@ class SideEnds:
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Return the means of normals (k, dim) and mirror images where these are close; `across` is half the difference."""
+    """Average normals (k, dim) with their mirror images if the two are close; `across` is half their difference."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
     smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]

@@ -1,12 +1,14 @@
-r"""Elasticity on virtual elements: the stiffness matrix (3.13), strains and stresses of cells, and rigid motions.
+r"""Elasticity on virtual elements: the stiffness matrix, strains and energies of cells, and rigid motions.
 
-With Pi and g_i = |K| G_i as in :mod:`vemcvx.vem.projection`, and Pi_0 div u the trace of eps(Pi u), on a cell K
+The projection Pi and the vectors g_i = |K| G_i of a cell K are defined in :mod:`vemcvx.vem.projection`. Pi_0 div u is
+the trace of eps(Pi u), chi_i(v) the value of v at vertex i, h_K the diameter of K, and lambda and mu are Lame's
+constants. The form of the cell, (3.13) of the paper named in :mod:`vemcvx`, is
 
 $$ a_K^h(u, v) = 2 \mu (\varepsilon(\Pi u), \varepsilon(\Pi v))_K
 + \lambda (\Pi_0 \operatorname{div} u, \Pi_0 \operatorname{div} v)_K
 + \tau h_K^{\dim - 2} \sum_i \chi_i(u - \Pi u) \, \chi_i(v - \Pi v), $$
 
-whose entry for the components a, b of the vertices i, j is
+The entry of its matrix for component a of vertex i and component b of vertex j is
 
 $$ (\lambda g_{ia} g_{jb} + \mu g_{ib} g_{ja} + \mu \delta_{ab} g_i \cdot g_j) / |K|
 + \tau h_K^{\dim - 2} \delta_{ab} ((I - \Pi)' (I - \Pi))_{ij}. $$
@@ -15,17 +17,18 @@ tau = 2 mu ("shear") has the units of the other terms and does not contain lam, 
 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
 
 For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
-The kernel of Pi (hourglass modes) is mostly deviatoric; tau stands for a deviatoric modulus. In Kelvin's notation,
-C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. They keep the volumetric
-direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to itself. We use
+Displacements in the kernel of Pi (hourglass modes) have mostly deviatoric strains, so tau is a deviatoric modulus. In
+Kelvin's notation, C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. These keep
+the volumetric direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to
+itself. On this plane C_k has a matrix with entries p, q, r, and "shear" means
 
-$$ \tau = \text{smallest eigenvalue of } C_k \text{ on the deviatoric plane} = \tfrac{p + q}2
-- \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2} \; \text{ of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}. $$
+$$ \tau = \text{smallest eigenvalue of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}
+= \tfrac{p + q}2 - \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2}. $$
 
 In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
-C, does not depend on the axes, and is 2 mu for an isotropic material. Nothing locks. A growing volumetric modulus
-does not change C_k on deviatoric strains. Fibres with a growing modulus add a matrix of rank one, which leaves the
-smallest eigenvalue bounded; the trace and the mean of the eigenvalues would grow.
+C, does not depend on the axes, and is 2 mu for an isotropic material. Nothing locks: a growing volumetric modulus
+does not change C_k on deviatoric strains, and fibres with a growing modulus add a matrix of rank one, which leaves the
+smallest eigenvalue bounded.
 
 :mod:`vemcvx.vem.tensors` defines moduli and components.
 """
@@ -56,7 +59,9 @@ from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
 
 @dataclass(frozen=True, eq=False)
 class SumOverCells:
-    """A matrix (n_u, n_u) over all nodal values, the sum of local matrices. Translates with equal moduli share one.
+    """A matrix (n_u, n_u) over all nodal values, the sum of the local matrices of cells.
+
+    Cells that are translates of each other and have equal moduli share one local matrix.
 
     Attributes
     ----------
@@ -96,9 +101,9 @@ class SumOverCells:
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return the positions of distinct rows of arrays (c, ...), and (c,) the number of each row among these rows.
+    """Return the positions of distinct rows, and for each row (c,) the number of the distinct row that it equals.
 
-    If many rows are distinct, all rows count as distinct.
+    A row contains the values of one cell in all `arrays` (c, ...). If many rows are distinct, all count as distinct.
     """
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
     if len(np.unique(rows[:64], axis=0)) > 32:
@@ -118,7 +123,7 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
     keys, which = keys[order], which[order]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     rows, columns = np.divmod(keys[first], n_nodes)
-    del keys, order  # they take a quarter of the memory
+    del keys, order  # a quarter of the memory
     places = which, np.append(first, len(which))
     gather = sp.csr_matrix((np.ones(len(which)), *places), shape=(len(first), len(blocks)))
     blocks = gather @ blocks
@@ -138,7 +143,7 @@ def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Return the matrix of a^h over all nodal values, (n_u, n_u), exactly symmetric.
+    """Return the matrix of a^h, the sum of the forms a_K^h, over all n_u nodal values; it is exactly symmetric.
 
     Parameters
     ----------
@@ -152,7 +157,12 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     Returns
     -------
     (n_u, n_u) csr_matrix
-        Force per length in the plane. Zero entries are stored.
+        Force per length; in the plane, of a body of thickness one. Zero entries are stored.
+
+    Raises
+    ------
+    SceneError
+        There is no stabilisation of this name, or a user's stabilisation returns no valid form.
 
     Examples
     --------
@@ -177,7 +187,7 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
     Returns
     -------
     SumOverCells
-        The sum of local matrices; its method `whole` assembles it.
+        Its method `whole` assembles the matrix; it raises SceneError if the form of `stabilisation` is not valid.
 
     Examples
     --------
@@ -200,7 +210,7 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
 
 
 def softest_shear(C: Floats) -> Floats:
-    """Return the smallest Kelvin modulus of deviatoric strains.
+    """Return tau of the stabilisation "shear": the smallest eigenvalue of C_k on deviatoric strains.
 
     Parameters
     ----------
@@ -221,7 +231,7 @@ def softest_shear(C: Floats) -> Floats:
 
 
 def mean_shear(C: Floats) -> Floats:
-    """Return the harmonic mean of the Kelvin moduli of deviatoric strains.
+    """Return the harmonic mean of the eigenvalues of C_k on deviatoric strains.
 
     Parameters
     ----------
@@ -231,7 +241,7 @@ def mean_shear(C: Floats) -> Floats:
     Returns
     -------
     (n_cells,) array
-        2 mu if C is isotropic, and 0 if a modulus is not positive.
+        2 mu if C is isotropic, and 0 if an eigenvalue is not positive.
 
     Examples
     --------
@@ -245,7 +255,7 @@ def mean_shear(C: Floats) -> Floats:
 
 
 def _deviatoric_moduli(C: Floats) -> Floats:
-    """Return the Kelvin moduli of deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
+    """Return the eigenvalues of C_k on deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
     basis, across = np.zeros((2, 3)), 1
     basis[0, :2] = np.array([1.0, -1.0]) / np.sqrt(2.0)
     if C.shape[1] == 4:  # In a body of revolution the hoop component is the last one.
@@ -291,8 +301,8 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
 def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
     """Return a sparse F (k, n_u) such that F'F is the matrix of a^h over all nodal values.
 
-    The rows of a cell are the roots of both parts of its energy: |K|^{1/2} R eps(Pi u), R'R = C, and the nonzero rows
-    of a Cholesky factor of the stabilisation.
+    Each cell has the rows of |K|^{1/2} R eps(Pi u) with R'R = C, and the nonzero rows of a Cholesky factor of its
+    stabilisation.
 
     Parameters
     ----------
@@ -304,6 +314,11 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
     Returns
     -------
     (k, n_u) csr_matrix
+
+    Raises
+    ------
+    SceneError
+        The form of `stabilisation` is not valid.
 
     Examples
     --------
@@ -329,7 +344,7 @@ def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr
 
 
 def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
-    """Return rows (c, r, n dim) whose squared products with v add up to a_K^h(v, v), for cells with n vertices."""
+    """Return the rows (c, r, n dim) of `energy_rows` for cells with n vertices."""
     measures, rows = cells.strain_rows()
     count, components, n, dim = rows.shape
     upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
@@ -339,7 +354,7 @@ def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> F
     stable = np.zeros((count, n, n, dim, dim))
     add_stabilisation(stable, cells, stabilisation, C)
     size = n * dim
-    rank = size - dim * (dim + 1)  # linear displacements have no such energy
+    rank = size - dim * (dim + 1)  # linear displacements have no energy of the stabilisation
     roots = np.zeros((count, rank, size))
     for root, local in zip(roots, stable.transpose(0, 1, 3, 2, 4).reshape(count, size, size), strict=True):
         factor, order, _, _ = dpstrf(local)
@@ -348,7 +363,7 @@ def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> F
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
-    """Return the energy a_K^h(u, u) of each cell.
+    """Return a_K^h(u, u), twice the elastic energy of each cell.
 
     Parameters
     ----------
@@ -363,6 +378,11 @@ def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u:
     -------
     (n_cells,) array
         Force times length.
+
+    Raises
+    ------
+    SceneError
+        The space is one of a body of revolution.
 
     Examples
     --------

@@ -1,13 +1,14 @@
 """Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement.
 
-The energy projection P^h u_0 of a displacement, (2.11), satisfies a^h(P^h u_0, v) = a(u_0, v) for all v of V^h. The
-right-hand side is the virtual work of the stresses C eps(u_0). Inside cells v is unknown, so we use mean stresses,
+The energy projection P^h u_0 of a displacement u_0 satisfies a^h(P^h u_0, v) = a(u_0, v) for all v of V^h: (2.11) of
+the paper named in :mod:`vemcvx`. Here a(u_0, v) is the virtual work of the stresses C eps(u_0) with the elastic matrix
+C. Inside a cell K, v is unknown, so we use the mean strain eps_K of u_0:
 
     a(u_0, v)  ~  sum_K |K| C eps_K : eps(Pi v),     |K| eps_K = int_K eps(u_0) = sym int_dK u_0 (x) n ds,
 
-by Gauss' theorem. So the mean strain needs u_0 on the boundary of the cell, but no derivative of u_0. The omitted term
-(C (eps(u_0) - eps_K), eps(v) - eps(Pi v))_K is at most c h |u_0|_{H^2} |v|, of the order of (3.18). It is zero if u_0
-is linear: then P^h u_0 = u_0, because Pi is consistent, (2.8).
+by Gauss' theorem; n is the outward normal, sym the symmetric part. So eps_K needs u_0 on the boundary of K, but no
+derivative of u_0. The omitted term (C (eps(u_0) - eps_K), eps(v) - eps(Pi v))_K is at most c h |u_0|_{H^2} |v|, of the
+order of (3.18). For linear u_0 this term is zero, and P^h u_0 = u_0.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ from vemcvx.vem.tensors import COMPONENTS
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
 # match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell contains
-# (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). If one of
-# these points is not clearly inside a cell, and on triangles, whose sides the ellipse touches, the cell is cut into
-# triangles along diagonals, with three inner points each.
+# (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). A cell is cut
+# into triangles along diagonals if one of its four points is not clearly inside. Each triangle has three inner points;
+# so has a triangular cell, whose sides touch the ellipse.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -73,7 +74,6 @@ def cell_quadrature(group: CellGroup) -> Rule:
 
 
 def _plane_quadrature(group: CellGroup) -> Rule:
-    """Return a quadrature rule on polygons of unit depth."""
     corners = group.corners
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:
@@ -95,7 +95,7 @@ def _ring(about: Floats, areas: Floats) -> Floats:
     """Return the four points (c, 4, 2) relative to the centroid, given the vertices relative to the centroid."""
     M = second_moments(about) / areas[:, None, None]
     trace = M[:, 0, 0] + M[:, 1, 1]
-    # The determinant may round below zero on cells thinner than 1e-8 of their length; `_all_inside` rejects these.
+    # The determinant may round below zero on cells thinner than 1e-8 of their length; `_all_inside` rejects the points.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
     half = (M + root[:, None, None] * np.eye(2)) * np.sqrt(2.0 / (trace + 2.0 * root))[:, None, None]
     return np.concatenate([half, -half], axis=1)
@@ -104,8 +104,8 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
     """Return True for cells (c,) whose points (c, p, 2) all lie clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly" means by 1e-6 sqrt(|K|). This excludes points that touch edges (in triangles with hanging nodes), where
-    # rounding would decide; aspect ratios of 1e11 pass.
+    # "Clearly" means by 1e-6 sqrt(|K|). This excludes points on edges up to rounding (in triangles with hanging nodes);
+    # rectangles of aspect ratio 5e9 pass.
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))
@@ -122,9 +122,10 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
 #
 #     <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat dx + int_{Gamma_N} f_2 . v ds,
 #
-# where v_hat is the average of the vertex values of v on K: each vertex of K carries an equal part of the force
-# int_K f_1 dx of the cell. Traces are linear. So two Gauss points per edge integrate f_2 . v exactly for f_2 of degree
-# 2, and seven points per triangle of a face for f_2 of degree 4.
+# where Pi_0^0 f_1 is the mean of f_1 on K, and v_hat the average of the vertex values of v: each vertex of K carries an
+# equal part of the force int_K f_1 dx (except in bodies of revolution, see `load_shares`). On an edge, v is linear, and
+# two Gauss points integrate f_2 . v exactly for f_2 of degree 2. Seven points on each triangle of a face do so for f_2
+# of degree 4.
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """Return the load of a force per length (in space: per area) on a part of the boundary.
 
@@ -204,7 +205,7 @@ def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
     Returns
     -------
     values : (n_nodes,) array
-        Weights for the integral of Pi u; over a cell, it is |K| times the value of Pi u at the centroid.
+        Weights for the integral of Pi u, which over a cell is |K| times the value of Pi u at the centroid.
     gradient : (n_nodes, dim) array
 
     Examples

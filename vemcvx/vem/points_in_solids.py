@@ -1,8 +1,8 @@
 """Matrices that evaluate virtual functions and cell data at points of polyhedra.
 
-A point lies in a closed cell if the solid angles of the triangles of its faces add up to 4 pi, or if it is on one of
-these triangles up to rounding. On faces, virtual functions are piecewise linear (:mod:`.projection`). Inside a cell,
-Pi u replaces them.
+A point lies in a closed cell if the faces of the cell, seen from the point, have solid angles with the sum 4 pi, or if
+the point is on one of these faces up to rounding. On faces, virtual functions are piecewise linear on triangles
+(:mod:`.projection`). Inside a cell their values are unknown, and we use Pi u.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vemcvx.vem.space import Space
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Return matrices from nodal values and from cell values to values at points.
 
-    The values of several cells that meet at a point are averaged; points outside the mesh have empty rows.
+    Where several cells meet at a point, their values are averaged. Points outside the mesh have empty rows.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))
     order = np.lexsort([cell, point])
     point, cell = point[order], cell[order]
-    # Find all triangles of the faces of each cell that may contain a point.
+    # For each pair of a point and a cell that may contain it, list the triangles of the faces of the cell.
     counts = np.diff(mesh.cell_offsets)[cell]
     side = spans(mesh.cell_offsets[cell], counts)
     face = mesh.cell_faces[side]
@@ -78,7 +78,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
             seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
         second = holds & (np.bincount(pair, on & np.repeat(seconds[face], several), len(point)) > 0)
         holds &= ~(second & np.isin(point, point[holds & ~second]))
-    # Points on faces get the value on the nearest triangle, other points the value of Pi u in the first cell.
+    # Points on faces get the value on the nearest triangle, other points the value of Pi u in their first cell.
     near = np.flatnonzero(on & holds[pair])
     best = near[least_of_each(point[pair[near]], distance[near])]
     traced, columns = point[pair[best]], 3 * triangle[best][:, None] + np.arange(3)
@@ -119,9 +119,9 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return the barycentric coordinates (k, 3) of each triangle's point nearest to the origin, and its distance.
+    """Return coordinates (k, 3) and distance of each triangle's point nearest to the origin, if the origin is close.
 
-    The coordinates are correct for triangles (k, 3, 3) close to the origin.
+    The coordinates are barycentric.
     """
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)

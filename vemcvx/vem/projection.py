@@ -23,20 +23,20 @@ from vemcvx.meshes.polygons import (
 from vemcvx.vem.tensors import COMPONENTS
 
 
-# The projection Pi_K of Section 3 in vertex values.
+# The projection Pi of the paper named in `vemcvx`, Section 3, in vertex values.
 #
-# For v in (W_K^h)^2, (3.11), three conditions determine the linear field Pi_K v: for all linear q
+# For a virtual function v on a cell K, (3.11), three conditions determine the linear field Pi v: for all linear q
 #
 #     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
 #
 # The first condition makes eps(Pi v) the mean of eps(v) over K, and the third makes the rotation the mean rotation.
-# Together: grad Pi v = 1/|K| int_K grad v dx, for each component separately. By Gauss' theorem, with v linear on the
-# edges e_i = [x_i, x_{i+1}] with the outward normals n_i (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
+# Together: grad Pi v = 1/|K| int_K grad v dx, for each component separately. On the edges e_i = [x_i, x_{i+1}] with the
+# outward normals n_i, |e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1}), v is linear. So by Gauss' theorem,
 #
 #     grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
 #     G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
 #
-# and the second condition determines the constant:
+# where (x) is the dyadic product. The second condition, with the perimeter |dK|, determines the constant:
 #
 #     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i.
 #
@@ -87,9 +87,9 @@ def tangents_of(normals: Floats) -> Floats:
 
 # Functions on plane faces of polyhedra with given vertex values: their integrals are exact for linear functions.
 #
-# A face is split into triangles (c, x_i, x_{i+1}) around the mean of its outline, c = sum_i w_i x_i with the weights
-# w_i = (|e_{i-1}| + |e_i|) / (2 |df|). A function is sum_i w_i v_i at c, and linear on each triangle. With the area
-# vectors N_i of the triangles and their sum N,
+# A face f is split into triangles (c, x_i, x_{i+1}) around the mean c = sum_i w_i x_i of its outline df, with the
+# weights w_i = (|e_{i-1}| + |e_i|) / (2 |df|). A function v is sum_i w_i v_i at c, and linear on each triangle. With
+# the area vectors N_i of the triangles, their sum N, the unit normal nu, and the basis function phi_i of vertex i,
 #
 #     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
 #
@@ -215,7 +215,7 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """1 for the components in which a translation causes no strain; the radial one of a body of revolution has 0."""
+    """For each component, 1 if a translation causes no strain; 0 for the radial component of a body of revolution."""
 
     @cached_property
     def corners(self) -> Floats:
@@ -266,7 +266,7 @@ class CellGroup:
         return np.full(self.nodes.shape, 1.0 / self.nodes.shape[1])
 
     def boundary_means(self) -> Floats:
-        """Return the weights (c, n) of the mean over the boundary of a cell."""
+        """Return the weights (c, n) of vertex values in the mean over the boundary of a cell."""
         return boundary_weights(self.corners)
 
     def vertex_values(self) -> Floats:
@@ -301,7 +301,7 @@ class CellGroup:
 # The mean over the surface determines the constant of Pi, and on a tetrahedron Pi v = v.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
-    """A group of polyhedra with equally many vertices, which are in ascending order in each cell."""
+    """A group of polyhedra with equally many vertices; the vertices of each cell are in ascending order."""
 
     vector_shares: Floats  # (c, n, 3) |K| G_i
     shares: Floats  # (c, n) sum_f a_{f,i}
@@ -310,7 +310,7 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices; the rounding of sums over faces depends on the numbering."""
+        """The arrays that determine local matrices, with sums over faces, whose rounding depends on the numbering."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:
@@ -318,7 +318,7 @@ class PolyhedronGroup(CellGroup):
         return np.einsum("cia,cia->c", self.corners, self.vector_shares) / 3.0, self.vector_shares
 
     def boundary_means(self) -> Floats:
-        """Return the weights (c, n) of the mean over the surface of a cell."""
+        """Return the weights (c, n) of vertex values in the mean over the surface of a cell."""
         return self.shares / self.shares.sum(axis=1)[:, None]
 
     @property
@@ -334,7 +334,7 @@ class PolyhedronGroup(CellGroup):
 def second_moments(about: Floats) -> Floats:
     """Return int_K x x' dx, (c, 2, 2), of polygons with the vertices (c, n, 2) about the origin."""
     after = np.roll(about, -1, axis=1)
-    # int over the triangle (0, p, q): cross/24 (pp' + qq' + (p + q)(p + q)').
+    # The integral over the triangle (0, p, q) is (p x q) / 24 (pp' + qq' + (p + q)(p + q)').
     part = cross(about, after) / 24.0
     sums = [np.einsum("ci,cia,cib->cab", part, p, p) for p in (about, after, about + after)]
     return np.asarray(sums[0] + sums[1] + sums[2])
@@ -349,11 +349,12 @@ def second_moments(about: Floats) -> Floats:
 #     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA,
 #
 # with the plane projection Pi in the integrals over the cell. On edges, r and u are linear, so the boundary integrals
-# are exact. u_r = r and u_z = z have exact strains. (Axisymmetric virtual elements: L. L. Yaw, arXiv:2312.01559, 2023.)
+# are exact. The strains of u_r = r and of u_z = z are exact. (Axisymmetric virtual elements: L. L. Yaw,
+# arXiv:2312.01559, 2023.)
 #
-# A rotation about the centroid, u_r = z - z_c, has no mean hoop strain. So the energy also contains the variation of
-# the hoop strain within the cell. Pi u_r - e_tt r is linear, and its integral vanishes. With the second moments M of
-# the cell about its centroid, and the radius r_c of the centroid,
+# A rotation about the centroid (r_c, z_c), u_r = z - z_c, has no mean hoop strain. So the energy also contains the
+# variation of the hoop strain within the cell. Pi u_r - e_tt r is linear, and its integral vanishes. With the second
+# moments M of the cell about its centroid, and the shear modulus mu,
 #
 #     2 mu int r (Pi u_r / r - e_tt)^2 dA  ~  2 mu g'M g / r_c,     g = grad Pi u_r - e_tt grad r.
 #
@@ -396,7 +397,7 @@ class RingGroup(CellGroup):
         """Return 2 pi V (c,), and 2 pi V times the mean strains (c, 4, n, 2): rr, zz, rz and the hoop strain."""
         areas, g = self.gradients()
         outward = right_of(np.roll(self.corners, -1, axis=1) - self.corners)
-        # r minus the radius of the centroid: a body far from the axis loses no digits.
+        # With r relative to the centroid, a body far from the axis loses no digits.
         r = self.corners[:, :, 0] - self.centres[:, :1]
         after = np.roll(r, -1, axis=1)
         own, next_ = ((2.0 * r + after) / 6.0)[:, :, None] * outward, ((r + 2.0 * after) / 6.0)[:, :, None] * outward

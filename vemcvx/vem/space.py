@@ -1,4 +1,4 @@
-"""The virtual element space V^h of (3.11): the components of displacement at every node of a mesh.
+"""The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`: displacements of the nodes of a mesh.
 
 On a polygon, a component is harmonic with continuous boundary values that are linear on each edge. So its vertex values
 determine it. Traces on faces of polyhedra are described in :mod:`vemcvx.vem.projection`. Component a of node i is the
@@ -31,7 +31,7 @@ class Space:
     ----------
     mesh : Mesh
     mirrors : MirrorPlanes or None
-        Planes of symmetry at which curves of contact end.
+        Planes of symmetry. A curve of contact that ends on one continues as its mirror image.
     axisymmetric : bool
         True for a body of revolution: the mesh is its half section in the coordinates (r, z), and all integrals, loads
         and forces are over the full turn, with the weight 2 pi r.
@@ -58,7 +58,7 @@ class Space:
 
     @property
     def in_plane(self) -> bool:
-        """True if the body is plane, so that the displacements alone do not determine the out-of-plane stress."""
+        """True for a plane mesh, also for the half section of a body of revolution."""
         return self.dim == 2
 
     @property
@@ -164,7 +164,7 @@ class Space:
         return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """Return the part with these names, and the sides of the second bodies at its interfaces, if any."""
+        """Return the part with these names, and the sides of second bodies at its interfaces; raise as `part` does."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -176,7 +176,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for ends (m, 2) of edges in one cell only; on interfaces, one cell of the lower-numbered body."""
+        """Return True for ends (m, 2) of edges in one cell only (on interfaces, of the lower-numbered body)."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:
@@ -186,7 +186,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return for the vertices of each side in turn the opposite node of the second body; -1 outside interfaces."""
+        """Return, for each vertex of each side in turn, the node of the second body there, -1 outside interfaces."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

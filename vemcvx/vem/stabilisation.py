@@ -1,16 +1,18 @@
-"""Stabilisations: S_K of (3.13), the energy of u - Pi u, the part of a displacement that the projection Pi drops.
+"""Stabilisations S_K: energies of u - Pi u, the part of a displacement u that the projection Pi drops on a cell K.
 
-    a_K^h(u, v) = (C eps(Pi u), eps(Pi v))_K + S_K(u - Pi u, v - Pi v)
+Numbers in parentheses are equations of the paper named in :mod:`vemcvx`. By (3.13), with the elastic matrix C,
 
-The first part is exact if u or v is linear. The second part is zero then, because (I - Pi) p = 0 for linear p. So (2.8)
-and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with constants that do
-not depend on K: S_K of (I - Pi) v must be comparable to its true energy. (The default S_K is comparable to the
-shear energy only, so alpha_* decreases as nu grows: on a square it is at most 6 mu / (lam + 3 mu), see
-problems/stabilisation_spectrum.py. With lam in S_K the method would lock.) In vertex values S_K is a matrix S,
-symmetric and positive definite on the range of I - Pi, which adds (I - Pi)' S (I - Pi) to the local matrix.
+    a_K^h(u, v) = (C eps(Pi u), eps(Pi v))_K + S_K(u - Pi u, v - Pi v).
 
-Two stabilisations have names: S = tau h_K^(dim - 2) I, tau = 2 mu ("shear") or 1 ("unit", as in the paper). All others
-are subclasses of :class:`Stabilisation`. Error bounds (:mod:`vemcvx.bound`) need no S_K, and hold with any S_K.
+If u or v is linear, the first part is exact, and the second part is zero, because (I - Pi) p = 0 for linear p. So (2.8)
+and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with the exact form a_K
+and constants that do not depend on K: S_K must be comparable to the true energy of (I - Pi) v. (The default S_K is
+comparable to the shear energy only, so alpha_* decreases as Poisson's ratio grows: on a square alpha_* is at most
+6 mu / (lam + 3 mu), see problems/stabilisation_spectrum.py. With lam in S_K the method would lock.) In vertex values
+S_K is a symmetric matrix S, positive definite on the range of I - Pi; the local matrix contains (I - Pi)' S (I - Pi).
+
+Two stabilisations S = tau h_K^(dim - 2) I have names: tau = 2 mu is "shear", tau = 1 is "unit", as in the paper. All
+others are subclasses of :class:`Stabilisation`. Error bounds (:mod:`vemcvx.bound`) hold with any S_K.
 """
 
 from __future__ import annotations
@@ -123,7 +125,7 @@ class InRegions(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """Return the stabilisation with the given name, or raise SceneError; return a given stabilisation unchanged.
+    """Return the stabilisation with the given name; return a given stabilisation unchanged.
 
     Parameters
     ----------
@@ -134,6 +136,11 @@ def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation
     Returns
     -------
     Stabilisation
+
+    Raises
+    ------
+    SceneError
+        There is no stabilisation of this name.
 
     Examples
     --------
@@ -155,10 +162,7 @@ def in_components(form: Floats, dim: int) -> Floats:
 
 
 def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisation, C: Floats) -> None:
-    """Add (I - Pi)' S (I - Pi) of a user's stabilisation to local matrices (c, n, n, dim, dim).
-
-    Raise SceneError unless S is symmetric, of the right size, and positive definite on the range of I - Pi.
-    """
+    """Add (I - Pi)' S (I - Pi) of a user's stabilisation to local matrices; raise SceneError if S is not valid."""
     if cells.simplices:
         return
     S = _check_form(stabilisation, cells, C, blocks.shape[-1])
@@ -170,7 +174,7 @@ def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisa
 
 
 def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int) -> Floats:
-    """Return S (c, n, n, dim, dim); raise SceneError unless it is a finite symmetric array of the right size."""
+    """Return S (c, n, n, dim, dim); raise SceneError unless S is a finite symmetric array of the right size."""
     name, (count, n) = stabilisation.describe(), cells.nodes.shape
     failed = f"{name}: its form failed when called with cells of {n} vertices"
     raw = call_function(stabilisation.form, (cells, C), failed, "return a matrix S for every cell")
@@ -195,7 +199,7 @@ def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: 
 
 
 def _require_positive(stable: Floats, name: str) -> None:
-    """Raise SceneError unless `stable` (c, n, n, dim, dim) is positive for all but linear displacements."""
+    """Raise SceneError unless `stable` (c, n, n, dim, dim) gives all but linear displacements a positive energy."""
     count, n, _, dim, _ = stable.shape
     values = np.linalg.eigvalsh(stable.transpose(0, 1, 3, 2, 4).reshape(count, n * dim, n * dim))
     largest = np.abs(values).max(axis=1)

@@ -4,7 +4,8 @@ Components of symmetric tensors have the order xx, yy, xy in the plane and xx, y
 strains are 2 e_xy and so on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli have one
 column per cell. They are either (2, n_cells), Lame's lam (reduced in plane stress) and mu; or the upper triangle of the
 elastic matrix C by rows: in the plane (6, n_cells), xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy, in space (21, n_cells),
-in bodies of revolution (10, n_cells). Principal stresses in the plane, and von Mises' equivalent stress:
+in bodies of revolution (10, n_cells). With xx for sigma_xx and so on, the principal stresses in the plane and von
+Mises' equivalent stress are
 
 $$ \sigma_{1,2} = \tfrac{xx + yy}2 \pm \sqrt{\big(\tfrac{xx - yy}2\big)^2 + xy^2} \quad \text{(Mohr's circle, 1882)}, \\
 \sigma_v^2 = \tfrac12 \big( (xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2 \big) + 3 (xy^2 + yz^2 + xz^2)

@@ -30,13 +30,13 @@ from vemcvx.meshes.polygons import offsets_of
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with equal squares; other families have the same parameters, errors and names of sides.
+    """Return a mesh of a box with equal squares; other families have the same parameters and names of sides.
 
     Parameters
     ----------
     n : int or (int, int)
-        Number of cells along the shortest side of the box; along the other side cells are as near to squares as
-        possible. Or the numbers of cells along x and y.
+        Number of cells along the shortest side of the box; the number along the other side makes cells nearly square.
+        Or the numbers of cells along x and y.
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
@@ -53,8 +53,8 @@ def squares(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both n and size or neither is given, or box is
-        not a rectangle.
+        n is not a positive whole number, size is not a positive length, both n and size or neither are given, box is
+        not a rectangle, seed is not a whole number in a family that uses it, or there would be too many cells.
 
     Examples
     --------
@@ -100,6 +100,11 @@ def triangles(
     PolygonMesh
         Nodes are in the order of `squares`; the lower triangle of each square comes before the upper.
 
+    Raises
+    ------
+    MeshError
+        As `squares`.
+
     Examples
     --------
     >>> vx.meshes.triangles(4).n_cells
@@ -131,6 +136,11 @@ def hexagons(
     PolygonMesh
         Nodes and cells row by row.
 
+    Raises
+    ------
+    MeshError
+        As `squares`.
+
     Examples
     --------
     >>> vx.meshes.hexagons(4).n_cells
@@ -140,15 +150,15 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Zigzag lines with a node every half cell separate rows of cells; their height is a third of the rows'. Row k has
-    # an upright edge at column i if k + i is even; there its lower zigzag is high, its upper is low.
+    # Zigzag lines separate the rows of cells; their height is a third of a row, and they have a node every half cell.
+    # If k + i is even, an upright edge joins node i of line k, a high node, to node i of line k + 1, a low node.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
     present = np.where(line == 0, high, np.where(line == rows, ~high, True)) | ends
     zigzag = np.where(flat, 0.0, np.where(high, 1.0, -1.0)) * (rectangle.lengths[1] / rows / 6.0)
     points = np.column_stack([x[half.ravel()], y[line.ravel()] + zigzag.ravel()])
-    # between upright edges: three candidates for vertices on the line below, three on the line above
+    # A cell between two upright edges has at most three vertices on the line below, and three on the line above.
     row, middle = np.nonzero(~high[:-1])
     across = middle[:, None] + np.array([-1, 0, 1])
     below, above = (across + (2 * columns + 1) * (row + k)[:, None] for k in (0, 1))
@@ -168,13 +178,18 @@ def distorted(
     ----------
     n, box, seed, size : as in `squares`
     amount : float
-        In [0, 1): inner nodes move along each axis by up to this fraction of half a cell. Below 1, every cell is valid,
-        because the boxes in which its nodes move are disjoint.
+        In [0, 1): inner nodes move along each axis by up to this fraction of half a cell. Every cell is valid, because
+        the boxes in which its nodes move are disjoint.
 
     Returns
     -------
     PolygonMesh
         Nodes and cells in the order of `squares`.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``amount`` is not in [0, 1).
 
     Examples
     --------
@@ -204,7 +219,7 @@ def hanging(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        n is the number of large cells. The seed chooses the cells to split.
+        n counts large cells. The seed chooses the cells to split.
     fraction : float
         In [0, 1]: the fraction of large cells that are split in four.
 
@@ -212,6 +227,11 @@ def hanging(
     -------
     PolygonMesh
         Nodes row by row; large cells row by row, with four quarters in the position of a split cell.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``fraction`` is not in [0, 1].
 
     Examples
     --------
@@ -246,13 +266,18 @@ def nonconvex(
     ----------
     n, box, seed, size : as in `squares`
     zigzag : float
-        In [0, 1/3): each inner edge becomes a zigzag line with two inner nodes, at one and two thirds of the edge,
-        which are off the edge by this fraction of a cell. Below 1/3, edges do not intersect.
+        In [0, 1/3), so that edges do not intersect: each inner edge becomes a zigzag line with nodes at one and two
+        thirds of its length, whose distance from the edge is this fraction of a cell.
 
     Returns
     -------
     PolygonMesh
         Cells row by row; first the nodes of `squares`, then the nodes of the zigzags.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``zigzag`` is not in [0, 1/3).
 
     Examples
     --------
@@ -295,8 +320,8 @@ def l_shape(
     Parameters
     ----------
     n : int or (int, int)
-        As in `squares`, but numbers of cells are made even, so that the re-entrant corner is a node. A pair
-        (nx, ny) must be even.
+        As in `squares`, but the numbers of cells are rounded to even numbers, so that the re-entrant corner is a node.
+        The numbers of a pair (nx, ny) must be even.
     box : ((x0, x1), (y0, y1))
         The rectangle around the L; its upper right quarter is left out.
     seed, size : as in `squares`
@@ -305,7 +330,13 @@ def l_shape(
     -------
     PolygonMesh
         Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right"
-        and "inner_top". The last two meet in the re-entrant corner and have normals to the right and upwards.
+        and "inner_top". "inner_right" and "inner_top", with normals to the right and upwards, meet in the re-entrant
+        corner.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or a pair (nx, ny) is not even.
 
     Examples
     --------
@@ -331,8 +362,8 @@ def l_shape(
 def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, math.tau)) -> PolygonMesh:
     """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
 
-    ``ring(...).extruded(heights)`` is a tube of hexahedra, or a cylinder of wedges and hexahedra. Circles become
-    polygons with s sides, which are at most r (1 - cos(pi / s)) inside the circle of radius r.
+    ``ring(...).extruded(heights)`` is a tube of hexahedra, or a cylinder of wedges and hexahedra. A full circle of
+    radius r becomes a polygon with s sides, which are at most r (1 - cos(pi / s)) inside the circle.
 
     Parameters
     ----------

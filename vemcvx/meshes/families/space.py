@@ -21,13 +21,13 @@ def cubes(
     size: float | None = None,
     grade: Grade = 1.0,
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with cubes; other families in space have the same parameters, errors and names of sides.
+    """Return a mesh of a box with cubes; other families in space have the same parameters and names of sides.
 
     Parameters
     ----------
     n : int or (int, int, int)
-        Number of cells along the shortest side of the box; along the other sides cells are as near to cubes as
-        possible. Or the numbers of cells along x, y and z.
+        Number of cells along the shortest side of the box; the numbers along the other sides make cells nearly cubes.
+        Or the numbers of cells along x, y and z.
     box : ((x0, x1), (y0, y1), (z0, z1))
         The box to mesh.
     seed : int
@@ -47,8 +47,9 @@ def cubes(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both n and size or neither is given, box is not
-        a box, or a grade is not positive.
+        n is not a positive whole number, size is not a positive length, both n and size or neither are given, box is
+        not a box, a grade is not positive, seed is not a whole number in a family that uses it, or there would be too
+        many cells.
 
     Examples
     --------
@@ -105,6 +106,11 @@ def tetrahedra(
     PolyhedralMesh
         Nodes layer by layer, row by row; the six tetrahedra of a cube one after the other.
 
+    Raises
+    ------
+    MeshError
+        As `cubes`.
+
     Examples
     --------
     >>> vx.meshes.tetrahedra(2).n_cells
@@ -131,6 +137,11 @@ def prisms(
     Returns
     -------
     PolyhedralMesh
+
+    Raises
+    ------
+    MeshError
+        As `cubes`.
 
     Examples
     --------

@@ -1,12 +1,12 @@
 """Centroidal Voronoi meshes of a box: in the plane, with short edges collapsed, and in space.
 
-Seeds near a side of the box are reflected in it. So this side consists of sides of Voronoi cells, and no cell needs to
-be cut. Lloyd's iteration moves every seed to the centroid of its cell. Both ideas, and the collapse of short edges at
-the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45,
-2012, 309-328). In space, short edges remain: moving a vertex of four cells would make their faces nonplanar.
+Seeds near a side of the box are reflected in this side. So the side consists of sides of Voronoi cells, and no cell
+needs to be cut. Lloyd's iteration moves every seed to the centroid of its cell. Both ideas, and the collapse of short
+edges at the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip.
+Optim. 45, 2012, 309-328). In space, short edges remain: moving a vertex of four cells would make their faces nonplanar.
 
 The unit of length is the square root of the mean area (in space: the cube root of the mean volume). If four seeds lie
-on a circle, two vertices differ by rounding errors only; two seeds and their images in a side always lie on a circle.
+on a circle, as two seeds and their images in a side do, two vertices differ only by rounding errors, and we merge them.
 """
 
 from __future__ import annotations
@@ -73,12 +73,17 @@ def voronoi(
     relaxations : int
         Lloyd iterations; 0 keeps the Voronoi cells of the random seeds.
     shortest : float
-        Edges shorter than this fraction of the square root of the mean cell area are collapsed; 0 to 0.1.
+        From 0 to 0.1: edges shorter than this fraction of the square root of the mean cell area are collapsed.
 
     Returns
     -------
     PolygonMesh
         Cells are convex, except where edges were collapsed.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``cells``, ``relaxations`` or ``shortest`` is not in its range.
 
     Examples
     --------
@@ -128,6 +133,11 @@ def voronoi3(
         Cells and nodes are sorted into layers and rows one cell high. Faces are plane up to rounding; edges may be
         arbitrarily short.
 
+    Raises
+    ------
+    MeshError
+        As `cubes`, or ``cells`` or ``relaxations`` is not in its range.
+
     Examples
     --------
     >>> vx.meshes.voronoi3(cells=20, seed=1).n_cells
@@ -146,7 +156,7 @@ def kelvin(
 ) -> PolyhedralMesh:
     """Return a mesh of a box with truncated octahedra, the cells of Kelvin's foam; at the sides, with parts of them.
 
-    They are the Voronoi cells of a body-centred lattice (W. Thomson, Phil. Mag. 24 (1887), 503-514).
+    Truncated octahedra are the Voronoi cells of a body-centred lattice (W. Thomson, Phil. Mag. 24 (1887), 503-514).
 
     Parameters
     ----------
@@ -157,6 +167,11 @@ def kelvin(
     -------
     PolyhedralMesh
         Cells and nodes are sorted into layers and rows.
+
+    Raises
+    ------
+    MeshError
+        As `cubes`.
 
     Examples
     --------
@@ -191,11 +206,11 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(check_whole("relaxations", relaxations, 0, 10_000) + 1):
-        # if seeds are few, mirror all: with only the nearest images they might lie on one line, without triangulation
+        # if there are few seeds, mirror all: the seeds and a few images might lie on one line, without triangulation
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
-            # without enough images, cells leave the box or are open: try again with more
+            # with too few images, cells leave the box or are open: try again with more images
             inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE_EPS
             points = np.clip(points, 0.0, size)
             measures, centroids = _measures_and_centroids(points, cells)
@@ -236,10 +251,7 @@ def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, In
 
 
 def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[Ints, Ints]]:
-    """Return the points, one for each Delaunay triangle, and the Voronoi cells of the seeds.
-
-    The vertices of a cell are the circumcentres of the triangles at its seed, sorted by direction from the seed.
-    """
+    """Return the circumcentres of Delaunay triangles, and the Voronoi cells of the seeds, whose vertices these are."""
     from scipy.spatial import Delaunay, QhullError
 
     sites = _mirror(seeds, size, reach)[0]
@@ -258,9 +270,9 @@ def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Return the circumcentres of triangles (m, 3, 2). Let b, c be the sides from corner a, and J (x, y) = (y, -x).
+    """Return the circumcentres a + (|b|^2 J c - |c|^2 J b) / (2 b x c) of triangles (m, 3, 2).
 
-    a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
+    The sides from corner a are b and c, and J (x, y) = (y, -x).
     """
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
@@ -307,7 +319,6 @@ def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats
 
 
 def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces]:
-    """Return the Voronoi cells of the seeds in space."""
     from scipy.spatial import Voronoi
 
     sites, origin, walls = _mirror(seeds, size, reach)

@@ -1,8 +1,8 @@
 """Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists what is not read.
 
 A part is read once for each of its instances, translated and rotated like the instance. A part without an instance is
-read once. Sets of the same name in several parts are joined; element sets are also kept for each instance, as
-"Instance.Set".
+read once. Sets of the same name in several parts are joined. Element sets are also kept for each instance, under the
+name "Instance.Set".
 """
 
 from __future__ import annotations
@@ -163,7 +163,6 @@ class _Deck:
             self.unread.append(f"elements of the type {given} (lines without a name)")
 
     def _name(self, kind: str, name: str, places: Iterable[int]) -> None:
-        """Put nodes or elements into the set of this name, if the name is not empty."""
         if name:
             self.sets[kind].setdefault(self.spell(name), []).extend(places)
 
@@ -212,7 +211,6 @@ class _Deck:
                 )
 
     def _side(self, name: str, side: int, element: int) -> list[int]:
-        """Return the nodes of a side of an element."""
         sides = SIDES.get(kind := self.kinds[element].rstrip(DIGITS), ())
         if side > len(sides):
             raise MeshError(f"its surface {name!r} names the side S{side} of a {kind}, which does not exist.")

@@ -1,7 +1,7 @@
-"""Mesh files: a closed list of formats.
+"""Mesh files of four formats.
 
 VTU files can hold any mesh. Gmsh's MSH files can hold triangles, quadrilaterals, tetrahedra, hexahedra, wedges and
-pyramids, with physical groups. Files of Abaqus and Nastran are read only.
+pyramids, with physical groups. Files of Abaqus and Nastran can be read, but not written.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
 BODIES = {".msh": "physical group of cells", ".inp": "instance or part, or else of every element set"}
 BODIES |= dict.fromkeys((".bdf", ".nas", ".fem"), "property")
-"""What becomes a body under bodies='physical', by suffix; VTU files need no such rule, as they contain interfaces."""
+"""Suffix -> what becomes a body under bodies='physical'; VTU files need no such rule, because they have interfaces."""
 FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 
@@ -99,7 +99,6 @@ def write(path: str | Path, mesh: AnyTessellation) -> None:
 
 
 def _check_holds(mesh: AnyTessellation) -> None:
-    """Raise MeshError if a file of Gmsh would lose cells, interfaces or names."""
     wrong = any(set(name) & set('"\\\r\n') for name in (*mesh.boundaries, *mesh.cell_data))
     if wrong or mesh.interfaces or (isinstance(mesh, PolygonMesh) and np.diff(mesh.offsets).max() > 4):
         raise MeshError(

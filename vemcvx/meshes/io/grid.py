@@ -1,10 +1,10 @@
 """Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
 A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
-are cells of the grid, too. If a named set contains cells of the mesh, it becomes a cell datum, 1 inside and 0 outside.
-If it contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep data,
-the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary; these cells have the other
-data of the cell beside them.
+are cells of the grid, too. If a named set contains cells of the mesh, a cell datum is 1 in the set and 0 outside. If
+a named set contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep
+data, the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary; in other cell data,
+each line or polygon has the value of the cell beside it.
 
 An interface of two bodies is stored as two such parts: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
@@ -56,9 +56,9 @@ class Grid:
     offsets: Ints  # (k + 1,)
     vertices: Ints  # (m,)
     data: dict[str, NDArray[Any]] = field(default_factory=dict)  # arrays (k, ...)
-    sets: dict[str, Bools] = field(default_factory=dict)  # (k,) named sets of cells
+    sets: dict[str, Bools] = field(default_factory=dict)  # masks (k,) of named sets of cells
     parts: dict[str, Rows] = field(default_factory=dict)  # parts of the boundary that are not cells of the grid
-    nodes: dict[str, Bools] = field(default_factory=dict)  # (n,) named sets of nodes
+    nodes: dict[str, Bools] = field(default_factory=dict)  # masks (n,) of named sets of nodes
     bodies: tuple[str, ...] = ()  # names of sets that are bodies
     faces: FaceLists | None = None  # faces of the polyhedra, in the order of the polyhedra
     notes: tuple[str, ...] = ()  # sentences on parts of the file that were not read
@@ -229,7 +229,7 @@ def keep_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
-    """Return a grid for each body, with its lines, faces and sets; `source` is text for an error: what makes a body."""
+    """Return a grid for each body, with its lines, faces and sets; `source` says in errors what makes a body."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
@@ -283,7 +283,7 @@ def _plane(points: Floats, used: Ints) -> Floats:
     """Return the points without their third coordinate, if they have one; raise MeshError if it is not constant."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
-        # a mesh that another program rotated is plane up to rounding; the checks of the mesh report invalid points
+        # A mesh that another program rotated is plane up to rounding. The checks of the mesh report invalid points.
         x = points.take(used, axis=0, mode="clip")
         if np.ptp(x[:, 2]) > SAME * np.nanmax(np.abs(x - x[0]), initial=0.0):
             raise MeshError(

@@ -1,7 +1,7 @@
 """Nastran files: we convert the text to one card per line, with commas between fields, and meshio reads the result.
 
-Unknown elements, and points in coordinate systems other than the basic one, are errors. Materials, loads and supports
-are skipped. The elements of each property form a set, named by the number of the property.
+We raise errors for unknown elements, and for points in coordinate systems other than the basic one. Materials, loads
+and supports are skipped. The elements of each property form a set, named by the number of the property.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def from_skfem(mesh: Any) -> Grid:
 
 
 def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
-    """Return MeshTri, MeshQuad, MeshTet or MeshHex, and the names of cell data that are lost."""
+    """Return a mesh of scikit-fem, and the names of cell data that are lost."""
     import skfem.io.meshio
 
     grid, n = grid_of(mesh, data=False), mesh.n_cells

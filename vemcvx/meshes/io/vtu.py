@@ -141,7 +141,7 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
 
 
 def pack_cells(mesh: Any) -> ElementTree.Element:
-    """Pack the points and cells of a mesh, without boundaries and cell data, to write several files of fields on it."""
+    """Pack the points and cells of a mesh, without boundaries and data, for several files of fields on this mesh."""
     return _pack_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
 
 

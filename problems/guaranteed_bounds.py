@@ -7,13 +7,13 @@ acts inside, and friction is at its bound along the whole floor. All data are pr
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
 energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant (W.
 Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
-1947). Only the quadrature error of the data is estimated: `kind` of the result says so. The intervals shrink with h.
+1947). Only the quadrature error of the data is an estimate; the attribute `kind` names it. The intervals shrink with h.
 
 The bound of a whole history covers the errors of mesh and steps together. If all loads are proportional to one
 increasing function of time, steps make no error: the bounds of this block in one and in sixteen steps differ by 0.1 %.
 The third panel therefore shows the block of `missed_reversal.py`, whose load reverses between two instants of the run.
-Its bound includes an estimate of the error that the missed reversal causes. With more steps the bound decreases towards
-the bound of the mesh error.
+The bound then includes an estimate of the error that the missed reversal causes. With more steps the bound decreases
+towards the bound of the mesh error.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """

@@ -29,9 +29,9 @@ The strip sticks, slips and reverses. Virtual elements reproduce u, because u is
 dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
-x = 0. Its other sides are free. Friction has the bound g per area. It reduces T = -du/dx, the force per length, as x
-grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. With the play operators play_r
-of that file
+x = 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
+as x grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. With the play operators
+play_r of that file
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
@@ -160,7 +160,7 @@ def solve_on_table(mesh, increment=0.5, solver=None):
     """Return the membrane, its trajectory, and the steps of the turning points."""
     pull = course(TURNS, increment)
     posed = pose_on_table(mesh, pull)
-    # Friction acts on nearly every unknown: elimination of the others would leave a dense matrix of almost full size.
+    # Friction acts on nearly every unknown: eliminating the other unknowns would leave a dense matrix of that size.
     trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver, condense=False)
     return posed, trajectory, turning_instants(pull, TURNS)
 

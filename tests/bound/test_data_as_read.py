@@ -1,4 +1,4 @@
-"""Bounds for data with features that the quadrature points of the assembly, and those of the bounds, may miss."""
+"""Bounds for data with features that may be between the quadrature points of the assembly and of the bounds."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def test_friction_that_is_zero_at_nodes_is_in_the_bound():
     assert vx.error_bound(history).upper[-1] >= vx.error_bound(history, -1).upper >= 0.03
 
 
-# Body forces f along a bar with E = 1, where u' is minus the integral of f. Of these forces, quadrature integrates only
-# the linear one exactly. Quantities are also evaluated by quadrature.
+# Body forces f along a bar with E = 1, where u' is minus the integral of f. Quadrature integrates only
+# the linear force exactly. Quantities are also evaluated by quadrature.
 
 
 def jump(x):

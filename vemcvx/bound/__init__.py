@@ -1,20 +1,21 @@
 """Guaranteed bounds on the error, by admissible stresses and admissible displacements.
 
-Norms of stresses are in C^-1, norms of displacements are |v|^2 = a(v, v) = |C eps(v)|^2.
+C is the elastic tensor, and (., .) the integral of a product over the body. The norm of a stress is |tau|^2 = (tau,
+C^-1 tau). The norm of a displacement is |v|^2 = a(v, v) = (C eps(v), eps(v)), also written |v|_a^2.
 
 **The step.** u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) over the displacements that supports
-admit. The convex j contains friction with a given bound and the energy of compliant obstacles, and is infinite beyond
-rigid obstacles. So sigma = sigma_0 + C eps(u) satisfies for all admissible v
+admit, with the prestress sigma_0 and the work l(v) of the loads. The convex j contains friction with a given bound and
+the energy of compliant obstacles, and is infinite beyond rigid obstacles. So sigma = sigma_0 + C eps(u) satisfies
 
-    (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0.                                                          (1)
+    (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all admissible v.                                (1)
 
 **The pair.** v is admissible, and j(v) is finite. tau is a stress in equilibrium with the loads, a friction q and a
-pressure p: for all motions w that vanish on supports
+pressure p on the contact boundary: for all motions w that vanish on supports
 
-    (tau, eps(w))  =  l(w) - int_C q w_t + p w_n,                                                                 (2)
+    (tau, eps(w))  =  l(w) - int q w_t + p w_n,                                                                   (2)
 
-q and p are admissible: h(w) := j(w) - int q w_t + p w_n is bounded from below. Let r = tau - sigma_0 - C eps(v),
-A = |r|, b = h(v) - inf h >= 0.
+with the tangential and outward components w_t and w_n. q and p are admissible: h(w) := j(w) - int q w_t + p w_n is
+bounded from below. Let r = tau - sigma_0 - C eps(v), A = |r|, b = h(v) - inf h >= 0.
 
 **Theorem 1** (Prager and Synge, with friction and contact). For e = u - v
 
@@ -32,13 +33,13 @@ proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (
 the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) for u +
 w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
 
-**Theorem 3** (quantities). With a dual pair z_h, tau_z, a linear quantity of u is in an interval of the half width A_z
-(A^2 / 4 + b)^{1/2} around a number computed from both pairs. Where friction and obstacles act, z_h must vanish and
-tau_z must have no traction. Statement and proof: :mod:`.quantity`.
+**Theorem 3** (quantities). Let A_z be A for a dual pair z_h, tau_z. A linear quantity of u is in an interval of half
+width A_z (A^2 / 4 + b)^{1/2} around a number computed from both pairs. Where friction and obstacles act, z_h must
+vanish and tau_z must have no traction. Statement and proof: :mod:`.quantity`.
 
 **Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
-of the run, and let the exact history begin like the run. Let D_n be the defect of Tresca's law in step n for the
-friction of tau and the slip of v. Then
+of the run, and let the exact history begin like the run. Let v_n and r_n be v and r at instant n, and D_n the defect
+of Tresca's law in step n for the friction of tau and the slip of v. Then
 
     |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,    |u - v_n|_a  <=  y_n + |r_n|.
 

@@ -1,13 +1,13 @@
 """The conforming displacement inside polygons: an explicit replacement of virtual functions on the fan of each cell.
 
 The displacement is linear on the edges of the mesh, like the virtual function. Inside a cell it minimises the energy
-under the body force over continuous functions of degree 2 on the split fan, which do not lock (Scott and Vogelius on
-the split of Alfeld). Functions of degree 1 on the fan lock.
+under the body force over continuous functions of degree 2 on the split fan (:mod:`.fan`). These functions do not lock
+(Scott and Vogelius on the split of Alfeld); functions of degree 1 on the fan lock.
 
 A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
 middles between corner k and the centroid. The last four nodes are inside, and are condensed. Next the hub of the cell,
 which is the centre of the fan and the middles of spokes, is condensed. The outline remains: the vertices, and the
-middles of the polygon's edges. Half of a cell's form is the minimum of (its energy minus the work of its body force).
+middles of the polygon's edges. Half of a cell's form is the minimum of the energy minus the work of the body force.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def displacement_form(fans: Fans) -> Floats:
 
 
 def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
-    """Return the mean strains (c, 3) of displacements (c, 4 n) on outlines, and (c, 4 n) without their linear part."""
+    """Return the mean strains (c, 3) of outlines (c, 4 n), and the outlines minus linear displacements, (c, 4 n)."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)
@@ -99,7 +99,7 @@ def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return the matrix (4 n, 4 n) from an outline to linear motions of edges: linear tractions do equal work."""
+    """Return the matrix (4 n, 4 n) from an outline to edge motions on which linear tractions do the same work."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

@@ -8,8 +8,8 @@ the boundary, and have continuous tractions between cells. The minimiser of
 is determined by edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells
 on each edge cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
 matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). The prestress sigma_0 acts as forces on
-edges: tau - sigma_0 is due to m. The unknown is x = m - L v, with the edge motions L v of the displacement v of the
-run, because x has small rounding errors. Of all admissible stresses on these fans, tau is nearest to the exact stress.
+edges: tau - sigma_0 is due to m. L v are the edge motions of the displacement v of the run. The unknown is x = m - L v,
+because rounding errors are small in x. Of all admissible stresses on these fans, tau is nearest to the exact stress.
 """
 
 from __future__ import annotations

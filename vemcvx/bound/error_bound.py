@@ -33,7 +33,7 @@ class ErrorBound(Outlined):
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
     step, u is the exact solution of the step, given the displacement before the step. For a history, u is the exact
-    history. It begins at v or, with initial="equilibrium" or "settled", at rest under the loads like the run.
+    history. It begins like the run: at v or, with initial="equilibrium" or "settled", at rest under the loads.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class ErrorBound(Outlined):
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str
         "bound": a theorem, for data that are linear at all examined points (:mod:`vemcvx.bound.reading`). "bound for
-        data as read at points": the results contain the estimate "data". "... the given friction": the friction bound
-        follows the computed pressure. "... data as read at instants": data are not linear in time within steps.
+        data as read at points": the results contain the estimate "data". "bound for the given friction": the friction
+        bound is that of the computed pressure. "bound for data as read at instants": data are not linear within steps.
     history : History
         The run.
 
@@ -143,8 +143,8 @@ def error_bound(
     history : History
     step : int, optional
         A stored step whose predecessor was also stored; -1 is the last step; required with `of`. The default bounds the
-        whole history. Then all steps must be stored, and only friction with a given bound may act (BilateralContact and
-        TrescaFriction). A warning lists instants at which data are not linear in time.
+        whole history. Then all steps must be stored, and contact must be bilateral with a given friction bound
+        (BilateralContact, TrescaFriction). A warning lists instants at which data are not linear in time.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
         is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and

@@ -4,9 +4,9 @@ A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0),
 x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts
 are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
-A body force is linear in each cell: f = (1, x, y) a with six coefficients a, and x, y relative to the fan's centre.
-A triangle depends on f by F_k = int f lambda_k. After condensing its inner unknowns, a cell has a symmetric matrix with
-4 n rows for its outline and 6 for a.
+A body force is linear in each cell: f = (1, x, y) a with six coefficients a, and x, y relative to the fan's centre. f
+enters a triangle as F_k = int f lambda_k, with barycentric coordinates lambda_k. After condensing its inner unknowns, a
+cell has a symmetric matrix with 4 n rows for its outline and 6 for a.
 """
 
 from __future__ import annotations

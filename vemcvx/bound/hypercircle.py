@@ -5,8 +5,9 @@ The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quar
     j(v) = int g |v_t - d| + phi(v_n - gap),
 
 with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the gap and infinite beyond; for a compliant
-obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. Springs to the ground (stiffness k) contribute, too: if tau
-has the tractions -k m on them, A^2 contains int k |m - v|^2, and the energy norm contains the spring energy.
+obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. On springs to the ground (stiffness k), tau has the tractions
+-k m for the edge motions m of :mod:`.equilibrium`. A^2 then contains int k |m - v|^2, and the energy norm contains the
+spring energy.
 
 **The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions,
 x = m - L v with the edge motions m of tau, and f the coefficients of the body force. With the forms G of stresses

@@ -3,8 +3,8 @@
 A quantity is given as a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement
 u, plus the work of the forces of supports on a displacement -z_D given on supports. The dual solution z satisfies
 a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its pair is z_h and a stress tau_z in equilibrium with q.
-Let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the dual pair, and e = u - v. Let T be the work of all forces in
-balance with tau, including friction and contact. Then
+Let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the dual pair, and e = u - v. Let T(w) be the work on w of
+all forces in balance with tau, including friction and contact. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
@@ -19,11 +19,11 @@ by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r
 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8). Springs to the ground
 contribute to A and A_z. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
-The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) contains the
-work on z_h of the tractions of sigma. Both are met if only supports hold the body. With friction and contact, both are
-met if z_h vanishes on contact, and tau_z has no traction there, except normal ones where contact cannot open. Then r_z
-does not decrease with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with friction,
-friction work there is bounded by its largest value.
+The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) is also the
+work of sigma on z_h. Both are met if only supports hold the body. With friction and contact, both are met if z_h
+vanishes on contact, and tau_z has no traction there, except normal tractions where contact cannot open. In that case,
+r_z does not decrease with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with
+friction, friction work there is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
@@ -66,7 +66,7 @@ class QuantityBound(Outlined):
     value : float
         The quantity q of the run. It may be outside the interval, whose middle is corrected by the dual solution.
     low, high : float
-        The interval. With Coulomb's law, it holds for the friction bound given by the pressure of the run.
+        The interval. With Coulomb's law, the interval holds for the friction bound given by the pressure of the run.
     reading : float
         The estimated part of the half width; zero if loads and quantity are linear on edges and in cells
         (:mod:`vemcvx.bound.reading`).

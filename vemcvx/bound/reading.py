@@ -2,16 +2,16 @@
 
 The effects of the scene contribute a second time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error
 bounds* use fits. Linear functions on every edge are fitted to mean tractions on pieces and to friction bounds at new
-nodes; in every cell, they are fitted to body forces. If these data, gaps and ground motions are linear, error bounds
-are theorems; else they are theorems for the fits, the data *as read*. The load minus its fit is the omitted load
-l_0(w), a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
+nodes; in every cell, linear functions are fitted to body forces. If these data, gaps and ground motions are linear,
+error bounds are theorems; else they are theorems for the fits, the data *as read*. The load minus its fit is the
+omitted load l_0(w), a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
     SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
     plus the root of the sum over cells of the energies (given below) of the remainders.
 
 The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
 step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
-of gaps. Features narrower than the distance of points may be missed.
+of gaps. Features narrower than the distance between points may be missed.
 
 *Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
 
@@ -25,11 +25,11 @@ of gaps. Features narrower than the distance of points may be missed.
 with the length l_e of an edge, the longest side d_K of a cell's box, the depth z of :mod:`.surface`, the pressure p_h
 interpolated between nodes, and the values C_K and sigma_0K of the assembly in the cell. The first two energies follow
 from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)) and on
-a cell; half of these energies is enough for functions orthogonal to linear ones. In a half space, a surface wave d of
-wave number kappa stores 2 mu kappa |d|^2, at most the energy in row "motions". The last equals the squared dual norm.
+a cell; half of these energies is enough for functions orthogonal to linear functions. In a half space, a surface wave d
+of wave number kappa stores 2 mu kappa |d|^2, at most the energy of "motions". The last row is the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r that move the whole body: two
-solutions for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the discrete space.
+solutions for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the energy norm of the discrete space.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class LocalFit:
 
     @cached_property
     def second(self) -> LocalFit:
-        """A fit with triple weights on every other point: half-way between this fit and one to these points only."""
+        """A fit with triple weights on every other point: half-way between this fit and a fit to these points only."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property

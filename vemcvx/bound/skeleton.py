@@ -184,7 +184,7 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
 
 
 def body_forces(posed: PosedScene, t: float) -> Floats:
-    """Return the loads (n_cells, dim) in the cells."""
+    """Return the resultants (n_cells, dim) of the body forces in cells."""
     total = np.zeros((posed.space.mesh.n_cells, posed.space.dim))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is not None:

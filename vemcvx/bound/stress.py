@@ -6,9 +6,9 @@ tractions across inner edges. The linear tractions on the three edges and the di
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
-one reference triangle serves all. A linear traction t on an edge is given by int t phi at both ends, a body force f by
-F_k = int f lambda_k. f is split into constants on the parts, with the same moments against linear functions,
-and a remainder. The stress of the remainder has degree 2, and no tractions on the edges. So div tau = -f exactly.
+one reference triangle (marked by ^) serves all. A linear traction t on an edge is given by int t phi at both ends, a
+body force f by F_k = int f lambda_k. f is split into constants on the parts, with the same moments against linear
+functions, and a remainder. The stress of the remainder has degree 2 and no tractions on edges. So div tau = -f exactly.
 
 Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
 maximiser of
@@ -16,8 +16,8 @@ maximiser of
     sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1
 
 is linear in m and F, and the maximum is half a quadratic form of m and F. The derivatives of the maximum by m are the
-tractions. For m = 0, the form is -|tau|^2. The tractions on both sides of a spoke cancel where the sum of the forms of
-triangles is stationary in the motions of spokes. So these motions are condensed (:mod:`.fan`).
+tractions. For m = 0, the form is -|tau|^2. The tractions on both sides of a spoke (an edge at the centre) cancel where
+the sum of the forms of triangles is stationary in the motions of spokes. So these motions are condensed (:mod:`.fan`).
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes after which the mesh error must be less by a tenth; cells are then 3 to 8 times as many."""
+"""Number of passes in which the mesh error must fall by a tenth; they multiply the number of cells by 3 to 8."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
@@ -393,7 +393,6 @@ def _make_result(
 
 
 def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:
-    """Log the last pass, and call `progress` with it."""
     now, log = passes[-1], logging.getLogger("vemcvx")
     for words in budget.jumps if len(passes) == 1 else ():
         log.info("%s", words)

@@ -9,14 +9,15 @@
                      sum over edges  |K| / l_e  E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e
               + errors of assembled data (:mod:`.unseen`)
 
-with sigma = C eps(Pi u) + sigma_0, and the modulus E of a bar along the edge. Boundary residuals count in directions
-that supports leave free; an interface has them on both bodies (:mod:`vemcvx.bound.skeleton`). The terms follow
-Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani, Georgoulis, Pryer
-and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). The factor 1/9 is
-from the Poincare inequality on a cell; c is CONSTANT or, in space, IN_SPACE.
+with sigma = C eps(Pi u) + sigma_0, the projection Pi u to linear displacements in each cell, the shear modulus mu, the
+traction t of loads, contact and springs, and the modulus E of a bar along the edge. Boundary residuals count in
+directions that supports leave free; an interface has them on both bodies (:mod:`vemcvx.bound.skeleton`). The terms
+follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani, Georgoulis,
+Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). The factor 1/9
+is from the Poincare inequality on a cell; c is CONSTANT or, in space, IN_SPACE.
 
-The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I. Let T be a triangle
-on e with apex a and height d. The divergence of (x - a) w^2 in T gives
+The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I, the interpolation
+error of a displacement v. Let T be a triangle on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
@@ -300,7 +301,6 @@ class Residuals:
 
 
 def _in_plane(posed: PosedScene) -> MeshSides:
-    """Return the edges of a plane mesh."""
     edges = skeleton(posed)
     mesh = edges.mesh
     ends = mesh.points[edges.sides[mesh.shared_edges.corners[mesh.shared_edges.first][mesh.shared_edges.counts == 2]]]
@@ -325,7 +325,6 @@ def _in_plane(posed: PosedScene) -> MeshSides:
 
 
 def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
-    """Return the faces of a mesh in space."""
     inner, outer = np.flatnonzero(mesh.face_cells[:, 1] >= 0), mesh.boundaries["boundary"]
     corners = rows_in_order(mesh.face_offsets, mesh.face_vertices, outer)
 
@@ -358,7 +357,6 @@ def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
 
 
 def _joints_in_space(posed: PosedScene, mesh: PolyhedralMesh, outer: Ints, corners: tuple[Ints, Ints]) -> Joints:
-    """Return the interfaces of two bodies."""
     first, second, bonded = [outer[:0]], [outer[:0]], [np.zeros(0, dtype=bool)]
     for joint in mesh.interfaces.values():
         first.append(faces_of(joint.edges, corners))

@@ -14,8 +14,9 @@ In space, the integrals are sums over pyramids between the centroid of a cell of
 centroid of a pyramid determines the cell of the first mesh. The integrals are exact if the cells of the second mesh lie
 inside cells of the first mesh; otherwise their error is O(h). In space, "exact" is for tetrahedra: there u is linear.
 
-On a triangle, the virtual function of (3.11), harmonic and linear on edges, is linear. On a rectangle with sides e_1,
-e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the vertex values u_1 ... u_4 in turn, it is
+Equation numbers are those of Feng, Han and Huang. On a triangle, the virtual function of (3.11), harmonic and linear on
+edges, is linear. On a rectangle with sides e_1, e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the
+vertex values u_1 ... u_4 in turn, it is
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
@@ -200,8 +201,8 @@ class Measured:
     Attributes
     ----------
     absolute : float
-        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), in units of sqrt(force * length). The
-        paper's ||v||_E is smaller by the factor sqrt(2); relative values are the same.
+        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), in units of sqrt(force * length). In
+        Feng, Han and Huang, ||v||_E is smaller by the factor sqrt(2); relative values are the same.
     reference : float
         The same norm of the reference.
     cells : (n_cells,) array
@@ -311,7 +312,7 @@ def energy_distance(
     kind : {"projected", "exact", "nodal"}
         The compared functions: see :mod:`vemcvx.estimate.measures.distance`.
     step, reference_step : int
-        Stored steps; negative ones count from the end.
+        Stored steps; negative numbers count from the end.
     time : float, optional
         A stored instant of both runs, instead of steps.
     common : bool

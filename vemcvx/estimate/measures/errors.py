@@ -113,12 +113,12 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
         e_xx, e_yy and 2 e_xy at points x (m, 2) and the instant t of the step; in space (m, 6), e_xx, e_yy, e_zz,
         2 e_xy, 2 e_yz and 2 e_xz.
     step : int
-        A stored step; negative ones count from the end.
+        A stored step; negative numbers count from the end.
 
     Returns
     -------
     Measured
-        Its reference is the energy norm of the closed form.
+        `reference` is the energy norm of the closed form.
 
     Raises
     ------
@@ -151,12 +151,12 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     displacement : callable (x, t) -> (m, dim)
         Displacements at points x (m, dim) and the instant t of the step.
     step : int
-        A stored step; negative ones count from the end.
+        A stored step; negative numbers count from the end.
 
     Returns
     -------
     Measured
-        In units of length^2 (in space length^(5/2)); its reference is the L2 norm of the closed form.
+        In units of length^2 (in space length^(5/2)); `reference` is the L2 norm of the closed form.
 
     Raises
     ------

@@ -52,7 +52,7 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        Words for a combination of the motions and its direction; by default the names of the motions in it.
+        Description of a combination of the motions, given by its coefficients; by default the names of its motions.
     moved : (n_u, k) or (nodes, components, k) array, optional
         Displacements of all nodes in the motions, if unknowns are not displacements of nodes; by default `modes`.
 

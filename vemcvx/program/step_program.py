@@ -5,9 +5,9 @@
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
 with the stiffness matrix K and g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown
-is d, not y, so that d keeps all digits if it is tiny compared with y. Norm term i with the weight w_i resists the slip
-s_i by the force lam_i; a term of infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j with the
-compliance c_j has the force p_j; if c_j = 0, it is the bound D_j d <= e_j.
+is d, not y, so that d keeps all digits if it is tiny compared with y. Norm term i resists the slip s_i by the force
+lam_i, up to the weight w_i. A term of infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j has the
+force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
 """
 
 from __future__ import annotations
@@ -67,8 +67,6 @@ class StepProgram(ArrayRecord):
     Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e. If limit j has a compliance c_j > 0, the
     energy (D_j d - e_j)_+^2 / (2 c_j) replaces its bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
     p >= 0: friction acts on the body with the forces -B'lam, limits with -D'p.
-
-    :meth:`StepProgram.to_cvxpy` writes the program in cvxpy; :meth:`StepProgram.certify` bounds errors of answers.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""Fraction of the size of two positions below which their difference, a slip, counts as zero."""
+"""Largest slip of a support that counts as zero, relative to the positions at the ends of the step."""
 
 
 class Rows(ArrayRecord):

@@ -187,7 +187,7 @@ class RunSolver:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Repeat a step that missed its target; after Clarabel, also run Newton from its answer; return the best."""
+        """Repeat a step that missed its target; after Clarabel, run Newton from Clarabel's answer; return the best."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:

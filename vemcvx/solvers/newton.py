@@ -80,7 +80,7 @@ class ActiveSets:
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
-        """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), or those of the point."""
+        """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), else at the point."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
         size, p = lengths(q), delassus.split(point.x)[1]
@@ -202,7 +202,7 @@ class Search:
     safeguards: int = 0
 
     def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
-        """Return the solution of the step, the last system, and the error of the law, starting on a given system."""
+        """Solve the step from a point and a system; return the solution, its last system, and the error of the law."""
         system = system or self._first_system(point)
         s, z = self.delassus.split(point.off)  # Negative z are open gaps, whose size says nothing about forces.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300

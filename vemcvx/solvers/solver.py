@@ -22,9 +22,9 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of an accuracy or of a gap that we request where other errors are added: in a second attempt at a step, in
-each program of the iteration on weights of a law, for interior unknowns of stored steps, and for Clarabel, whose gap
-has another definition."""
+"""Fraction of an accuracy or of a gap that we request where other errors are added. It holds for second attempts at a
+step, for programs in the iteration on weights of a law, for interior unknowns of stored steps, and for Clarabel, whose
+gap has another definition."""
 TARGET_FRACTION = 0.01
 """Negligible fraction of the requested gap, for tolerances on residuals, which enter the gap by their squares, and for
 tolerances whose meaning differs between solvers."""

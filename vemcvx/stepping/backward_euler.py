@@ -395,7 +395,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The state y with K y = `force` (n,); `near` (n,) fixes its part in K's kernel. If `settle`, a step follows."""
+    """The state y with K y = `force` (n,) and the part of `near` (n,) in K's kernel. If `settle`, a step follows."""
 
     force: Floats
     near: Floats

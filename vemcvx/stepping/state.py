@@ -2,17 +2,18 @@
 
 States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
 
-The ledger of a step of backward Euler consists of the following entries, in which d marks a change in the step:
+The ledger of a step of backward Euler has the following entries. In them d marks a change in the step, lam are forces
+of norm terms, and p forces of limits with the compliances c:
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
-work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
-           (forces and reactions at the end of the step; the load excludes the Dirichlet force; c is the motion of
+work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg,    g = e - D^u_D
+           (forces and reactions at the end of the step; the load excludes the Dirichlet force; h is the motion of
            supports along norm terms minus the motion of the ground; g is the gap at y = 0; D^: rows of limits on u)
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
-identity   work - dE - loss = 1/2 a(du, du) + p . dz  in each step with a balanced answer; z = D^u - e. For hard
-           limits p . dz = -p . z_prev >= 0. For soft limits p . dz minus the change of c p^2 / 2 is >= c (dp)^2 / 2
+identity   work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2)  in a step with a balanced answer; z = D^u - e.
+           For hard limits p . dz = -p . z_prev >= 0. For soft limits p . dz - d(c p^2 / 2) >= c (dp)^2 / 2
 
-Nodes that supports drag along the contact have a given slip s, the change of c, and do not enter the program. They add
+Nodes that supports drag along the contact have a given slip s, the change of h, and do not enter the program. They add
 w |s| to the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate
 b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
 

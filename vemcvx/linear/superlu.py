@@ -103,7 +103,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)
-    for _ in range((n // 8).bit_length()):  # Parts of fewer than eight vertices would save no fill.
+    for _ in range((n // 8).bit_length()):  # Halves of smaller parts would save no fill.
         order = np.argsort(part, kind="stable")
         starts = np.flatnonzero(np.diff(part[order], prepend=-1))
         number, sizes = np.empty(n, dtype=np.int64), np.diff(starts, append=n)

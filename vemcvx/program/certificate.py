@@ -1,12 +1,12 @@
 r"""The certificate: a bound on the distance of any answer from the solution.
 
-For the program of a step (``StepProgram``) with the solution $d^*$, any $d$ within its bounds, any $\lambda$ with
-$|\lambda_i| \le w_i$ and $p \ge 0$, let $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$. Then
+Take the program of a step (``StepProgram``) with the solution $d^*$, any $d$ within the bounds of limits, and any
+$|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$, the number
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 + \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) $$
 
-is primal minus dual objective, and with $|e|_K^2 = e' K e$
+is primal minus dual objective. It bounds the error in the norm $|e|_K^2 = e' K e$:
 
 $$ \textbf{Theorem 1.} \quad \tfrac12 |d - d^*|_K^2 \le \text{gap}. $$
 

@@ -318,7 +318,7 @@ class StepProgram(ArrayRecord):
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return N'r (k,), which is N'(g - B'lam - D'p) because N'K = 0, and a bound (k,) on its rounding."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
-        # Entries of g are sums of larger forces that cancel: their rounding is at least EPS times the largest entry.
+        # Entries of g are sums of larger forces that cancel: allow for a rounding of EPS times the largest entry.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
         return N.T @ self.g - x @ modes, ROUNDED * terms
 

@@ -118,7 +118,7 @@ def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance
     below, above = -shift * high, law.at(p, high) + shift * high - size
     if (above <= 0.0).all():
         return high
-    last = np.full(len(size), 2)  # 1 if the last point moved `low`, 0 if it moved `high`
+    last = np.full(len(size), 2)  # 1 if the last point moved `low`, 0 if it moved `high`, 2 at first
     for _ in range(MOST_EVALUATIONS):
         part = np.divide(-below, above - below, where=above > below, out=np.ones_like(low))
         r = low + (high - low) * np.clip(part, 0.0, 1.0)

@@ -75,7 +75,7 @@ class ActiveSets:
     act: Bools  # (r,) acting limits
     direction: Floats  # (m, block) unit vectors of slips
     along: Floats  # (m,) components of slips along `direction`, >= 0
-    w: Floats  # (m,)
+    w: Floats  # (m,) weights at slips `along`
     size: Floats  # (m,) lengths |q| of the predicted forces
 
     @classmethod

@@ -22,8 +22,8 @@ rule on slips and by the energy balance of the continuum:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
-If supports move a body far and strain it little, the terms of the energy cancel. So a state is split, u = u_m + P q,
-into the response u_m to the supports alone and the rest P q, with m = P'A u_D:
+If supports move a body far and strain it little, the terms of the energy cancel. So a state u = u_m + P q is split into
+the response u_m to the supports alone and the rest P q. With m = P'A u_D,
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 

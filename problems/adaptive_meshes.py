@@ -11,7 +11,7 @@ An adaptive run starts from a coarse mesh and one time step; its seconds are the
 tried for each uniform run: the table has the adaptive run with the fewest unknowns whose true error is no larger than
 the error of the uniform run. The column "limit" has the number of cells of the best mesh without stretched cells,
 divided by the number of uniform cells. If the error e_K of a cell of the area |K| satisfies e_K^2 = c |K|^2, where c is
-a function of the place, the best sides are proportional to c^(-1/4). (sum e_K)^2 / E^2 such cells have the error E.
+a function of the place, the best sides are proportional to c^(-1/4). Then (sum e_K)^2 / E^2 cells have the error E.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def fit_slope(runs):
 
 
 def run_study(study):
-    """Return uniform runs, the two finest with what `match_error` returns, adaptive runs, and the reference."""
+    """Return uniform runs, the two finest of them with results of `match_error`, adaptive runs, and the reference."""
     equal = [run_uniform(study, n) for n in study.sizes]
     finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
     truth = reference(study, finest, study.sizes[-1])

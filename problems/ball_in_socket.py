@@ -7,8 +7,8 @@ polyhedron.
 Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p I in both
 bodies, whatever the shape of the joint. Then the grip, the middle of the flat top of the ball, moves aside. The
 pressure of the joint rises in front of the ball and falls behind the ball, until the joint opens there. Where the ball
-slides along the socket, friction resists. Let A be the area of the top of the ball outside of the grip, where p acts.
-At each instant the forces on the ball balance up to rounding:
+slides along the socket, friction resists. The pressure p acts on the top of the ball outside the grip; let A be the
+area of this part. At each instant the forces on the ball balance up to rounding:
 
 $$ \text{sum of pressure and friction of the joint } - p A e_3 + \text{ reaction of the grip } = 0. $$
 
@@ -55,7 +55,7 @@ def scene(friction=FRICTION, aside=ASIDE):
 def inflate_cube(n, size, hollow=False):
     """Return tetrahedra of a half ball of the radius `size`: the lower half of a cube, inflated.
 
-    If it is `hollow`, the inner half ball of the radius `RADIUS` is left out.
+    If `hollow`, the inner half ball of the radius `RADIUS` is left out.
     """
     made = vx.meshes.tetrahedra((2 * n, 2 * n, n), box=((-size, size), (-size, size), (-size, 0.0)))
     far, length = np.abs(made.points).max(axis=1), np.linalg.norm(made.points, axis=1)

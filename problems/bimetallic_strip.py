@@ -11,8 +11,8 @@ $$
 
 and the end deflects by kappa L^2 / 2 relative to the middle. In plane stress this curvature is exact away from the
 free end. Within a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error
-O((H / L)^2). Nothing is in contact. A soft foundation prevents a vertical translation; its force is zero, because the
-strip is in equilibrium without it.
+O((H / L)^2). A soft foundation prevents a vertical translation. The force of the foundation is zero, because the strip
+is in equilibrium without this force.
 
 With `--set grain=A` the upper layer is wood with a grain at the angle A (in radians) to the strip. Its Young's modulus
 is E2 along the grain and E2 / 10 across the grain; its shear modulus is G = E2 / 15. With c = cos A, s = sin A, Young's

@@ -3,7 +3,7 @@ r"""A block pushed obliquely over a rough floor: the problem of Feng, Han and Hu
 The unit cube with E = 200, nu = .3 is clamped on its right side, x_1 = 1, and rests on a rigid floor, x_3 = 0, in
 bilateral contact with Tresca friction, bound g = 4. The traction on its left side is
 
-$$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1, $$
+$$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1. $$
 
 This is the paper's load on each slice x_2 = const, with a push along x_2. (With `aside` = 0 the problem is symmetric
 about x_2 = 1/2.) In space the slip velocity of a node has two components, and friction opposes slip in every direction.

@@ -1,10 +1,10 @@
 r"""An orthotropic block sheared over a floor: it slides more easily one way than the other.
 
-The block (0, 2) x (0, H), H = 1/2, plane stress, is wood: E1 along a grain that rises at the angle `grain` from x, E2
-across the grain. Its top is pressed down by D and then moved by U(t), back and forth. Coulomb friction, coefficient mu,
-acts on its bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of Composite Materials*, 1999, 2.6)
-couples shear to pressure by C26. Let e = D / H. In a uniform state u = (a + gamma y, -e y) the block has the shear
-gamma and the slip a, and the tractions on the floor are
+The block (0, 2) x (0, H), H = 1/2, plane stress, is wood with Young's modulus E1 along the grain and E2 across the
+grain. The grain rises at the angle `grain` from x. The top is pressed down by D and then moved by U(t), back and forth.
+Coulomb friction, coefficient mu, acts on its bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of
+Composite Materials*, 1999, 2.6) couples shear to pressure by C26. Let e = D / H. In a uniform state
+u = (a + gamma y, -e y) the block has the shear gamma and the slip a, and the tractions on the floor are
 
 $$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma. $$
 
@@ -16,7 +16,7 @@ $$
 $$
 
 and step n gives gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this state
-act on the sides. The displacement is linear, so virtual elements reproduce it and the friction on every mesh.
+act on the sides. The displacement is linear, so virtual elements reproduce displacement and friction on every mesh.
 
     vemcvx run problems/block_with_grain.py --mesh voronoi --n 4 --steps 48 --plot
 """

@@ -2,7 +2,7 @@
 
 Two steel plates, 80 mm x 10 mm each in 40 x 10 cells, plane strain, lie on each other. Only a bolt clamps them
 together: its pressure is 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped.
-The right end of the upper plate is guided along x. A force pulls and pushes it; only Coulomb friction resists this
+The right end of the upper plate is guided along x. A force pulls and pushes this end; only Coulomb friction resists the
 force. A cycle has four steps: pulled, free, pushed, free. The largest force is 0.6 mu P with the force P of the bolt,
 so that the joint as a whole does not slip. At each instant the sum of the nodal friction forces equals the load up to
 rounding. From the second cycle on all cycles add the same wear (friction work per length).

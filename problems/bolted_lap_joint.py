@@ -24,8 +24,8 @@ import vemcvx as vx
 
 YOUNG, POISSON, FRICTION = 210e3, 0.3, 0.2
 THICK, SHANK, HOLE, HEAD, HALF, END = 6.0, 3.0, 4.0, 7.0, 12.0, 42.0
-"""Thickness of a plate; radii of shank, hole and head; half the distance of the bolts; distance of a plate's end from
-the middle of the joint."""
+"""Thickness of a plate; radii of shank, hole and head; distances of a bolt and of a plate's end from the middle of the
+joint."""
 TIGHTENING, CLEARANCE, PULL = 0.05, 0.1, 0.16
 LAP, BOLTS = "lower|upper", ("left", "right")
 NUTS, HEADS = ([f"{plate}|{bolt}" for bolt in BOLTS] for plate in ("lower", "upper"))

@@ -3,8 +3,8 @@ r"""A user-defined effect: a cohesive interface that softens; two glued blocks a
 The blocks have heights H_1, H_2 and moduli M_1, M_2 of uniaxial strain. Their sides stay plane, and their meshes do not
 match. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks is rigid up to
 its strength c. At this stress it flows, across the interface and along it. Each place loses strength with its
-accumulated flow A: c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0. Contact keeps the
-opening a >= 0. The stress is
+accumulated flow A: c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0. Contact keeps the opening a >= 0.
+The stress is
 
 $$ \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2. $$
 
@@ -12,8 +12,8 @@ In step n, let sigma* = (U_n - a_{n-1}) / C be the stress without flow. If |sigm
 
 $$ |a_n - a_{n-1}| = (|\sigma^*| - c(A_{n-1})) / (1 / C - c_0 / A_c) $$
 
-or less, if the blocks touch or all strength is lost before. If c_0 / A_c < 1 / C, the glue softens slowly: a step
-has one solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks touch again.
+or less, if the blocks touch or all strength is lost before. If c_0 / A_c < 1 / C, the glue softens slowly: a step has
+one solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks touch again.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """

@@ -1,8 +1,8 @@
 r"""The dovetail root of a blade in its slot: pulled more at one end of the slot than at the other, and released.
 
 The root is a trapezoid in a slot along z. Its flanks are inclined by the angle b to the pull. We compute its half
-x > 0. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over -l < z < l: one end of the
-slot is pressed harder. Let N be the normal force on a flank, and T its friction force, which is directed towards
+at x > 0. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over -l < z < l: one end of
+the slot is pressed harder. Let N be the normal force on a flank, and T its friction force, which is directed towards
 the floor of the slot while the root slides out. Forces balance exactly:
 
 $$ N \sin b + T \cos b = P / 2, \qquad M_x = c l P / 6, $$

@@ -4,7 +4,7 @@ The unit square is the cross-section of an elastic body in plane strain, E = 200
 side, x_1 = 1, and rests on a rigid obstacle below, x_2 = 0, in bilateral contact: it can slide but not lift off.
 Tresca friction with the bound g = 4 resists sliding. The top is free. The traction on the left side is
 
-$$ f_2(x, t) = (8 (1.25 - x_2) t, -0.01 t), \qquad 0 \le t \le 1, $$
+$$ f_2(x, t) = (8 (1.25 - x_2) t, -0.01 t), \qquad 0 \le t \le 1. $$
 
 It pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and the
 block is undeformed at t = 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.

@@ -7,8 +7,8 @@ edges the numbers of the end nodes decide, and coinciding nodes at an interface 
 choose the same edge, also across an interface. By default every cell is bisected at least three times, once in every
 direction: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
 
-*Other cells* are split into one part per vertex. The vertices of the parts are the vertices, midpoints of edges and
-centroids of faces of the cell, and its centroid. A cube becomes eight cubes. The new faces must be plane.
+*Other cells* are split into one part per vertex. The vertices of the parts are vertices, midpoints of edges and
+centroids of faces of the cell, and the centroid of the cell. A cube becomes eight cubes. The new faces must be plane.
 """
 
 from __future__ import annotations

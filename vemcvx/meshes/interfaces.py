@@ -116,7 +116,7 @@ def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, In
 
 
 def partners_of(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return, for each node in rows of one side of an interface, the coinciding node of the other side."""
+    """Return, for each node in rows of one body, the coinciding node of the other body."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
@@ -143,7 +143,7 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
 def on_boundary(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Return interfaces with their sides in the order and direction of the boundary, or raise MeshError."""
+    """Return interfaces with edges or faces in the order and direction of the boundary, or raise MeshError."""
     offsets, vertices = outlines
     found = {}
     for name, interface in interfaces.items():
@@ -176,6 +176,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the position in the boundary of each edge or face; rows (k, n) of nodes are padded with -1."""
+    """Return the position in the boundary of each edge or face in `side`, rows (k, n) of nodes padded with -1."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

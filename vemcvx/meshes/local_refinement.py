@@ -14,7 +14,7 @@ the diameter of the cell. A long side is split once: at a vertex near its midpoi
 of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all. Short sides stay
 whole: if short edges of Voronoi cells were split, cells would become thinner and thinner. A short side gets longer
 relative to the diameter with each refinement, until it is long. Consecutive short sides count as one side, or as
-several if their total length is large. If it is small and their bends cancel, they become part of a longer side.
+several if their total length is large. If this length is small and the bends cancel, they become part of a longer side.
 """
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ def _children(
 
 
 def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]:
-    """Split the marked cells (n_cells,), and the cells that would get two hanging nodes on a side."""
+    """Split the marked cells (n_cells,), and the cells that would get a second hanging node on a straight part."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     if mesh.interfaces:  # edges of two bodies in one place have one number
@@ -278,7 +278,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask of the edges split in a marked cell, (n_corners,); `edge` is the number of each edge."""
+    """Return a mask (n_corners,) of the edges that are split in a marked cell; `edge` numbers the edges."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]

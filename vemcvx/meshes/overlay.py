@@ -5,7 +5,7 @@ faces form a *patch* in one plane. In each patch, Shapely unites the outlines of
 the polygons of this net. The polygons inside a face replace the face, as coplanar faces of its cell. Finally every
 place on an edge becomes a vertex of all faces with this edge. So touching bodies get the same pieces.
 
-A place within the tolerance of an edge counts as on the edge. Nodes of two bodies within `CORNER_FACTOR` times the
+A place within the tolerance of an edge is taken to be on it. Nodes of two bodies within `CORNER_FACTOR` times the
 tolerance get one place, so a node near both edges of an angle of at least 30 degrees gets the place of the vertex.
 """
 

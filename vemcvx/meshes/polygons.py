@@ -304,7 +304,7 @@ def close_pairs(points: Floats, distance: float) -> Ints:
 
 
 def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
-    """Return the distance (m,) from each place (m, dim) to the nearest point of (n, dim), and its number (m,)."""
+    """Return the distance (m,) from each place (m, dim) to the nearest of the points (n, dim), and this point (m,)."""
     from scipy.spatial import cKDTree
 
     found: Any = cKDTree(points).query(places)

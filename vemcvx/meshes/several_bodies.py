@@ -87,7 +87,7 @@ def bodies(
     MeshError
         Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap that is wider than the
         tolerance but less than 1e-3 of the smallest height of a cell; curved surfaces in space have different nodes;
-        `interfaces` names two bodies that have no interface; or names clash.
+        `interfaces` names two bodies that have no interface; the tolerance is too large; or names clash.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and each boundary edge's or face's old number, counted through all bodies."""
+    """Return the mesh of :func:`bodies`, and the old number of each boundary edge or face among all bodies."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -199,7 +199,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, the nodes (q,) to insert, and the boundary edges (q,) that get them, in order."""
+    """Return the moved points, the nodes (q,) to insert, and their boundary edges (q,), sorted by edge and along it."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -297,7 +297,7 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket.
 
-    A body may contain no unshared node of another, nor points just outside such a node or just inside another's faces.
+    No unshared node, no point just outside such a node, and no point just inside a face may be in another body.
     """
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())

@@ -53,7 +53,7 @@ class Commands(TyperGroup):
 
 
 def make_command(name: str, kind: type[Any]) -> Any:
-    """Return the command of a class, which reports errors by a line and an exit code."""
+    """Return the command of a class; the command reports an error by a line and an exit code."""
 
     def command(**given: Any) -> None:
         with report_errors():

@@ -1,13 +1,13 @@
 """`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
 
-If friction bounds are given, steps are nonexpansive in the energy norm. So the states y, z of two solvers obey
+If friction bounds are given, steps are nonexpansive in the energy norm |.|_K. So the states y, z of two solvers obey
 
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
 
 where gap_m and floor_m are the duality gap and the rounding floor of step m. All answers are compared with the most
-certain answer, the one with the smallest last E_n. A certificate that satisfies the inequality is *honest*. It is
-*good* if it is as small as requested, apart from its rounding floor. The sum is no bound if friction bounds depend on
-the answer, or if one-sided limits meet friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
+certain answer, the one with the smallest last E_n. Certificates that satisfy the inequality are *honest*. A certificate
+is *good* if it is as small as requested, apart from its rounding floor. The sum is no bound if friction bounds depend
+on the answer, or if one-sided limits meet friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
 
 Every solver has a row, even if it refuses the program, misses its accuracy, or fails. With a time limit, each solver
 runs in a separate process, which is stopped at the limit.
@@ -159,9 +159,9 @@ def error_bounds(run: Trajectory) -> Floats:
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """Return the relative distance of two answers, the relative bound by their certificates, and True if it holds.
+    """Return the relative distance of two answers, its bound by their certificates, and True if the bound holds.
 
-    Both are taken at the instant of the largest distance or, if the bound is violated, of the largest excess over it.
+    Distance and bound are taken at the instant of the largest distance or, if the bound is violated, largest excess.
     """
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
@@ -229,7 +229,7 @@ class Compare:
                 words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
                 say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
                 attempts.append((row, run))
-            # If all solvers that accept the program fail with the same error, it is an error of the problem.
+            # If all solvers that accept the program fail with the same error, the problem is at fault.
             tried = [(row.outcome, row.message) for row, _ in attempts if row.outcome != REFUSED]
             if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
                 raise SceneError(tried[0][1])

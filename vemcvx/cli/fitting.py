@@ -58,7 +58,7 @@ class Fitting:
 
 
 def read_measured(path: Path) -> tuple[Floats, dict[str, Floats]]:
-    """Return the instants and the measured quantities of a CSV file; NaN in empty cells."""
+    """Return the instants and the measured quantities of a CSV file; empty cells become NaN."""
     import csv
 
     try:

@@ -213,7 +213,7 @@ class Problem:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """The families of meshes for the problem: those in space if its default family is in space, else plane ones."""
+        """The families of meshes for the problem: in space if its default family is in space, else in the plane."""
         return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
@@ -253,7 +253,7 @@ class Problem:
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """Return the parameters of the function scene or stages; by default, of stages if the file defines it."""
+        """Return the parameters of the function `part`: by default stages if the file defines it, else scene."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 

@@ -193,7 +193,7 @@ class Run:
         return history, [f"resumed     {one}" for one in words]
 
     def _march(self, posed: Posed, **how: Any) -> History:
-        """Return the history of a posed run; warn first if the data bend or jump inside its steps."""
+        """Return the history of a posed run; warn first if data bend or jump inside time steps."""
         warn_of_turns(posed.scene, posed.mesh, posed.times)
         return posed.simulate(condense=self.condense, linear=make_linear_solver(self.linear), **how)
 

@@ -111,7 +111,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver of a name or FILE.py:NAME; None without a name: the default by size."""
+    """Return the linear solver of a name or FILE.py:NAME; without a name None, for the default by size."""
     if name is None:
         return None
     if ":" in name:

@@ -105,7 +105,7 @@ class ProgressLines:
         self.doing, self.first = doing, 0
 
     def __call__(self, doing: str, finished: int, total: int | None) -> None:
-        """Record the progress, and print a line if the last one is older than `LINE_INTERVAL`."""
+        """Record the progress, and print a line if the last line is older than `LINE_INTERVAL`."""
         now = time.monotonic()
         if doing != self.doing:
             self.doing, self.first, self.since = doing, finished, now

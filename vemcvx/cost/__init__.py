@@ -1,1 +1,1 @@
-"""Sweeps, which measure true errors, seconds, unknowns and memory for many settings of a problem; parameter studies."""
+"""Parameter studies, and sweeps that measure true errors, seconds, unknowns and memory for many settings."""

@@ -1,8 +1,8 @@
 """A sweep over settings: many parallel runs, whose errors are measured against a reference.
 
 The reference u_ref has twice the cells of the finest mesh along every side, and four times the largest number of steps.
-For the solution u and a run u_h, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2. So
-the error |u_ref - u_h| is right to 3 % if it is four times the error of the reference.
+For the solution u, a run u_h and the energy norm, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 +
+|u - u_ref|^2. So |u_ref - u_h| is the error of the run to 3 % if it is four times the error of the reference.
 """
 
 from __future__ import annotations

@@ -7,11 +7,11 @@ An NPZ archive holds every array bit by bit, and the certified answer if the pro
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     g, w, b, e, c   vectors, c the compliances
     N               (n, k), orthonormal motions with K N = 0: the kernel of K; k = 0 if K is positive definite
-    d, lam, p, step, t      the answer
+    d, lam, p, step, t      the answer with multipliers of norm terms and limits, and number and instant of its step
 
-Only norm terms and limits restrain the motions N z, z (k,), of a body without supports. The program has an optimum
-if z'N'g < sum_i w_i |B_i N z| for all z != 0 with D N z <= 0. The multipliers balance the load on these motions: N'g =
-N'B'lam + N'D'p. K d and the least value are unique; d need not be unique.
+Only norm terms and limits restrain the motions N z, for every z (k,). The program has an optimum if z'N'g < sum_i w_i
+|B_i N z| for all z != 0 with D N z <= 0. The multipliers balance the load on these motions: N'g = N'B'lam + N'D'p. K d
+and the least value are unique; d need not be unique.
 
 A sequence holds the programs of successive steps with the same K, B, D, c and N. All other arrays (CHANGING) have one
 more axis, the first, which numbers the steps.

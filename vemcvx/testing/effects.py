@@ -79,8 +79,8 @@ class EffectSample:
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field, another value that changes the answer; an :class:`Other` if this value needs further changes;
-        None for a field that only states a property of another field, and so changes no answer.
+        For every field, another value that changes the answer: an :class:`Other` if this value needs further changes,
+        and None if the field only states a property of another field.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     in_space : bool

@@ -93,7 +93,7 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check S = ((K^{-1})_cc)^{-1} and solves by the factor, for two elimination orders.
+    """Check S = ((K^{-1})_cc)^{-1} and solutions by the factor, for two elimination orders.
 
     The set c has none, some or all unknowns. In a chain of 20 unknowns, 0, 1 or 10 uncoupled ones are eliminated.
     """
@@ -123,7 +123,7 @@ def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
 
 
 def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
-    """Check the refusal of a K with a negative eigenvalue: anchors of the kernel must not hide it."""
+    """Check that a K with a kernel and a negative eigenvalue is refused."""
     chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
     stiffness, motions = np.linalg.eigh(chain)
     kernel = Kernel(np.ones((4, 1)), ("translation",))

@@ -178,9 +178,6 @@ def kind_of(row: Row) -> str:
     return SEQUENCE if row["steps"] > 1 else DISCS if row["block"] > 1 else PLANE
 
 
-# Trials, and the journal of a solver with one line of JSON for each finished trial.
-
-
 @dataclass(frozen=True)
 class Trial:
     """The result of a solver with one tolerance on one instance."""
@@ -211,7 +208,7 @@ Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 
 
 def journal(path: Path) -> list[Trial]:
-    """Return the trials in a journal; damaged lines and lines of other versions are left out."""
+    """Return the trials in a journal, a line of JSON each; damaged lines and lines of other versions are left out."""
     trials: list[Trial] = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         try:
@@ -300,8 +297,6 @@ def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Wor
             outcome = REFUSED if isinstance(error, NotAccepted) else FAILED
             pipe.send((replace(trial, outcome=outcome, message=str(error)), None))
 
-
-# Calls of a solver, and the errors of its answers.
 
 Memory = dict[str, Any]
 """Data of one step of a sequence for the warm start of the next step; empty before the first step."""

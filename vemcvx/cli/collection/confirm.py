@@ -7,10 +7,10 @@ and gap_2, then
 
     |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),
 
-and the interval [primal - gap, primal] of each answer contains the minimum. The script tests both statements in every
-step of a sequence. It computes the gaps from the numbers in the file. An infeasible or unbounded instance has a vector
-as its proof, which the script tests: p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d = 0, D d <= 0 and
-g'd > sum w|Bd| (unbounded).
+and the interval [v - gap, v] of each answer, with its objective v, contains the minimum. The script tests both
+statements in every step of a sequence. It computes the gaps from the numbers in the file. An infeasible or unbounded
+instance has a vector as its proof, which the script tests: p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d
+= 0, D d <= 0 and g'd > sum w|Bd| (unbounded).
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class Program:
     def run_clarabel(self) -> tuple[Any, Any, Any]:
         """Solve by Clarabel for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e; return d, lam and p.
 
-        An absolute value is posed by two inequalities, which are more accurate than a cone.
+        Here s holds forces of soft limits. An absolute value is posed by two inequalities, more accurate than a cone.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]

@@ -1,13 +1,13 @@
 """A collection of instances with certified optima for authors of solvers: steps of runs of problem files.
 
 A grade names the difficulty of its instances. *easy* and *sizes*: the paper's scene and closed forms. *bounds*:
-one-sided contact. *pressure*: friction with Coulomb's weights at the pressures of the solution. *discs*: friction in
-space, with one second-order cone per contact node. *bodies*: several bodies. *floating*: K has a kernel, because only
-friction and contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*: few terms
-slip. *degenerate*: many terms have zero slip and a multiplier at its bound. *incompressible* and *units*: K with
-condition numbers up to 1e9, and numbers of unusual magnitude. *large*: sparse K with up to a million unknowns. *no
-optimum*: infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run; the answer to each
-step is a warm start for the next.
+one-sided contact. *pressure*: friction bounds by Coulomb's law at the pressures of the solution. *discs*: friction in
+space, with one second-order cone per contact node. *bodies*: several bodies. *floating*: the stiffness K has a kernel,
+because only friction and contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*:
+few nodes slip. *degenerate*: many nodes have zero slip and a friction force at its bound. *incompressible* and *units*:
+K with condition numbers up to 1e9, and numbers of unusual magnitude. *large*: sparse K with up to a million unknowns.
+*no optimum*: infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run; each answer is
+a warm start for the next step.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2)
 
 
 def _choose_core() -> frozenset[str]:
-    """Return the names of three instances per grade, evenly spaced, or of another number given in FEWER."""
+    """Return the names of evenly spaced instances of each grade: three, or the number in FEWER."""
     found: list[str] = []
     for grade in dict.fromkeys(one.grade for one in INSTANCES):
         own, k = [one.name for one in INSTANCES if one.grade == grade], FEWER.get(grade, 3)

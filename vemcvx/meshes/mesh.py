@@ -226,7 +226,7 @@ class Mesh(ABC):
         """Return the boundary edges or faces on each side of a box, by the name of the side."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        # an edge shorter than the tolerance lies on two sides at a corner: it belongs to the side parallel to it
+        # At a corner, an edge shorter than the tolerance lies on two sides; it gets the name of the side along it.
         longest = np.argmax(high - low, axis=1)
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):

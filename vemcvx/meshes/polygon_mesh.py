@@ -49,7 +49,7 @@ class PolygonMesh(Mesh):
 
     Attributes
     ----------
-    points, cell_data : as the parameters
+    points, cell_data, interfaces : as the parameters
     offsets, vertices : (n_cells + 1,) int, (n_corners,) int
         Cell c has the vertices ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise.
     node_map : (n,) int or None

@@ -77,11 +77,11 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
 
 
 class FaceShapes(NamedTuple):
-    """Areas (n_faces,), unit normals and centroids (n_faces, 3); if the area is 0, normal 0 and the first vertex."""
+    """The shapes of faces. A face without area has the normal 0, and its first vertex as centroid."""
 
-    areas: Floats
-    normals: Floats
-    centroids: Floats
+    areas: Floats  # (n_faces,)
+    normals: Floats  # (n_faces, 3) unit normals
+    centroids: Floats  # (n_faces, 3)
 
 
 def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:

@@ -62,7 +62,7 @@ class Part:
     measures : (m,) array
         Length or area of each side.
     rules : callable
-        Returns `SideRule` for a number of Gauss points per edge; rules on faces are exact for degree 5 at any number.
+        Returns a tuple of `SideRule` for a number of Gauss points per edge; rules on faces are exact for degree 5.
     ends : SideEnds
         The nodes of all sides, in the order of the rules.
 
@@ -92,7 +92,7 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """The ends of all sides (e, 2): the node, and the other node of the edge or the number of the face."""
+        """Two numbers (e, 2) for each end of a side: its node, and the other node of the edge (in space, the face)."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
@@ -259,10 +259,10 @@ def _curvature(group: FaceGroup) -> Floats:
 # 42.5 degrees form a curve, and their common node has one mean normal. With two normals, this node could not slide
 # along the curve, however fine the mesh is.
 #
-# Normals are averaged with weights 1 / length; in space with weights sin(alpha) / (|a| |b|), where a and b are the
-# edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for
-# nodes on a circle or a sphere with any spacing. Sides much shorter than their neighbours get almost no weight, because
-# rounding turns them.
+# Normals are averaged with the weights 1 / length of sides; in space with weights sin(alpha) / (|a| |b|), where a and b
+# are the edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are
+# exact for nodes on a circle or a sphere with any spacing. Sides much shorter than their neighbours get almost no
+# weight, because rounding may turn short sides.
 #
 # A curve that ends on a plane of symmetry continues as its mirror image. The mean of the normals of the curve and its
 # image is the normal without its component perpendicular to the plane. If the curve and its image form a corner, like
@@ -271,9 +271,8 @@ def _curvature(group: FaceGroup) -> Floats:
 # An interface in the plane has the curve of one body; nodes of the other body hang in the sides of this curve. Means
 # are taken over whole sides, which hanging nodes do not divide. The normal at a hanging node is interpolated between
 # the ends of its whole side. So all normals on a circle are radial, and a ring can turn inside another. If each edge
-# had its own normal, friction and pressure in a press fit would oscillate at every h. (Continuous normals: Yang,
-# Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193
-# (2004).)
+# had its own normal, friction and pressure in a press fit would oscillate at every h. (Yang, Laursen and Meng, Int. J.
+# Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance between the unit normals of neighbouring sides of one curve."""

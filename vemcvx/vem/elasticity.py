@@ -6,7 +6,7 @@ constants. The form of the cell, (3.13) of the paper named in :mod:`vemcvx`, is
 
 $$ a_K^h(u, v) = 2 \mu (\varepsilon(\Pi u), \varepsilon(\Pi v))_K
 + \lambda (\Pi_0 \operatorname{div} u, \Pi_0 \operatorname{div} v)_K
-+ \tau h_K^{\dim - 2} \sum_i \chi_i(u - \Pi u) \, \chi_i(v - \Pi v), $$
++ \tau h_K^{\dim - 2} \sum_i \chi_i(u - \Pi u) \, \chi_i(v - \Pi v). $$
 
 The entry of its matrix for component a of vertex i and component b of vertex j is
 
@@ -20,7 +20,7 @@ For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' 
 Displacements in the kernel of Pi (hourglass modes) have mostly deviatoric strains, so tau is a deviatoric modulus. In
 Kelvin's notation, C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. These keep
 the volumetric direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to
-itself. On this plane C_k has a matrix with entries p, q, r, and "shear" means
+itself. Let p, q, r be the entries of C_k restricted to this plane. Then "shear" means
 
 $$ \tau = \text{smallest eigenvalue of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}
 = \tfrac{p + q}2 - \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2}. $$
@@ -398,7 +398,7 @@ def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u:
 
 
 def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) -> Floats:
-    """Return the mean strain eps(Pi u) of a virtual function on each cell, (3.13).
+    """Return the mean strain eps(Pi u) of a virtual function u on each cell.
 
     Parameters
     ----------

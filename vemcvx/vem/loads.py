@@ -118,14 +118,13 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
     return places(triangles, DEGREE_2_POINTS).reshape(-1, 2), weights, np.repeat(owner, 3)
 
 
-# Loads of Section 3, before (3.14): matrices from point values of a force to a nodal load vector.
+# Loads of Section 3 of the paper, before (3.14): matrices from point values of a force to a nodal load vector.
 #
 #     <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat dx + int_{Gamma_N} f_2 . v ds,
 #
 # where Pi_0^0 f_1 is the mean of f_1 on K, and v_hat the average of the vertex values of v: each vertex of K carries an
-# equal part of the force int_K f_1 dx (except in bodies of revolution, see `load_shares`). On an edge, v is linear, and
-# two Gauss points integrate f_2 . v exactly for f_2 of degree 2. Seven points on each triangle of a face do so for f_2
-# of degree 4.
+# equal part of the force int_K f_1 dx (except in bodies of revolution, see `load_shares`). On edges v is linear, and
+# two Gauss points are exact for f_2 of degree 2. On each triangle of a face, seven points are exact for degree 4.
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """Return the load of a force per length (in space: per area) on a part of the boundary.
 

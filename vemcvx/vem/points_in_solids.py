@@ -51,7 +51,7 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
 def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     offsets, vertices = mesh.cell_nodes
     low, high = (f.reduceat(mesh.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-    # Points computed as 0.1 + 0.2 are 5e-17 off.
+    # The tolerance allows for rounding: a coordinate computed as 0.1 + 0.2 is off by 5e-17.
     reach = ROUNDING * mesh.h + TOLERANCE * float(np.abs(mesh.points).max())
     point, cell = overlapping_boxes(x - reach, x + reach, low, high)
     if len(point) == 0:
@@ -119,10 +119,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return coordinates (k, 3) and distance of each triangle's point nearest to the origin, if the origin is close.
-
-    The coordinates are barycentric.
-    """
+    """Return barycentric coordinates (k, 3) and distance of each triangle's nearest point to the origin, if close."""
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)

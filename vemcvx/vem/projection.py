@@ -349,8 +349,7 @@ def second_moments(about: Floats) -> Floats:
 #     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA,
 #
 # with the plane projection Pi in the integrals over the cell. On edges, r and u are linear, so the boundary integrals
-# are exact. The strains of u_r = r and of u_z = z are exact. (Axisymmetric virtual elements: L. L. Yaw,
-# arXiv:2312.01559, 2023.)
+# are exact. The strains of u_r = r and of u_z = z are exact. (L. L. Yaw, arXiv:2312.01559, 2023.)
 #
 # A rotation about the centroid (r_c, z_c), u_r = z - z_c, has no mean hoop strain. So the energy also contains the
 # variation of the hoop strain within the cell. Pi u_r - e_tt r is linear, and its integral vanishes. With the second

@@ -53,8 +53,8 @@ def squares(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both n and size or neither are given, box is
-        not a rectangle, seed is not a whole number in a family that uses it, or there would be too many cells.
+        n or size is not positive, or both or neither are given; box is not a rectangle; seed is not a whole number, in
+        a family that uses seeds; or there would be too many cells.
 
     Examples
     --------
@@ -330,8 +330,7 @@ def l_shape(
     -------
     PolygonMesh
         Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right"
-        and "inner_top". "inner_right" and "inner_top", with normals to the right and upwards, meet in the re-entrant
-        corner.
+        and "inner_top". The last two, with normals to the right and upwards, meet in the re-entrant corner.
 
     Raises
     ------

@@ -47,9 +47,8 @@ def cubes(
     Raises
     ------
     MeshError
-        n is not a positive whole number, size is not a positive length, both n and size or neither are given, box is
-        not a box, a grade is not positive, seed is not a whole number in a family that uses it, or there would be too
-        many cells.
+        n, size or a grade is not positive, or both or neither of n and size are given; box is not a box; seed is not a
+        whole number, in a family that uses seeds; or there would be too many cells.
 
     Examples
     --------

@@ -65,7 +65,7 @@ class Grid:
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """Masks (k,) of the cells of the mesh (solids, or else polygons), and of cells that may lie on its boundary."""
+        """Masks (k,) of the cells of the mesh (solids, or else polygons), and of cells that may be on the boundary."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 

@@ -19,8 +19,8 @@ x = m - L v with the edge motions m of tau, and f the coefficients of the body f
 same work on L y as on v, the stress of f has least energy, and the displacement of f vanishes on the outline. The
 rest of |r|_K^2 is |tau|^2 - 2 (tau, eps(v)) + |v|^2 for L y and f; (tau, eps(v)) is the work of tractions and f on v.
 
-**The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes where v touches an obstacle or
-is held. The best w solves S w = R with the residual R of v. The displacement v + w is called richer.
+**The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes on supports and on edges with
+friction, obstacles, springs or bonds. The best w solves S w = R with the residual R of v. v + w is called richer.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ The solutions for the data and for their fits differ by at most eta, also with f
 step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
 of gaps. Features narrower than the distance between points may be missed.
 
-*Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. The energies are
+*Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. Errors and their energies are
 
     tractions       int t . v                            l_e / (2 mu) |t|^2_e
     body forces     int f . v                            d_K^2 / (9 mu) |f|^2_K

@@ -224,8 +224,8 @@ def adapt(
         The first and the last instant, and instants to store. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
-        Allowed relative error: for "energy" at up to eight given instants and up to eight at which data bend, turn or
-        jump (:class:`vemcvx.estimate.budget.ErrorBudget`), for other quantities `of` at the last instant.
+        Allowed relative error. For "energy", it is estimated at up to eight given instants, and at up to eight at which
+        data bend, turn or jump (:class:`vemcvx.estimate.budget.ErrorBudget`); for others `of`, at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
         largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. The last three need
@@ -258,7 +258,7 @@ def adapt(
     MeshError
         A cell of a mesh in space is no tetrahedron.
     SceneError
-        The target is not in (0, 1), or the problem of scene, mesh and times is not well-posed.
+        The target is not in (0, 1), there is no estimate for the scene, or scene, mesh and times are not well-posed.
     NotCertified
         A step misses the accuracy of the solver.
 

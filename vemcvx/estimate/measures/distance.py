@@ -330,7 +330,7 @@ def energy_distance(
     HistoryError
         No step was stored at `time`, or a nodal distance needs the stabilisation of a run from files without it.
     SceneError
-        A step was not stored.
+        A step was not stored, or the body is a body of revolution.
 
     Examples
     --------

@@ -123,7 +123,7 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     Raises
     ------
     SceneError
-        The step was not stored, or the strain has a wrong shape or is not finite.
+        The step was not stored, the strain has a wrong shape or is not finite, or the body is a body of revolution.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     Raises
     ------
     SceneError
-        The step was not stored, or the displacement has a wrong shape or is not finite.
+        The step was not stored, the displacement is not (m, dim) or not finite, or the body is a body of revolution.
 
     Examples
     --------

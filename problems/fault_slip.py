@@ -5,7 +5,7 @@ A block |x|, |y| < 10 a in plane strain has no supports. The fault |x| < a, y = 
 $$ s = \frac{4 (1 - \nu^2)}{E} \tau (a^2 - x^2)^{1/2}. $$
 
 A crack in an infinite body has this slip if its shear stress falls by tau (Starr 1928). In this finite block with
-n = 32 the computed fall is tau within 1 % for |x| <= 0.8 a; near the tips the deviation is larger.
+n = 32 the computed fall is tau within 1 % for |x| <= 0.8 a; near the tips the fall is larger than tau.
 
     vemcvx run problems/fault_slip.py --n 8 --steps 2 --plot
 """

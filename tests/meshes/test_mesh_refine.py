@@ -20,10 +20,10 @@ FATTEST = defaultdict(
     lambda: 6.0,
     {"squares": 2.01, "triangles": 4.01, "hexagons": 5, "distorted": 5, "nonconvex": 25, "hanging": 2.01},
 )
-"""Family -> largest diameter^2 / area after any number of passes.
+"""Family -> bound on diameter^2 / area after refinement.
 
-A square has 2, half a square 4. The others were measured after seven passes for eight seeds: hexagons 4.4, voronoi 5.3,
-distorted 4.3, nonconvex 22.
+A square has 2, half a square 4. The largest values after seven passes for eight seeds were 4.4 for hexagons, 5.3 for
+voronoi, 4.3 for distorted, and 22 for nonconvex.
 """
 
 

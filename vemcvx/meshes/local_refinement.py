@@ -9,12 +9,12 @@ A *bend* is a vertex at which the outline is not straight. A *corner* is a bend 
 midpoints beside an angle of 175 degrees were joined to the centre, one part would have this angle after any number of
 refinements. If a cell has fewer than three corners, like a regular polygon with many sides, all bends are corners.
 
-A *side* of a cell is its outline from one corner to the next. It is *long* if its length is at least `LONG_SIDE` times
-the diameter of the cell. A long side is split once: at a vertex near its midpoint if there is one, else at the midpoint
-of the edge that contains the midpoint of the side. So an edge is split at its midpoint or not at all. Short sides stay
-whole: if short edges of Voronoi cells were split, cells would become thinner and thinner. A short side gets longer
-relative to the diameter with each refinement, until it is long. Consecutive short sides count as one side, or as
-several if their total length is large. If this length is small and the bends cancel, they become part of a longer side.
+A *side* of a cell is its outline from one corner to the next. It is *long* if the cell is a triangle, or if its length
+is at least `LONG_SIDE` times the diameter of the cell. A long side is split once: at a vertex near its midpoint if
+there is one, else at the midpoint of the edge that contains the midpoint of the side. So an edge is split at its
+midpoint or not at all. Short sides stay whole, because splitting them would make Voronoi cells thinner and thinner.
+Relative to the diameter, they get longer with each refinement. Consecutive short sides count as one side, or as several
+if their total length is large. If this length is small and the bends cancel, they become part of a longer side.
 """
 
 from __future__ import annotations

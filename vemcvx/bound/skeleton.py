@@ -28,7 +28,7 @@ class Joints:
     """The pairs of boundary edges (in space: faces) at interfaces."""
 
     across: Ints
-    """(b, 2) partners of the nodes of boundary edges of first bodies at interfaces, else -1; empty in space"""
+    """(b, 2) partners of the nodes of boundary edges; -1 except on first bodies at interfaces; empty in space"""
     first: Ints
     """(k,) boundary edges, or faces, of first bodies"""
     second: Ints

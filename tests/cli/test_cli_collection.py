@@ -105,7 +105,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
         other = vx.read_program(tmp_path / f"{row['name']}.mtx")
         assert len(program.g) == len(other.g) == row["unknowns"]
         optimum = row["optimum"]
-        # If K has a kernel, K from a file is factorised with other anchors, and bounds differ by rounding.
+        # If K has a kernel, K from a file has other anchors (`vemcvx.program.kernel`), and bounds differ by rounding.
         bounds = optimum["low"], optimum["high"]
         assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm

@@ -90,7 +90,7 @@ def test_exact_steps_are_exact():
         limits=vx.Limits(np.array([[1.0, 0.0]]), [1.0]),
     )
     step = Steps(system).step(np.zeros(2), 0.0, 1.0, (np.zeros(2), np.zeros(1), np.zeros(1)))
-    # The wall holds x = 1; y slips: 2 y = 1 + 1 - 1/4.
+    # With the unknowns x and y, the wall holds x = 1, and y slips: 2 y = 1 + 1 - 1/4.
     d = Steps(system).unscaled(step.d, step.unit)
     assert d.tolist() == [1.0, 0.875]
     assert floats(step.p)[0] > 0

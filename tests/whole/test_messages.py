@@ -91,7 +91,7 @@ def quote_error(call, known):
 
 
 def read_errors():
-    """Return call -> its error: the lines below it in the file."""
+    """Return call -> its error: the lines below the call in the file."""
     parts = {}
     for line in FILE.read_text().splitlines():
         if line in CALLS:

@@ -36,7 +36,7 @@ MANY = -(-SLOW // len(PROPERTIES))
 
 @pytest.fixture(autouse=True, scope="module")
 def _move_home(tmp_path_factory):
-    """Move hypothesis's folder of constants that it finds in the sources out of the repository."""
+    """Move the folder in which hypothesis stores constants of the sources out of the repository."""
     set_hypothesis_home_dir(tmp_path_factory.mktemp("hypothesis"))
 
 

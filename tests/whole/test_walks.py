@@ -49,7 +49,7 @@ def make_finder(number):
 
 
 def trace(run, has=None, since=None):
-    """Return (file, name) of the functions with a number among arguments, locals or results, in the order of calls."""
+    """Return (file, name) of functions whose arguments, locals or results have the number, in the order of calls."""
     seen, here, has = {}, [since is None], has or make_finder(NUMBER)
 
     def profile(frame, event, answer):

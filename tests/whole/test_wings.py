@@ -1,6 +1,6 @@
 """The core runs without its wings, and the wings import public names of the core.
 
-The wings are bounds, estimates, costs, exchange of programs, plots and the command line.
+The wings are bounds, estimates, costs, exchange of programs, plots and the command line; all else is the core.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The reference u_ref has twice the cells of the finest mesh along every side, and four times the largest number of steps.
 For the solution u, a run u_h and the energy norm, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 +
-|u - u_ref|^2. So |u_ref - u_h| is the error of the run to 3 % if it is four times the error of the reference.
+|u - u_ref|^2. So |u_ref - u_h| is the error |u - u_h| to 3 % if it is four times |u - u_ref|.
 """
 
 from __future__ import annotations

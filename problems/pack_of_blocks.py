@@ -1,17 +1,17 @@
 r"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
 
-Bearings of length L stand in a row between the ground and a plate. The plate moves by U(t) = U0 (0, 1, -1, 1) at
-t = 0, 1, 3, 5, linearly in between. Each bearing consists of two blocks, one on the other, with friction of the bound
-g_i between them. The sides of the blocks can move along x only, so that both blocks are sheared uniformly, as in
-`two_blocks_in_series.py`. With the heights H and shear moduli mu of the blocks, C = H_1 / mu_1 + H_2 / mu_2 is the
+Bearings of length L stand in a row between the ground and a plate. The plate moves by U(t) = U0 (0, 1, -1, 1) at t = 0,
+1, 3, 5, linearly in between. Each bearing consists of two blocks with the friction bound g_i between them. The sides of
+the blocks can move along x only, so that both blocks are sheared uniformly, as in `two_blocks_in_series.py`. With the
+heights H_1, H_2 and shear moduli mu_1, mu_2 of the lower and the upper block, C = H_1 / mu_1 + H_2 / mu_2 is the
 compliance of a bearing. Its shear stress q_i and its slip a_i follow step by step from the slip of the step before:
 
 $$ q_i = \operatorname{clip}((U - a_i^{\text{before}}) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 
 So bearing i begins to slide at U_i = g_i C. The force on the plate, L sum q_i, is the force of springs and sliders in
 parallel (Iwan, J. Appl. Mech. 33, 1966). In the first loading it is F(U) = L sum min(U / C, g_i). After a reversal at
-(U1, F1) it is F1 - 2 F((U1 - U) / 2) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+, where
-(s)_+ = max(s, 0). The computed solution is exact on any two meshes, to rounding.
+the displacement U_r and the force F_r it is F_r - 2 F((U_r - U) / 2) (Masing 1926). A closed loop dissipates
+L sum 4 g_i (U0 - g_i C)_+, where (s)_+ = max(s, 0). On any meshes the computed solution is exact up to rounding.
 
     vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
 """

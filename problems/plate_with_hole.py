@@ -1,8 +1,8 @@
 r"""A plate with a hole, pulled: a quarter of it is computed, and the stress at the rim is three times the pull.
 
-A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). With z = x + iy and, in
-plane stress, kappa = (3 - nu) / (1 + nu), the potentials phi and psi give displacements (u, v) and stresses
-(Muskhelishvili 1953):
+A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). With z = x + iy, the
+shear modulus mu and, in plane stress, kappa = (3 - nu) / (1 + nu), the potentials phi and psi give displacements (u, v)
+and stresses (Muskhelishvili 1953):
 
 $$
 \phi = \tfrac S4 z + a / z, \qquad \psi = -\tfrac S2 z + b / z + c / z^3, \qquad a = S R^2 / 2,
@@ -12,9 +12,9 @@ $$
 \qquad \sigma_{yy} - \sigma_{xx} + 2i \sigma_{xy} = 2 (\operatorname{conj}(z) \phi'' + \psi').
 $$
 
-The plate is cut off at r = 5 R, where the tractions of this solution pull it. Both axes are lines of symmetry, with
-rollers. On the y-axis above the hole sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4), which is 3 S at the rim. The force on
-the rollers there is the integral of sigma_xx from R to r = 5 R, which is S (r - R^2 / (2 r) - R^4 / (2 r^3)).
+The plate is cut off at r = |z| = 5 R, where the tractions of this solution pull it. Both axes are lines of symmetry,
+with rollers. On the y-axis above the hole sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4), which is 3 S at the rim. The force
+on the rollers there is the integral of sigma_xx from R to r = 5 R, which is S (r - R^2 / (2 r) - R^4 / (2 r^3)).
 
     vemcvx run problems/plate_with_hole.py --n 8 --steps 1 --plot
 """

@@ -7,7 +7,7 @@ opens by (Sneddon 1946)
 
 $$ \frac{4 (1 - \nu^2)}{E} (p - S) (a^2 - x^2)^{1/2}. $$
 
-In this finite block the crack opens by 1 % more. The mesh error of the opening is O(h).
+In this finite block the opening is 1 % larger. The mesh error of the opening is O(h).
 
     vemcvx run problems/pressurised_crack.py --n 8 --steps 8 --plot
 """

@@ -14,9 +14,9 @@ p(r) = q + 2 G e_z - 2 G A (1 + a^2 / r^2).
 $$
 
 Incompressible rubber has e_z = -2 A. Then the contact pressure exceeds q by -2 G A (3 + a^2 / r^2), the pressure of the
-squeeze, however large q is. So the seal is tight. Friction bears a part of q until the ring reaches the upper wall.
-Then the ring cannot move, and the contact pressure grows as fast as q: it exceeds q by at least four fifths of the
-pressure of the squeeze. The force of q, the force of the wall and friction balance to rounding.
+squeeze, however large q is. So the seal is tight. Friction bears a part of the force of q until the ring reaches the
+upper wall. Then the ring cannot move, and the contact pressure grows as fast as q: it exceeds q by at least four fifths
+of the pressure of the squeeze. The force of q, the force of the wall and friction balance to rounding.
 
 At each upper corner two walls meet, and the contact forces of both walls act at one node. `wall_pressure` leaves these
 nodes out.

@@ -1,23 +1,23 @@
 r"""Shakedown: up to which amplitude of a cycle does slip stop after some cycles?
 
 A block (0, L) x (0, H) with the shear modulus G lies on a rough floor, from which it cannot lift. The friction bound
-grows along the floor from g_0 to g_1. While the floor sticks, the block is sheared uniformly. Three cycles have closed
-forms of the factor that `vx.shakedown` computes without steps.
+grows along the floor from g_0 to g_1. While the floor sticks, the block is sheared uniformly. `vx.shakedown` computes,
+without steps, the largest factor of the amplitude for which slip stops. For three cycles this factor has a closed form.
 
 *The top moves* between 0 and U. Friction per length then changes by G U / H. Earlier slip may add constant friction
-forces, which shift this range. It must fit between -g_0 and g_0, the bounds of the weakest point, so the factor is
+forces, which shift this range. The range must fit between -g_0 and g_0, the bounds of the weakest point. The factor is
 
 $$ 2 g_0 H / (G U) . $$
 
 *The top moves in space* along a circle of the radius R, and the bound is g. Friction runs through a circle of the
-radius G R / H, which fits into the disc of the radius g. The factor is g H / (G R).
+radius G R / H, which must fit into the disc of the radius g. The factor is g H / (G R).
 
 *The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so that the added forces
 balance each other. The factor is the smaller of 2 g_0 / T and the limit load, the mean bound over T.
 
 Melan's theorem gives the factor from below, by the added forces, and Koiter's from above, by a cycle of slips. The run
-goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a limit. With .98 times
-the factor slip stops, although the first cycles slip.
+goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a positive limit. With
+.98 times the factor slip stops, although the first cycles slip.
 
     vemcvx run problems/shakedown.py --n 4 --steps 200 --plot
 """

@@ -10,8 +10,8 @@ Let a be the displacement of the bottom, and q = mu (U - a) / H the friction. Th
 top moves to U; let a and A be the values before this motion. If the block slips, |q| = g afterwards, and the slip is
 
 $$
-da = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k)
-\qquad \text{until } g = g_r, \text{ and with } k = 0 \text{ and } g = g_r \text{ from there}.
+|da| = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k) \quad \text{if } g_p - k (A + |da|) \ge g_r,
+\quad \text{else } |da| = (|\mu(U - a) / H| - g_r) / (\mu/ H).
 $$
 
 The block is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as

@@ -21,9 +21,9 @@ field hardly matters, because it would move the contact almost uniformly: with 1
 peak change by at most .1 %.
 
 Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
-is 3 a / (4 n). The radius is computed from the second moment of the contact forces, <r^2> = 2/5 a^2, and the peak is
-the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on the axis
-differ from the closed form by at most 1 % of p_0.
+is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces, which is 2/5 a^2. The peak
+is the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on the
+axis differ from the closed form by at most 1 % of p_0.
 
     vemcvx run problems/sphere_on_half_space.py --n 16 --steps 4 --plot
 """

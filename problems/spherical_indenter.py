@@ -6,15 +6,15 @@ the contact and the pressure p(r) are
 $$ a^3 = 3 P R (1 - \nu^2) / (4 E), \qquad p(r) = p_0 \sqrt{1-r^2/a^2}, \qquad p_0 = 3 P / (2 \pi a^2) $$
 
 (Johnson, *Contact Mechanics*, 4.2). Then a tangential force Q < mu P acts, where mu is the coefficient of Coulomb
-friction. Pressure alone would cause no slip if nu were 1/2; here nu = .45. Without such slip, the friction is
+friction. Pressure alone would cause no slip if nu were 1/2; here nu = .45. If pressure causes no slip, the friction is
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), \quad c / a = (1 - Q / \mu P)^{1/3}, $$
 
-and nodes stick in r < c, where the second root is positive; elsewhere this root is 0 (Johnson, 7.2). The closed form
-neglects the small slip across the direction of Q; the computation includes it. The block extends 6 a to all sides.
-Unlike a half-space, it widens when it is pressed. Friction therefore acts only after pressing, from t = 1 on. One half
-of the block is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The
-top is pressed down and then dragged without rotation; P and Q are measured.
+and nodes stick in r < c. For r > c the second root is replaced by 0 (Johnson, 7.2). The closed form neglects the small
+slip across the direction of Q; the computation includes it. The block extends 6 a to all sides. Unlike a half-space, it
+widens when it is pressed. Friction therefore acts only after pressing, from t = 1 on. One half of the block is
+computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The top is pressed
+down and then dragged without rotation; P and Q are measured.
 
 With n = 8 the radius is 3 % below Hertz' and the peak 4 % above it. Both agree within 2 % if the cells near the contact
 are cubes (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, from

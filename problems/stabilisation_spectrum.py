@@ -2,7 +2,7 @@ r"""The ratio of the stabilisation to the energy that it replaces, cell by cell:
 
 The components of a virtual function v are harmonic in the cell K and linear on its edges. Pi projects v on linear
 fields. If Pi v = 0, the discrete energy a_K^h(v, v) is the stabilisation S(v, v) = 2 mu sum_i |v_i|^2 alone, with the
-values v_i at vertices. It replaces the exact energy a_mu + a_lam,
+values v_i at vertices. The stabilisation replaces the exact energy a_mu + a_lam (lam is Lame's lambda),
 
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 

@@ -10,8 +10,8 @@ E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U -
 $$
 
 So the force of the hold is F(U) = g l until all of the strip slips, l = L at U* = g L^2 / (2 E H); then F = g L. When
-the belt reverses at U1, friction reverses in a zone that grows from the hold. By Masing's rule (1926), F is then
-F(U1) - 2 F((U1 - U) / 2), but at least -g L. In the first motion up to U1 > U*, the work of the belt is
+the belt reverses at U1, friction reverses in a zone that grows from the hold. By Masing's rule (1926), the force of the
+hold is then F(U1) - 2 F((U1 - U) / 2), but at least -g L. In the first motion up to U1 > U*, the work of the belt is
 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot

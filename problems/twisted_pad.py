@@ -1,7 +1,7 @@
 r"""A round pad pressed on a floor and twisted: it slips from its edge inwards, up to the torque 2/3 mu P R.
 
 The pad has the radius R, the height H = R/4 and the shear modulus G. The uniform pressure p acts on its top. From t = 0
-to 1 the top rotates by the angle t w about the axis. The floor is rigid, with the friction coefficient mu. With nu = 0,
+to 1 the top rotates about the axis by the angle t w. The floor is rigid, with the friction coefficient mu. With nu = 0,
 pressing does not widen the pad and twisting does not change the pressure, so the pressure on the floor stays p. The
 shear stress of a thin pad at the radius r is G r t w / H where it is below the bound mu p: inside the radius
 c = mu p H / (G t w). Outside of c the pad slips. The torque is

@@ -23,7 +23,7 @@ def polygon_among_triangles(corners):
 
 
 def squash(aspect):
-    """Return seven rows of needles along the floor, with an aspect ratio of about `aspect`, and a row of tall cells."""
+    """Return seven rows of needles along the floor, with an aspect ratio near `aspect`, and a row of tall cells."""
     nx, ny = 8, 8
     heights = np.concatenate([np.linspace(0, 0.125 * ny / aspect, ny), [1.0]])
     points = np.array([(x, y) for y in heights for x in np.linspace(0, 1, nx + 1)])

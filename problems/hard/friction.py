@@ -43,7 +43,7 @@ def every_other():
 
 
 def at_the_threshold():
-    """Return uniform shear; at the end, friction is exactly at the bound g at every node, and no node slips."""
+    """Return the setting of uniform shear, in which friction just reaches the bound g at every node, without slip."""
     mu, bound = 80.0, 4.0
 
     def top(x, t):

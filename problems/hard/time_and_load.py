@@ -40,7 +40,7 @@ def increments_have_digits(setting, history):
     steps = np.diff(history.displacement[1:], axis=0)
     linear = steps[0] / np.abs(steps[0]).max()
     worst = max(np.abs(step / np.abs(step).max() - linear).max() for step in steps)
-    # Displacements are stored to 16 digits, so that increments of 3e-11 times the displacement have five.
+    # Displacements have 16 digits, so increments of 3e-11 times the displacement have five correct digits.
     return "" if worst < 1e-4 else f"increments differ by {worst:.1e}"
 
 

@@ -26,10 +26,10 @@
 # $$\begin{gathered} \text{displacements } v \text{ that are zero where the net is held,} \\
 # \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f . \end{gathered}$$
 #
-# Displacements need no equilibrium, and forces need no displacement. Fields of both kinds are easy to find. Only the
-# solution belongs to both sets: $u$ is an admissible displacement, and $\sigma = \mathbb C\, \varepsilon(u)$ are
-# admissible forces. The norm of forces is $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, the norm of displacements is
-# $|v|^2 = v^T K v$. So $|v| = |\mathbb C\, \varepsilon(v)|$.
+# The forces of $v$ need not balance the load, and $\tau$ need not belong to a displacement. Only the solution belongs
+# to both sets: $u$ is an admissible displacement, and $\sigma = \mathbb C\, \varepsilon(u)$ are admissible forces. The
+# norm of forces is $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, the norm of displacements is $|v|^2 = v^T K v$. So
+# $|v| = |\mathbb C\, \varepsilon(v)|$.
 
 # %%
 import cvxpy as cp
@@ -150,8 +150,8 @@ _figure
 # own. The product of two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
 # $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$.
 #
-# The force $\sigma$ lies on the first circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let $\delta_z$ be
-# the difference $\delta$ for $z$. The centres of both circles give a value $m$, and the radii bound the deviation:
+# The force $\sigma$ lies on the first circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let
+# $\delta_z = \tau_z - \mathbb C\,\varepsilon(v_z)$. The centres give a value $m$, and the radii bound the deviation:
 #
 # $$\begin{gathered} \big|\, Q(u) - m \,\big| \le \tfrac12\, |\delta|\,|\delta_z| , \\
 # m = Q(v) + f^T v_z - (\mathbb C\,\varepsilon(v), \mathbb C\,\varepsilon(v_z)) + \tfrac12 (\delta, \delta_z) .
@@ -184,9 +184,9 @@ assert widths[0] / widths[-1] > 40
 # ## 4. Friction
 #
 # Now friction acts at every node, with the bounds $w_i$: $u$ minimises $\tfrac12 v^T K v - f^T v + \sum_i w_i |v_i|$.
-# Admissible forces $\tau$ come with friction forces $|\lambda_i| \le w_i$ and satisfy
-# $\varepsilon^T \tau = f - \lambda$. The deviation from the friction law adds a term $\Phi$, which lesson 6 has in its
-# gap:
+# Admissible forces $\tau$ balance the load together with friction forces $|\lambda_i| \le w_i$:
+# $\varepsilon^T \tau = f - \lambda$. The deviation from the friction law adds the term $\Phi$, a part of the gap of
+# lesson 6:
 #
 # $$\Phi = \sum_i (w_i |v_i| - \lambda_i v_i) \;\ge\; 0 , \qquad
 #   |u - v|^2 \le (\delta,\, \mathbb C\,\varepsilon(u - v)) + \Phi .$$

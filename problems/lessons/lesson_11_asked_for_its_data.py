@@ -29,8 +29,8 @@ import vemcvx as vx
 #   \bigl(-(f - w)/K^2,\; 1/K,\; -1/K\bigr) & \text{slips: } f > w. \end{cases}$$
 #
 # Below we compare this line with difference quotients, and with `vx.sensitivities`. The package needs a body: a unit
-# square of rubber without Poisson's effect, whose top moves by $f/K$. The square is the spring, and its floor is the
-# slider.
+# square of rubber without Poisson's effect, whose top moves by $f/K$. The square is the spring, and its bottom side is
+# the slider.
 
 
 # %%
@@ -49,7 +49,7 @@ def quotient(data, steps):
 
 
 def shear_square(data):
-    """Return the scene of the square of rubber, whose floor moves like the slider."""
+    """Return the scene of the square of rubber, whose bottom side moves like the slider."""
     K, f, w = data
     return vx.Scene(
         vx.Elasticity(young=2 * K, poisson=0.0),
@@ -74,9 +74,9 @@ for _data in (slips, sticks):
     assert not _found.one_sided.any()
 
 # %% [markdown]
-# **At the kink**, $f = w$, there is no derivative, but one on each side. A larger pull moves the slider, a smaller pull
-# does not. `one_sided` marks such a step: the force is within its certificate of the bound. The package then returns
-# the derivative of one of the two sides, and logs a warning.
+# **At the kink**, $f = w$, there is no derivative, only one derivative on each side. A larger pull moves the slider, a
+# smaller pull does not. `one_sided` marks such a step: the force differs from its bound by no more than the
+# certificate. The package then returns the derivative of one of the two sides, and logs a warning.
 
 # %%
 kink = [2.0, 1.0, 1.0]
@@ -105,8 +105,8 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 # ## 2. Eight nodes: forward and adjoint
 #
 # We take the step of lesson 9 again, from rest, with eight contact nodes. On given active sets the answer
-# $y = (u, \lambda)$ obeys *linear* equations. The first row is the balance of forces; the second row holds node by
-# node, at nodes that stick and at nodes that slip:
+# $y = (u, \lambda)$ obeys *linear* equations. The first equation is the balance of forces. The second equation holds at
+# nodes that stick, the third at nodes that slip:
 #
 # $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
 #
@@ -155,8 +155,8 @@ print(f"{np.count_nonzero(step.answer.d)} of {m} nodes slip; {R.shape[1]} parame
 #
 # $$\text{forward: } b^T (M^{-1} R), \qquad \text{adjoint: } (M^{-T} b)^T R = z^T R, \quad M^T z = b .$$
 #
-# The forward order needs one solve for each *parameter*, the adjoint order one solve for each *quantity*. (Lesson 10
-# has met a $z$ of this kind: the state under the load $Q$.)
+# The forward order needs one solve for each *parameter*, the adjoint order one solve for each *quantity*. (The $z$ of
+# lesson 10 is such an adjoint state: the state under the load $Q$.)
 
 # %%
 b = np.zeros((2 * m, 2))
@@ -181,7 +181,7 @@ assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forwar
 
 # %% [markdown]
 # **Many steps.** Friction remembers: a node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So each
-# step hands derivatives on, and the adjoint runs backwards in time:
+# step passes derivatives to the next step, and the adjoint runs backwards in time:
 #
 # $$M_n\, dy_n = R_n\, d\theta + T_n\, dy_{n-1}, \qquad M_n^T z_n = b_n + T_{n+1}^T z_{n+1}, \qquad
 #   \frac{dQ}{d\theta} = \sum_n R_n^T z_n ,$$
@@ -220,8 +220,8 @@ assert solved == {"forward": 32 * m, "adjoint": 32}
 assert np.abs(gradient - dy[0]).max() <= 1e-13 * np.abs(gradient).max()
 
 # %% [markdown]
-# `vx.sensitivities` makes both sweeps for a scene: `jacobian` forward, `gradient` adjoint. Here the bound is a field
-# with a value at each node, which `shapes` describes; a nodal bound $w_i$ is this value times a length.
+# `vx.sensitivities` makes both sweeps for a scene: `jacobian` is forward, `gradient` is adjoint. Here the bound has a
+# value at each node, and `shapes` are the hat functions of the nodes. A nodal bound $w_i$ is this value times a length.
 
 
 # %%
@@ -248,8 +248,8 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 #
 # <details><summary>Answer</summary>
 #
-# You need the forward sweep: three right-hand sides in each step yield the derivatives at all 64 instants, which
-# Gauss and Newton's method needs one by one. The adjoint would need 64 backward sweeps. Your colleague needs the
+# You need the forward sweep: three right-hand sides in each step yield the derivatives at all 64 instants. The
+# Gauss-Newton method needs all of them, and the adjoint would need 64 backward sweeps. Your colleague needs the
 # adjoint: the sum of squares is one quantity, so one backward sweep yields 1,000 derivatives, and the forward sweep
 # would carry 1,000 columns.
 #
@@ -258,7 +258,7 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 # ## 3. A fit to a noisy loop
 #
 # We measure the displacement of the left end during the 32 steps, with noise of one per cent, and look for Young's
-# modulus and the friction bound. Least squares minimise the sum of squared residuals
+# modulus and the friction bound. We minimise the sum of squared residuals
 #
 # $$\sum_n r_n(\theta)^2, \qquad r_n = Q_n(\theta) - \text{measured}_n ,$$
 #
@@ -289,8 +289,8 @@ assert np.abs(fit.errors / (_noise * np.sqrt(np.diag(np.linalg.inv(_J.T @ _J))))
 # %% [markdown]
 # **A step is a convex program, but a fit is not.** With these data, a search from the bound 8 ends at another answer.
 # This answer has small standard errors, too: they describe the neighbourhood of an answer only. But its residuals are
-# much larger than the noise of the instrument. So begin at several parameters, and compare the residuals with the
-# noise.
+# much larger than the noise of the instrument. So start the search from several parameters, and compare the residuals
+# with the noise.
 
 # %%
 elsewhere = fit_from([150.0, 8.0])
@@ -337,8 +337,8 @@ assert np.abs(after[never] - assumed).max() <= 1e-12
 assert (after[~never] < 0.5 * assumed).all()
 
 # %% [markdown]
-# Still the measurements say something about a node that never slips: its bound is at least the largest force that the
-# node has borne. Above this force all values explain the measurements equally well; below it the answer changes. A
+# For a node that never slips the measurements yield an inequality: its bound is at least the largest force that the
+# node has borne. All larger bounds explain the measurements equally well; a smaller bound changes the answer. A
 # standard error cannot express an inequality. (`friction_along_a_joint.py` draws the errors of such a field.)
 
 # %%
@@ -357,11 +357,11 @@ for _factor, _same in ((0.99, False), (1.01, True), (10.0, True)):
 # $\alpha$. How large may $\alpha$ become? The plate has three rigid motions: two translations and a rotation.
 #
 # Friction forces $\lambda_i$ must balance the push. The columns of $N_i$ are the rigid motions of node $i$, and $f$
-# contains the work of a unit push in these motions. The bound $w_i$ is one per area, times the area of the node:
+# contains the work of a unit push in these motions. The bound per area is one, so $w_i$ equals the area of node $i$:
 #
 # $$\max \alpha \quad \text{subject to} \quad \sum_i N_i^T \lambda_i = \alpha f, \qquad |\lambda_i| \le w_i .$$
 #
-# This is the dual of lesson 9 for a body with $K = 0$ on rigid motions. Stiffness plays no role.
+# This is the dual of lesson 9 for a body with $K = 0$ on rigid motions.
 
 # %%
 grid = np.stack(np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-0.5, 0.5, 5), indexing="ij"), axis=-1).reshape(-1, 2)
@@ -383,8 +383,8 @@ print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 #
 # $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$
 #
-# Every admissible $\lambda$ gives a lower bound of $\alpha^*$, and every motion an upper bound. `vx.limit_load` returns
-# both, for the elastic plate in space.
+# Every $\lambda$ and $\alpha$ that satisfy the constraints give the lower bound $\alpha$ of $\alpha^*$, and every
+# motion gives an upper bound. `vx.limit_load` returns both, for the elastic plate in space.
 
 # %%
 xi = motion / (push @ motion)
@@ -426,7 +426,7 @@ _figure
 # 3. *Shakedown.* Two sliders in the plane, coupled by springs, undergo a cycle of loads $\alpha f(t)$ again and again.
 #    By Melan's theorem slip stops if constant forces $\bar\lambda_i$ exist with
 #    $|\bar\lambda_i + \alpha \lambda^e_i(t)| < w_i$, where $\lambda^e_i$ are the friction forces of a cycle without
-#    slip, for $\alpha = 1$. Show that the largest $\alpha$ is the smallest quotient of $w_i$ and the radius of the
-#    smallest disc that contains the points $\lambda^e_i(t)$. Run 100 cycles with .98 and 1.02 of it.
+#    slip, for $\alpha = 1$. Let $r_i$ be the radius of the smallest disc that contains all points $\lambda^e_i(t)$.
+#    Show that the largest $\alpha$ is $\min_i w_i/r_i$. Run 100 cycles with 0.98 and with 1.02 times this $\alpha$.
 #
 # Solutions: `lesson_11_solutions.py`.

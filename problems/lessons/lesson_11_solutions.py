@@ -13,7 +13,8 @@ f, w = np.linspace(2.0, -0.7, m), np.linspace(0.6, 0.3, m)
 times = np.linspace(0.0, 2.0, 33)
 
 # %% [markdown]
-# **1.** Let $s_n = u_n - u_{n-1}$. The derivative of the friction work has an explicit part and a part by the slips,
+# **1.** Let $s_n = u_n - u_{n-1}$. The derivative of the friction work $Q$ has an explicit part and a part from the
+# slips,
 #
 # $$dQ = \sum_n |s_n|^T dw + \sum_n w^T \mathrm{sign}(s_n)\, (du_n - du_{n-1}) .$$
 #
@@ -47,10 +48,10 @@ assert (np.abs(slips).sum(axis=0) > 0).any()
 assert np.abs(gradient - np.abs(slips).sum(axis=0)).max() > 0.1  # the explicit part alone is wrong
 
 # %% [markdown]
-# **2.** Unknowns are $\alpha$, two pressures and two friction forces. The balance has three rows: horizontal forces,
-# vertical forces, and moments about the left edge. Its multipliers are the motion. The footing slides if the force acts
-# near the floor. The dual program then lifts the footing by $\mu$ times its slip (a real footing would not be lifted:
-# Coulomb's friction is not associated). Under a force higher up, the footing tips about its right edge.
+# **2.** The unknowns are $\alpha$, two pressures and two friction forces. The balance has three rows: horizontal
+# forces, vertical forces, and moments about the left edge. Its multipliers are the motion. The footing slides if the
+# force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its slip. (A real footing
+# would not rise: Coulomb's friction is not associated.) Under a force higher up, the footing tips about its right edge.
 
 # %%
 WIDTH, WEIGHT, FRICTION = 2.0, 3.0, 0.4
@@ -104,7 +105,7 @@ def radius(points):
 radii = np.array([radius(corners[:, i]) for i in range(2)])
 factor = (bounds / radii).min()
 _a, _b, _c = (np.linalg.norm(corners[i, 0] - corners[j, 0]) for i, j in ((0, 1), (1, 2), (2, 0)))
-assert abs(radii[0] - _a * _b * _c / (4 * 0.6)) <= 1e-6  # the sides over four times the area, 0.6
+assert abs(radii[0] - _a * _b * _c / (4 * 0.6)) <= 1e-6  # product of the sides over 4 times the area 0.6
 assert abs(radii[1] - 0.5) <= 1e-6
 
 springs, instants = np.kron([[3.0, -1.0], [-1.0, 2.0]], np.eye(2)), np.arange(301.0)

@@ -181,8 +181,8 @@ energies((0.0, 0.8, 2.6))
 #
 # $$w|s| = \max_{|\lambda| \le w} \lambda s .$$
 #
-# The program of a step is a minimum over $u$ of a maximum over $\lambda$. We may exchange the two, because the function
-# is convex in $u$ and linear in $\lambda$, and because the interval of the admissible $\lambda$ is closed and bounded:
+# The program of a step is a minimum over $u$ of a maximum over $\lambda$. We may exchange minimum and maximum, because
+# the function is convex in $u$ and linear in $\lambda$, and the admissible $\lambda$ form a closed bounded interval:
 #
 # $$\begin{aligned} & \min_u \max_{|\lambda| \le w} \; \tfrac12 K u^2 - fu + \lambda (u - u_{prev}) \\
 #   =\; & \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}. \end{aligned}$$
@@ -193,8 +193,8 @@ energies((0.0, 0.8, 2.6))
 #
 # $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le w.$$
 #
-# The maximiser is again a clip. The parabola $D$ has its vertex at $f - K u_{prev}$, the force that holds the block
-# where it is. If friction can take this force, the block sticks. If not, friction takes its bound:
+# The parabola $D$ has its vertex at $f - K u_{prev}$, the force that holds the block where it is. If friction can take
+# this force, the block sticks. If not, friction takes its bound. So the maximiser is again a clipped value:
 #
 # $$\lambda = \mathrm{clip}(f - K u_{prev},\; -w,\; w).$$
 
@@ -219,9 +219,9 @@ print("in all cases: balance of forces, complementarity, and equal values of bot
 # %% [markdown]
 # ## 4. Any guess of the force bounds the energy from below
 #
-# For *every* $u$ and every $|\lambda| \le w$ we have $D(\lambda) \le P(u)$: a minimum of maxima is at least the maximum
-# of minima. The difference $P(u) - D(\lambda)$ is the **gap**. The gap is zero if $u$ and $\lambda$ solve their
-# programs, and it bounds the distance to the solution $u^*$:
+# For *every* $u$ and every $\lambda$ with $|\lambda| \le w$ we have $D(\lambda) \le P(u)$: a minimum of maxima is at
+# least the maximum of minima. The difference $P(u) - D(\lambda)$ is the **gap**. The gap is zero if $u$ and $\lambda$
+# solve their programs, and it bounds the distance to the solution $u^*$:
 #
 # $$\tfrac12 K (u - u^*)^2 \;\le\; P(u) - P(u^*) \;\le\; P(u) - D(\lambda).$$
 #

@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* lesson 1; vectors and matrices. *You will see:* the program of a step in ten lines of cvxpy, what a conic
-# solver returns beside the positions, and how an absolute value becomes a cone in the plane.
+# solver returns in addition to the positions, and how an absolute value becomes a cone in the plane.
 #
 # Lesson 1 had one slider; this lesson has four in a row. Equation numbers refer to the paper of Feng, Han and Huang.
 
@@ -17,8 +17,8 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Four blocks in a row are joined by springs of stiffness one. Such a spring also ties the last block to a wall. The
-# first block is pulled. Block $i$ has its own friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in
+# Four blocks in a row are joined by springs, and a last spring ties block 4 to a wall. All springs have the stiffness
+# one. The first block is pulled. Block $i$ has the friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in
 # lesson 1,
 #
 # $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\
@@ -26,12 +26,13 @@ import vemcvx as vx
 #
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
-# The constraints of a conic program are *cones*, and its objective is linear or, as here, quadratic. So we replace each
-# absolute value by a variable $d_i$, a distance, and require
+# A conic program requires that vectors lie in *cones*. Its objective is linear or, as here, quadratic. So we replace
+# each absolute value by a variable $d_i$, a distance, and require
 #
 # $$|u_i - u_{prev,i}| \le d_i .$$
 #
-# This is one cone for each block. At the minimum $d_i$ equals the absolute value, because a larger $d_i$ costs energy.
+# So each pair $(d_i, u_i - u_{prev,i})$ lies in a cone. At the minimum $d_i$ equals the absolute value, because a
+# larger $d_i$ costs energy.
 
 # %%
 K = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -53,8 +54,8 @@ print("positions", np.round(u.value, 6) + 0.0)
 #
 # How close should the solver come? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$
 # of the positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest
-# eigenvalue of $K$ is 0.12, so $|e|$ is at most 4.1e-4. Blocks that should stick have a much better bound. If the slip
-# in the solution is zero, a computed slip $s_i$ makes the gap at least (lesson 6)
+# eigenvalue of $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, the bound is much
+# better. A computed slip $s_i$ of this block makes the gap at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
@@ -212,9 +213,9 @@ assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 # <details><summary>Answer</summary>
 #
 # Friction takes the part of the pull that the springs do not carry. The spring to block 2 is still stretched along $x$
-# from the first step and carries $(0.69, 0.90)$, at 52 degrees. Of the pull $(0.80, 1.39)$ this leaves $(0.11, 0.49)$,
-# at 77 degrees, and the block slips in this direction. Blocks 2 and 3 slip at 60 and 47 degrees, each in the direction
-# of the sum of its two spring forces.
+# from the first step and carries $(0.69, 0.90)$, at 52 degrees. Friction takes the rest of the pull $(0.80, 1.39)$.
+# This rest is $(0.11, 0.49)$, at 77 degrees, and the block slips in this direction. Blocks 2 and 3 slip at 60 and 47
+# degrees, each in the direction of the sum of its two spring forces.
 #
 # The sum of absolute values gives another picture. Each component of the force then has its own bound, and the disc
 # becomes a square. A block that slips forward in $x$ and $y$ has its force in a corner of the square, $(0.5, 0.5)$. The

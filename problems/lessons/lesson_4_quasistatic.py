@@ -179,9 +179,9 @@ for _steps in (30, 60, 120):
 # $$\sum_n \langle \ell_n, s_n \rangle = \tfrac12 a(u_N, u_N) + \sum_n j(s_n) + \sum_n \tfrac12 a(s_n, s_n),$$
 #
 # and the package reports the first three terms as `history.work`, `.energy` and `.dissipated`. The last sum is the
-# numerical loss of backward Euler, which is halved if the time step is halved. The ratio is not exactly 2, because some
-# nodes start to slip in the middle of a step, so we assert a ratio between 1.9 and 2.1. The package warns if the
-# numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` does not contain this loss.
+# numerical loss of backward Euler, which is about halved if the time step is halved. The ratio of the losses is not
+# exactly 2, because some nodes start to slip within a step. So we assert a ratio between 1.9 and 2.1. The package warns
+# if the numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` is free of this loss.
 
 
 # %%
@@ -256,8 +256,8 @@ body_picture(histories[40])
 # $$\begin{gathered} a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1}) \\
 #   \Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a . \end{gathered}$$
 #
-# The map of a step is *nonexpansive* in the energy norm; this is (2.38), the main point of Theorem 2.5. So the errors
-# of steps at most add up and are not amplified, and the certificates of steps may be added over time.
+# The map of a step is *nonexpansive* in the energy norm; this is (2.38), the main point of Theorem 2.5. So a later step
+# does not amplify the error of an earlier step. The sum of the certificates of all steps bounds the error at the end.
 
 # %%
 later = np.linspace(1.0, 9.0, 161)
@@ -307,7 +307,7 @@ memory_picture()
 # 4. Twenty sliders, each on its own spring of stiffness 1, with the bounds 0.1, 0.2, ..., 2, share a displacement $U$.
 #    Draw the total force over $U$ for $U$ up to 2 and back to -2. Show that the branch down is the curve of the first
 #    loading, magnified by two (Masing's rule).
-# 5. Why does (2.1) require $a(u_0, v) + j(v) \ge \langle \ell(0), v \rangle$? What does `march` report if a load of 2.4
-#    acts on the chain from the start, at $u_0 = 0$?
+# 5. Why does (2.1) of the paper require $a(u_0, v) + j(v) \ge \langle \ell(0), v \rangle$? What does `march` report if
+#    a load of 2.4 acts on the chain from the start, at $u_0 = 0$?
 #
 # Solutions: `lesson_4_solutions.py`.

@@ -237,8 +237,8 @@ errors_picture()
 # | (back, forward) | $u = (-3, -1)$: the second block moves back | (back, back) |
 # | (back, back) | $u = (-1, 1)$: the second block moves forward | (back, forward) |
 #
-# The solution lies between these two guesses, and the iteration jumps over it for ever. Each iterate looks like an
-# answer.
+# The solution lies between these two guesses, and the iteration jumps over it for ever. The forces of every iterate
+# balance, so each iterate looks like an answer.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))

@@ -51,10 +51,10 @@ assert has_cycle(2.0 + 1e-9)
 # forward, with $s = (f - w)/K > 0$. Then $\hat\lambda = w + \gamma s > w$ for any $\gamma$: forward again, and the
 # iteration ends.
 #
-# From another start the guesses may cycle. Let $|f| < w$, and begin with forward, so $s = (f - w)/K < 0$. If $\gamma$
-# is so large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$. If then
-# $\hat\lambda = -w + \gamma s > w$, the following guess is forward again. A shift $\gamma \le K$ is safe after forward:
-# $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
+# From another start the guesses may cycle. Let $|f| < w$, and let the first guess be forward, so $s = (f - w)/K < 0$.
+# If $\gamma$ is so large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$.
+# If then $\hat\lambda = -w + \gamma s > w$, the following guess is forward again. A shift $\gamma \le K$ is safe after
+# forward: $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
 
 
 # %%
@@ -75,7 +75,7 @@ assert count_guesses(0.0, 3.0, pushed) == 40
 # its free end by 0.705. A node that sticks holds its neighbour, and the nodes behind it carry no force. So slip spreads
 # by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other node, and slip
 # spreads in larger steps. If the iteration starts from the answer to 9/10 of the pull, 63 nodes slip already, and it
-# takes about a tenth of the rounds. Time steps use this: each starts from the sets of the step before.
+# takes about a tenth of the rounds. So each time step of the package starts from the sets of the step before.
 
 
 # %%
@@ -105,8 +105,8 @@ print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths
 # **4.** One sure step multiplies the distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less, where
 # $\kappa_1$ and $\kappa_m$ are the smallest and the largest eigenvalue of $K$. The condition number $\kappa_m/\kappa_1$
 # is up to $10^3$ here, so a distance that is a thousand times smaller may need thousands of steps. Newton's method
-# between the sure steps saves most of them. With momentum, as in the package, the bound on the number of sure steps is
-# proportional to the root of the condition number.
+# between the sure steps saves most of them. With accelerated gradients, as in the package, the bound on the number of
+# sure steps is proportional to the root of the condition number.
 
 
 # %%
@@ -136,9 +136,9 @@ assert steps.max() > 500
 print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at worst")
 
 # %% [markdown]
-# **5.** Run the iteration until sets repeat; the number of rounds in between is the length of the cycle. The sets
-# determine the next iterate, and thus all later iterates, so one repetition is enough. The length two is the most
-# frequent, but not the only one.
+# **5.** Run the iteration until the sets of an earlier round occur again. The number of rounds between the two is the
+# length of the cycle. The sets determine the next iterate, and thus all later iterates, so one repetition is enough.
+# The length two is the most frequent, but not the only one.
 
 
 # %%

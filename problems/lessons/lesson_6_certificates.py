@@ -293,8 +293,8 @@ assert deviation > 1e6 * largest
 # ## Exercises
 #
 # 1. Without friction ($w = 0$), show that the gap is *equal* to $\tfrac12 |s - s^*|_K^2$. (What is $\lambda$?)
-# 2. Ignore the multipliers of the disturbed answers, and compute them from $s$ alone:
-#    $\lambda = \mathrm{clip}(f - Ks)$. Are the certificates better or worse?
+# 2. Replace the multipliers of the disturbed answers by $\lambda = \mathrm{clip}(f - Ks, -w, w)$, which depends on $s$
+#    alone. Are the certificates better or worse?
 # 3. Take two random states, do the same step from both, and check that their distance in $|\cdot|_K$ has not grown.
 #    Prove it: add the two variational inequalities.
 # 4. Write a solver that returns the exact $s$ with $\lambda = 0$. Is its answer refused? Should it be refused?

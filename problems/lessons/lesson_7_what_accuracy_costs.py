@@ -74,8 +74,8 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 # <details><summary>Answer</summary>
 #
 # Squares. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles have as many nodes and an error of
-# 4.5 %. Voronoi cells, of which three meet at a node, have 2046 nodes and an error of 4.0 %. The error falls roughly
-# like one over the root of the number of nodes, so compare the products of error and root: 1.23, 1.48 and 1.81.
+# 4.5 %. Voronoi meshes have 2046 nodes, because only three cells meet at a node; their error is 4.0 %. The error falls
+# roughly like one over the root of the number of nodes, so compare the products of error and root: 1.23, 1.48 and 1.81.
 #
 # </details>
 

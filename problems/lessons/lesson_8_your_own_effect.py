@@ -6,7 +6,7 @@
 # that an effect takes twenty lines, and that a closed form in space *and* time is a test that finds mistakes.
 #
 # A scene is a list of *effects*: elasticity, supports, loads, friction. No effect depends on the others. On a given
-# mesh each effect contributes arrays to one of the terms of
+# mesh each effect contributes arrays to one or more terms of
 #
 # $$a(u, v - \dot u) + b(\dot u, v - \dot u) + j(v) - j(\dot u) \ge \langle \ell(t), v - \dot u \rangle :$$
 #
@@ -75,7 +75,7 @@ class Dashpots(vx.Effect):
 
 # %% [markdown]
 # Three rules make an effect easy to combine. An effect is *frozen*: it remembers no mesh, so one scene serves all
-# meshes. It *refuses* meaningless data, in a sentence with the effect, the value found and the values allowed. And it
+# meshes. It *refuses* meaningless data: the error names the effect, the value found and the values allowed. And it
 # *describes* itself in one line.
 #
 # **Question:** Why may $c$ not be negative? Give one reason from thermodynamics and one from convexity.
@@ -166,8 +166,8 @@ _figure
 # <details><summary>Answer</summary>
 #
 # Yes, they must. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows
-# down, so this velocity is less than the mean velocity of the step. In formulas: in one step the remainder $p/M - U$ is
-# divided by $1 + kM/c$, and in the exact solution by $e^{kM/c}$, which is larger. So after every number of steps the
+# down, so this velocity is less than the mean velocity of the step. In a step of backward Euler the remainder $p/M - U$
+# is divided by $1 + kM/c$, in the exact solution by $e^{kM/c}$, which is larger. So after every number of steps the
 # remainder of backward Euler is too large, and $U_n$ is too small.
 #
 # </details>
@@ -175,7 +175,7 @@ _figure
 # ## The energy balance
 #
 # A third test needs no closed form. The dashpots take the energy $\int c\, \dot U^2 dt$. In time steps this is the sum
-# $\sum_n c\, s_n^2 / k$ with $s_n = U_n - U_{n-1}$. The package sums up
+# $\sum_n c\, s_n^2 / k$ with $s_n = U_n - U_{n-1}$. The package reports three of the four terms of
 #
 # $$\text{work} = \text{stored} + \text{dissipated} + \sum_n \tfrac12 a(s_n, s_n),$$
 #

@@ -143,7 +143,8 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 #
 # *Why this* $\rho$*?* The solution satisfies $\lambda^* = \mathrm{clip}(\lambda^* + \rho\, s(\lambda^*), -w, w)$.
 # Subtract this equation from the iteration. Clipping does not increase distances, and
-# $s(\lambda) - s(\lambda^*) = -K^{-1} (\lambda - \lambda^*)$. So the error after the iteration is at most as long as
+# $s(\lambda) - s(\lambda^*) = -K^{-1} (\lambda - \lambda^*)$. So after the iteration the error of the forces is at most
+# as long as the vector
 #
 # $$(I - \rho K^{-1}) (\lambda - \lambda^*) .$$
 #
@@ -258,17 +259,16 @@ plt.close(_figure)
 _figure
 
 # %% [markdown]
-# **Question:** Uzawa's method solves a linear problem in each of many iterations, Newton's method (lesson 5) in each of
-# a few. When is Uzawa's method still the better choice? (Think of a matrix $K$ that you cannot factorise but can
-# apply.)
+# **Question:** Uzawa's method solves many linear problems, Newton's method (lesson 5) only a few. When is Uzawa's
+# method still the better choice? (Think of a matrix $K$ that you cannot factorise but can apply.)
 #
 # <details><summary>Answer</summary>
 #
-# Newton's method needs the entries of $K$: it solves with the block of the slipping nodes, which is another block in
-# every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every iteration. So it is the
-# better choice where $K$ is too large to be factorised and an iterative solver is used, which starts from the last
-# solution. It also works with an elastic code that is a black box and returns displacements for loads. And it works
-# with measured flexibilities, where there is no $K$ at all.
+# Newton's method needs the entries of $K$: it solves a system with the block of $K$ for the slipping nodes, and this
+# block changes in every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every
+# iteration. So it is the better choice where $K$ is too large to be factorised and an iterative solver is used, which
+# starts from the last solution. It also works with an elastic code that is a black box and returns displacements for
+# loads. And it works with measured flexibilities, where there is no $K$ at all.
 #
 # </details>
 #

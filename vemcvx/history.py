@@ -78,9 +78,9 @@ class History(Results, Outlined):
         With `quantities`: the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
         With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the mesh error of step "step" in
-        the energy norm, from the computed state before it (:func:`vemcvx.error_bound`). This step has the largest
-        upper bound of all steps. "relative" is "upper" divided by the largest energy norm of the run. "reading" is the
-        part of "upper" that is only estimated, for nonlinear data. "kind" is the kind of bound.
+        the energy norm; the state before this step counts as exact (:func:`vemcvx.error_bound`). No other step has a
+        larger upper bound. "relative" is "upper" divided by the largest energy norm of the run. If data are nonlinear,
+        "reading" is the part of "upper" that is only estimated. "kind" is the kind of bound.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None

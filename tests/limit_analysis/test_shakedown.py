@@ -105,7 +105,7 @@ def test_in_space_the_factor_is_the_smallest_ratio_of_bound_and_radius():
 
 @pytest.mark.parametrize("push", [0.0, 0.5, 0.9])
 def test_without_supports_the_factor_is_that_of_a_linear_program(push):
-    """Unknowns are the constant forces, which balance the push, and the factor."""
+    """The unknowns of the program are the factor, and constant forces that balance the push."""
     found = vx.shakedown(pushed(push=push), plane_mesh(), CYCLE)
     E, g = found.elastic[:, :, 0], found.bounds
     sides = [np.column_stack([sign * np.eye(len(g)), sign * e]) for e in E for sign in (1.0, -1.0)]
@@ -144,7 +144,7 @@ def test_only_changes_since_the_first_instant_are_multiplied():
 
 
 def test_a_floor_that_moves_loads_friction_like_a_top_that_moves():
-    """Both shear a block of the height 1 and the shear modulus 100 by .05 or by 0: friction changes by 5."""
+    """The floor shears a block of the height 1 and the shear modulus 100 by .05, so that friction changes by 5."""
     mesh, material = plane_mesh(), vx.Elasticity(200.0, 0.0)
     sides = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
     ground = vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (0.05 * t, 0.0))

@@ -1,9 +1,9 @@
 """Derivatives of random scenes, beside central differences of certified runs, and the adjoint beside the forward sweep.
 
 The quotients of central differences have the step 1e-4 of the parameter. Their truncation error is about 1e-8 of the
-largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. Compared are the steps before the first one
-whose active sets differ between the runs, or are about to change: later states depend on it. Derivatives by parameters
-of different units are compared as derivatives by relative changes of the parameters.
+largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step
+whose active sets differ between the runs, or are about to change, because all later states depend on this step.
+Derivatives by parameters of different units are compared as derivatives by relative changes of the parameters.
 """
 
 import warnings
@@ -19,7 +19,7 @@ KINDS = "tresca", "coulomb", "discs", "compliance", "two bodies", "viscosity", "
 
 
 def draw(seed, kind):
-    """Return scene_of, theta, mesh, times, the quantities and the initial state of a random scene of some kind."""
+    """Return scene_of, theta, mesh, times and the names of quantities of a random scene of some kind."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     times = np.append(0.0, np.sort(rng.uniform(0.1, 1.0, 6)))
     in_space = kind == "discs"

@@ -23,7 +23,7 @@ def loop(theta):
 
 
 def fit_draws(draws):
-    """Return the errors of the fits of `draws` noisy loops (draws, 3), divided by their standard errors."""
+    """Return the errors (draws, 3) of fits to noisy loops, divided by their standard errors."""
     exact = vx.sensitivities(loop, TRUTH, MESH, TIMES, OF).values
     found = []
     for seed in range(draws):

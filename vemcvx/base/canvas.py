@@ -246,7 +246,6 @@ def draw_faces(
     polygons = np.split(points[vertices], offsets[1:-1])
     given = {**CELL_STYLE, **normalize_kwargs(dict(style), Poly3DCollection)}
     colours = {f"{name}s": given.pop(name) for name in ("facecolor", "edgecolor")}
-    # Without values, shading distinguishes the faces.
     faces = Poly3DCollection(polygons, **{"shade": values is None, **colours, **given})
     ax.add_collection(faces)
     low, high = points.min(axis=0), points.max(axis=0)

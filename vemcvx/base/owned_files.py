@@ -27,7 +27,7 @@ class Owned:
     """The files of this package in a folder, which is created if necessary; call `close`, or use a ``with`` statement.
 
     Raise HistoryError if the folder cannot be created or written to, if another process uses it, or if another program
-    or version made its list.
+    or version made the list.
     """
 
     def __init__(self, path: Path):

@@ -1,9 +1,10 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
 The columns of N are the rigid motions that no support holds, f_0 the loads of the scene, f the load to multiply, lam
-the friction, p the pressure; B N c are slips, D N c approaches. The factor is the largest alpha with N'(B'lam + D'p) =
-N'(f_0 + alpha f), |lam_i| <= w_i + (J p)_i and p >= 0. In Tresca's law J = 0; in Coulomb's law w = 0, J = mu. A
-mechanism N c has D N c + J'|B N c| <= 0 and f'N c = 1, and gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
+the friction and p the pressures. A motion N c has the slips B N c and the approaches D N c. The factor is the largest
+alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), |lam_i| <= w_i + (J p)_i and p >= 0. Tresca's law has J = 0;
+Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1; it gives the
+upper bound sum_i w_i |B_i N c| - f_0'N c.
 
 Solvers meet such conditions up to a tolerance only. We therefore reduce friction by the fraction MARGIN, which leaves
 room to correct the forces, and project the mechanism onto the conditions that are equations at the limit.
@@ -100,8 +101,8 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
     Raises
     ------
     SceneError
-        Supports hold the body; friction is neither Tresca's nor Coulomb's; `load` is no load, or drives no motion; no
-        contact forces balance the loads of the scene; or some balance every multiple of `load`.
+        Supports hold the body; friction is neither Tresca's nor Coulomb's; `load` is no load, or drives no motion;
+        contact forces cannot balance the loads of the scene, or can balance every multiple of `load`.
     SolverFailed
         The bounds could not be verified.
 

@@ -1,7 +1,7 @@
 """Energies and forces over a run, and all pictures of a history as files or as frames of a film.
 
-Backward Euler loses more energy than friction dissipates. This excess vanishes with the step. With the bilinear form a
-of the elastic energy and the displacement increments du, the excess is
+Backward Euler loses more energy than friction and dashpots dissipate. This excess vanishes with the step. With the
+bilinear form a of the elastic energy and the displacement increments du of steps, the excess on rigid obstacles is
 
     work - change of energy - dissipated = sum over steps of (1/2 a(du, du) + final pressures . initial gaps) >= 0.
 """
@@ -159,8 +159,8 @@ def hysteresis_loop(
     ----------
     history, ax, units : as for `friction_traction`
     on : str, optional
-        The boundary; by default the boundary whose prescribed displacement has the longest path, or else that of the
-        load that changes most.
+        The boundary; by default the boundary whose prescribed displacement has the longest path, or else the boundary
+        of the load that changes most.
 
     Returns
     -------
@@ -394,7 +394,7 @@ def animate(
 
     Raises
     ------
-    HistoryError
+    SceneError, HistoryError
         The suffix is unknown, an argument is invalid, or the file cannot be written.
     VemcvxError
         matplotlib, or the writer of such films, is not installed.

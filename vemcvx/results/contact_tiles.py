@@ -4,10 +4,10 @@
 On interfaces of meshes that do not match, it has a ripple of size O(h) or larger, but means over cells are accurate.
 On every interface on which a cell of either body has several sides, recovered values are means over nodes,
 
-    p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)),
+    p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
 
-where the factors d_i make K |phi| = 1 (Sinkhorn and Knopp, Pacific J. Math. 21 (1967); Milanfar, SIAM J. Imaging Sci. 6
-(2013)), so that constants are exact. K is symmetric, so sum |phi_i| p_i = sum R_i: every closed piece keeps its
+The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967);
+Milanfar, SIAM J. Imaging Sci. 6 (2013)). K is symmetric, so sum |phi_i| p_i = sum R_i: every closed piece keeps its
 resultant. K has no negative entry, so compression remains compression. Smooth fields change by O(h^2), and by O(h) at
 the end of contact. h_i is the total length of one cell's sides on the surface at x_i (in space, the root of their
 area), the larger value of both bodies. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more. Nodes at

@@ -56,7 +56,6 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     order = np.lexsort([distance, i])
     order = order[distance[order] <= reach[s[order]]]
     i, s, along = i[order], s[order], along[order]
-    # Pairs of a point and a closed cell that contains it, sorted by point, then by cell.
     inside = find_containing(outlines(mesh.points, mesh.offsets, mesh.vertices), points)
     on = i * mesh.n_cells + owner[s]
     pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)

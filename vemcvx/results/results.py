@@ -91,7 +91,7 @@ class Results(ActingForces):
 
     @property
     def energy(self) -> Floats:
-        """The energy (S,) in the body and in springs, 1/2 a^h(u, u) if there is no stress at zero strain."""
+        """The energy (S,) in the body (1/2 a^h(u, u) without stress at zero strain), in springs and in soft contact."""
         return self.trajectory.energy[self.stored]
 
     @property
@@ -267,7 +267,7 @@ class Results(ActingForces):
 
         Displacements are taken at nodes, stresses at centroids of cells, and slip, friction and pressure at contact
         nodes. `Extreme.unbounded` warns of values at corners and point loads that may grow without limit as the mesh is
-        refined (:mod:`vemcvx.results.corners`). It is empty if half of the field is within a percent of the extreme.
+        refined (:mod:`vemcvx.results.corners`), unless half of the field is within a percent of the extreme.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -377,7 +377,6 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
     size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
     yield "displacement", ("largest displacement", "length", size, mesh.points)
     cells = history.on_cells(step)
-    # A plane material that does not give the stress normal to the plane has no von Mises stress.
     if "von_mises" in cells:
         yield "von_mises", ("largest von Mises stress", stress, cells["von_mises"], mesh.centroids)
     principal = cells["principal_stresses"]
@@ -477,7 +476,7 @@ def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
 
 
 def warn_of_lost_work(run: Trajectory) -> None:
-    """Log a warning if the first-order work of friction differs clearly from the second-order work."""
+    """Log a warning if, in a run with friction, the first-order work differs clearly from the second-order work."""
     works = run.work_second_order
     first, second = float(run.work[-1]), float(works[-1])
     lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])

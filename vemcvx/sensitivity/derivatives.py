@@ -1,21 +1,23 @@
 r"""Derivatives of a run with respect to parameters: the answer of each step is differentiated on its active sets.
 
-The states y_n of a run obey, with the multipliers x = (lam, p) and the rows A = [B; D] of friction and limits,
+A run has the stiffness K, the damping C, loads f, rows A = [B; D] of friction and limits with forces x = (lam, p),
+friction bounds w, gaps e and compliances c of limits. In a step of duration k, ground and supports have the relative
+motion b along friction. The states y_n obey
 
-    K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - compliance p_n),
+    K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - c p_n),
 
-off = 0 on sticking terms and acting limits, lam = w(p) s/|s| on terms that slip by s, and p = 0 on open limits. Data
-depend on the parameters. We difference them at fixed states, which needs no factorisation; d denotes a difference.
-Let K_k = K + C / k. With P, Q and the compliance of Newton's method (:mod:`vemcvx.solvers.newton`), for the sets of the
-answer, and with directions of slip as the columns of H,
+with off_n = 0 on sticking terms and acting limits, lam = w(p) s/|s| on terms that slip by s, and p = 0 on open limits.
+All data may depend on a parameter. For data, d is a central difference at fixed states, which needs no factorisation.
+Let K_k = K + C / k, let P, Q, z and compliance be as in Newton's method (:mod:`vemcvx.solvers.newton`) on the active
+sets of the answer, and let H have the directions of slip as columns. The derivatives dy and dx = (dlam, dp) obey
 
-    K_k dy + A'dx = push,    dx = H dw + Q z,    P (A dy + off) = compliance z,
+    K_k dy + A'dx = push,    dx = H dw + Q z,    P (A dy - (0; c dp) + off) = compliance z,
     push = -d(K y + C (y - y_prev) / k + A'x - f) + C dy_prev / k,    off = d off_n - (B; 0) dy_prev.
 
-Any solver may have solved the run. The *forward* sweep solves this for each parameter, step by step. The transposed
-equations are the same, with P and Q exchanged. The *adjoint* sweep solves them backwards in time, once for a weighted
-sum of quantities, whatever the number of parameters (for adjoints in time see Giles and Pierce, Flow, Turbulence and
-Combustion 65 (2000)).
+Any solver may have solved the run. The *forward* sweep solves these equations for each parameter, step by step. The
+transposed equations are the same, with P and Q exchanged. The *adjoint* sweep solves them backwards in time, once for a
+weighted sum of quantities, whatever the number of parameters (for adjoints in time see Giles and Pierce, Flow,
+Turbulence and Combustion 65 (2000)).
 
 Without dashpots, a step needs only the unknowns of contact: forces f are condensed to E'f, where the columns of E are
 the states (n, m) of unit displacements of these unknowns (:mod:`vemcvx.program.condensation`).
@@ -81,13 +83,13 @@ class LinearStep:
         return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the derivatives of a sum of quantities by push, off, w and the previous y, from those by y and x."""
+        """Return the derivatives of a sum of quantities by push, off, w and the previous y, given those by y and x."""
         A = self.delassus.operators.A
         y, x = self._solve(by_y, -by_x, self.Qt, self.P)
         return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)
 
     def _solve(self, push: Floats, off: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix) -> tuple[Floats, Floats]:
-        """Return y and x = Q z with K_k y + A'x = push and P (A y + off) = compliance z."""
+        """Return y and x = (lam, p) = Q z with K_k y + A'x = push and P (A y - (0; c p) + off) = compliance z."""
         delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
         M = build_matrix(np.asarray(delassus.W), delassus.R, P, Qt, self.compliance)
         u, count = delassus.u[:, None], P.shape[0]
@@ -223,7 +225,7 @@ def sensitivities(
     Notes
     -----
     If a step of central differences (3e-5 of the parameter) is not small for the data, as for Poisson's ratio near 0.5,
-    derivatives have a relative error of about the square of step over distance to the singularity.
+    derivatives have a relative error of about (h / d)^2, with the step h and the distance d to the singularity.
 
     Examples
     --------
@@ -363,7 +365,7 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
 
     A step may change its sets if, within the error of its certificate, a multiplier may reach its bound, a slip may end
     or an open gap may close. For the error 1 in the energy norm, scaled slips and gaps have errors of about 1, and
-    scaled forces errors of at most the roots of the diagonal of W^{-1}.
+    scaled forces have errors of at most the roots of the diagonal of the inverse Delassus matrix.
     """
     system, found = run.system, history.trajectory
     count, block, unknowns = system.B.shape[0], system.block, len(run.condensation.retained)

@@ -7,8 +7,8 @@ With measurements m and values q(theta) of quantities, and standard deviations s
 by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). The caller states the
 regularisation L. With J = dr/dtheta and H = J'J + L'L, the covariance of the result is s^2 H^{-1}. If sigma is given,
 s = 1. If it is unknown, sigma is the largest measured value of each quantity, and the residuals estimate
-s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). Standard errors are those of one linearisation, for
-independent noise, without the bias of the regularisation.
+s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). Standard errors hold for the linearised model and
+independent noise. They do not include the bias that the regularisation causes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ log = logging.getLogger("vemcvx")
 TOLERANCE = 1e-10
 """Relative change of the sum of squares, and of the parameters, at which a fit ends."""
 UNDETERMINED = 1e-8
-"""Effect on the residuals, relative to that of other combinations, below which a combination is undetermined."""
+"""Fraction of the largest effect on the residuals below which a combination of parameters is undetermined."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -136,7 +136,7 @@ def fit(
     bounds : pair of numbers or (P,) arrays
         The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
     penalty : (k, P) array, optional
-        The regularisation L of a field: |L theta|^2 is added to the sum of squares of residuals divided by noise.
+        The regularisation L of a field: |L theta|^2 is added to the sum of squares of residuals in units of the noise.
     names : sequence of str, optional
         Names of the parameters for the summary; by default theta[0], theta[1], ...
 
@@ -146,7 +146,7 @@ def fit(
 
     Raises
     ------
-    SceneError
+    SceneError, NotCertified
         As for :func:`vemcvx.sensitivities`; or an argument has a wrong value or shape, or measurements are too few.
 
     Examples

@@ -1,9 +1,9 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
-With u = P y + u_D(t), the viscosity A_1, and rows B^ and D^ on nodal values, supports exert the forces
-R = A u + A_1 u' - f + B^'lam + D^'p; on free unknowns P'R = 0. A quantity is a'u + h'R, the energy, or the losses. For
-a reaction h = H d, where d has, for each row of the supports, its component along an axis times its share in the
-boundary (:mod:`vemcvx.results.forces`). Without A_1, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
+With the symbols of :mod:`vemcvx.results.forces`, but R for supports alone, the forces of supports are
+R = A u + A_1 u' - f + B^'lam + D^'p. Here u = P y + u_D(t) for free unknowns y, and P'R = 0. A quantity is a'u + h'R,
+the energy, or the losses. A reaction has h = H d; for each row of the supports, d is the component of the row along an
+axis times its share in the boundary. Without A_1, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Observed:
 
 @dataclass(frozen=True, eq=False)
 class Gradients:
-    """The derivatives of Q quantities; for "dissipated" those of the losses in the step to each instant."""
+    """The derivatives of Q quantities; for "dissipated", the derivatives of the losses in the step to each instant."""
 
     y: Floats  # (Q, T, m) by the contact unknowns
     before: Floats  # (Q, T, m) by the contact unknowns one instant before

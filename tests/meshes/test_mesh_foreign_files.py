@@ -98,7 +98,7 @@ def test_files_of_users_keep_names_and_become_bodies():
             read(FILES / name, bodies="physical")
 
 
-def test_every_cell_of_a_rod_has_its_own_material():
+def test_every_cell_of_a_rod_has_the_material_of_its_set():
     """Pull the rod: displacements are 1, 2, 2.01. With wrong cells in the sets they would be .01, 1.01, 2.01."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(

@@ -236,7 +236,7 @@ FACES = {
 
 @pytest.mark.parametrize("name", FACES)
 def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
-    """sum a_i = A, sum a_i x_i = A c, sum b_i = A nu, with area A, centroid c, normal nu, also on nonconvex faces."""
+    """The sums of a_i = int phi_i, a_i x_i and b_i = a_i nu are A, A c and A nu: area A, centroid c, normal nu."""
     flat = np.array(FACES[name], dtype=float)
     after = np.roll(flat, -1, axis=0)
     cross = flat[:, 0] * after[:, 1] - after[:, 0] * flat[:, 1]

@@ -226,7 +226,7 @@ class Mesh(ABC):
         """Return the boundary edges or faces on each side of a box, by the name of the side."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        # At a corner, an edge shorter than the tolerance lies on two sides; it gets the name of the side along it.
+        # At a corner, an edge shorter than the tolerance lies on two sides; it gets the name of the parallel side.
         longest = np.argmax(high - low, axis=1)
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):
@@ -435,7 +435,7 @@ class Mesh(ABC):
         Warns
         -----
         MeshWarning
-            scikit-fem does not keep cell data other than zeros and ones.
+            scikit-fem keeps no interfaces, and no cell data other than zeros and ones.
         """
         from vemcvx.meshes.io.objects import to_object
 

@@ -99,7 +99,7 @@ class Part:
     def node_normals(self) -> BoundaryRows:
         """The rows of this part: one per node, or several where sides meet at an angle."""
         points, blocks = [], []
-        for rule in self.rules(4):  # exact for g phi_i with g of degree 6 on edges
+        for rule in self.rules(4):  # degree 7 on edges: see `BoundaryRows.matrix`
             m, n, q = rule.shares.shape
             columns = np.repeat(np.arange(m * q).reshape(m, 1, q), n, axis=1)
             starts = np.arange(0, m * n * q + 1, q)
@@ -354,7 +354,7 @@ class BoundaryRows:
         Quadrature points of all edges or faces.
     matrix : (k, q) csr_matrix
         ``matrix @ g(points)`` is int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on edges
-        and of degree 4 on faces.
+        (in bodies of revolution: 5) and of degree 4 on faces.
     ends : EdgeEnds
         The ends of edges (in space: the corners of faces) of each row.
     partners : (k,) array of int

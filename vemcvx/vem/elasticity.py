@@ -13,8 +13,8 @@ The entry of its matrix for component a of vertex i and component b of vertex j 
 $$ (\lambda g_{ia} g_{jb} + \mu g_{ib} g_{ja} + \mu \delta_{ab} g_i \cdot g_j) / |K|
 + \tau h_K^{\dim - 2} \delta_{ab} ((I - \Pi)' (I - \Pi))_{ij}. $$
 
-tau = 2 mu ("shear") has the units of the other terms and does not contain lam, so nothing locks as lam grows. tau = 1
-("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
+tau = 2 mu ("shear") has the units of the other terms and does not contain lambda, so nothing locks as lambda grows.
+tau = 1 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
 
 For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
 Displacements in the kernel of Pi (hourglass modes) have mostly deviatoric strains, so tau is a deviatoric modulus. In

@@ -138,7 +138,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     points : (q, dim) array
         Two Gauss points per edge; seven points per triangle of a face.
     matrix : (n_u, dim q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on edges, 4 on faces.
+        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), 1 in (r, z), 4 in space.
     sides : (q,) array of int
         The side of each point, as a position in the part.
 
@@ -161,7 +161,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return the load of a force f per area (in space: per volume): its work is the integral of Pi_0^0 f . v_hat.
+    """Return the load of a force per area (in space: per volume), shared by the vertices of each cell.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     points : (q, dim) array
         Points inside the cells: :func:`vemcvx.vem.loads.cell_quadrature`.
     matrix : (n_u, dim q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on polygons, 1 on polyhedra.
+        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), else of degree 1.
     cells : (q,) array of int
         The cell of each point.
 

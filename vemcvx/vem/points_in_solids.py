@@ -22,7 +22,7 @@ from vemcvx.vem.space import Space
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Return matrices from nodal values and from cell values to values at points.
 
-    Where several cells meet at a point, their values are averaged. Points outside the mesh have empty rows.
+    Where several cells meet at a point, the cell values are averaged. Points outside the mesh have empty rows.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return barycentric coordinates (k, 3) and distance of each triangle's nearest point to the origin, if close."""
+    """Return a point near the origin on each triangle: barycentric coordinates (k, 3) and distance to the origin."""
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)

@@ -310,7 +310,7 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices, with sums over faces, whose rounding depends on the numbering."""
+        """The arrays that determine local matrices, also sums over faces: their rounding depends on the numbering."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:

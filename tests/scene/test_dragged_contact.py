@@ -26,7 +26,7 @@ def drag(direction):
 
 
 def ledger_rest(history):
-    """Return work - dE - loss - 1/2 a(du, du) - p . dz, which is zero; E = a(u, u) / 2, and p is the force along z."""
+    """Return work - dE - loss - 1/2 a(du, du) - p . dz, which is zero; z are normal displacements, p contact forces."""
     posed = pose_scene(history.scene, history.mesh)
     du = np.diff(history.displacement, axis=0).reshape(history.steps, -1)
     rest = 0.5 * np.einsum("ni,ni->n", du, (posed.A @ du.T).T)

@@ -33,7 +33,7 @@ def test_linear_displacements_are_kept(family):
 
 @pytest.mark.parametrize("effect", [vx.Viscosity(shear=1.0), vx.TrescaFriction(1e-3, on="bottom")])
 def test_the_initial_state_is_the_elastic_projection(effect):
-    """a^h(P^h u_0, v) = sum_K |K| C eps_K : eps(Pi v), eps_K = mean of eps(u_0); with springs and a moved support."""
+    """a^h(P^h u_0, v) = sum_K |K| C eps_K : eps(Pi v), eps_K = mean of eps(u_0), with springs and moved supports."""
     mesh = small("voronoi", 4)
 
     def u_0(x, t):

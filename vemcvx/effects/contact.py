@@ -186,7 +186,7 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, > 0, force per length^2 (and unit thickness); evaluated at t = 0 only.
+        Pressure per penetration, > 0, evaluated at t = 0: force per length^2 (and unit thickness), in space length^3.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)

@@ -84,8 +84,8 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
 
-    v_hat is the average of the vertex values of v on K, as above (3.14) of the paper. For constant f, the resultant is
-    exact. The moment is exact on cells whose centroid is the mean of their vertices; on other cells its error is O(h).
+    v_hat is the average of the vertex values of v on K, as defined before (3.14) of the paper. For constant f, the
+    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices; else it errs by O(h).
 
     Parameters
     ----------

@@ -224,8 +224,8 @@ class Elasticity(_Elastic):
 #
 # where nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
 # axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. The same strain in x, y, z is eps: e = R eps R^T for tensors, and
-# e = Q eps for vectors. The row of Q for e_ab has the entry (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for eps_ij. So
-# the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
+# e = Q eps for vectors with doubled shears. The row of Q for e_ab has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for
+# eps_ij. So the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
 #
 # In a plane body, axis 3 is normal to the plane. Plane strain uses the rows xx, yy and xy of C; the row zz gives the
 # out-of-plane stress. In plane stress, S and C have no coupling to axis 3.
@@ -461,7 +461,7 @@ class Prestress(Effect):
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
         stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress. By default all.
+        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress, by default all.
 
     Examples
     --------

@@ -22,8 +22,8 @@ inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinit
 
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
-The gap is linear in the slip of a sticking term, and the error is a root of the gap. So a slip of 1e-16, which is only
-rounding, makes a bound of 1e-8. If a move $v$ removes the slip instead, the bound grows only by $2 |v|_K$:
+The gap is linear in the slip of a sticking term, and the bound on the error is $\sqrt{2 \, \text{gap}}$. So a slip of
+1e-16, which is only rounding, makes a bound of 1e-8. If a move $v$ removes the slip, the bound grows only by $2 |v|_K$:
 
 **Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
 parts of norm terms and limits in the gap at $d - v$,
@@ -38,7 +38,7 @@ The move $v$ removes slips and excesses $z$ that count as zero (``StepProgram.ze
 
 Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
-$|d - d^*|_K$ is at most `error + error_floor`, the roots of twice the gap and of twice the floor.
+$|d - d^*|_K$ is at most `error + error_floor`, the square roots of twice the gap and of twice the floor.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ BOUND_ROUNDING = 4 * EPS
 with a length this close to w count as on their bound."""
 
 ROUNDED = 8 * EPS
-"""Rounding error of a sum of sixteen terms, relative to their sizes. Condensation drops smaller fractions of loads."""
+"""Rounding error of a sum of sixteen terms, relative to their sizes. Condensation neglects smaller parts of a load."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)

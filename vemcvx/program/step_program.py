@@ -1,10 +1,10 @@
-"""The convex program of a step for the increment d = y - y_prev of a system's unknowns y, and its answers.
+"""The convex program of a step, (2.34) of the paper, for the increment d = y - y_prev of a system's unknowns y.
 
-    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
-    dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
+    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e
+    solution  K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-with the stiffness matrix K and g = load(t_n) - K y_prev, the unbalanced force at the beginning of the step. The unknown
+with the stiffness matrix K and g = load(t_n) - K y_prev, the unbalanced force of y_prev under the new load. The unknown
 is d, not y, so that d keeps all digits if it is tiny compared with y. Norm term i resists the slip s_i by the force
 lam_i, up to the weight w_i. A term of infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j has the
 force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
@@ -73,13 +73,13 @@ class StepProgram(ArrayRecord):
     operators : Operators
         The matrices K, B, D, and the compliances c.
     g : (n,) array
-        Unbalanced forces at the beginning of the step.
+        Unbalanced forces of the state before the step, under the load at the end of the step.
     w : (m,) array
         Weights >= 0: friction bounds, as forces; infinite for terms that always stick.
     b : (m * block,) array
         Minus the slip that moving supports and ground cause; the total slip is B d - b.
     e : (r,) array
-        Gaps at the beginning of the step; negative if the body overlaps its obstacle.
+        Gaps of the state before the step, to obstacles at the end of the step; negative for overlaps.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm of K^{-1} g and of least motions that undo an overlap, or move a stuck term by b."""
+        """The largest energy norm of K^{-1} g, and of the least motions that undo overlaps or move stuck terms by b."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0

@@ -13,7 +13,7 @@ need not hold. Contact rows may depend on c. The load on c is M'H'f, and the for
 Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
 found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
 bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Directions of the
-first two kinds are held, the others are columns of P. So friction terms share no unknowns, and sticking is y_i = 0.
+first two kinds are held, the others are columns of P. So friction terms share no unknowns, and sticking fixes y_i.
 """
 
 from __future__ import annotations

@@ -92,11 +92,11 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("static_regularization_constant", 1e-15, "1e-13 lets 1/6 of the paper's steps miss by a factor of 1e6"),
         Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
         # In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
-        Setting("static_regularization_constant", 1e-13, "with 1e-15 it stops at 6e-6", SEMIDEFINITE),
+        Setting("static_regularization_constant", 1e-13, "with 1e-15 errors stay at 6e-6", SEMIDEFINITE),
         Setting("iterative_refinement_enable", True, "gains the missing digits", RETRY),
         # Examples of retries: problems/janssen_silo.py (fixed points need all digits), problems/solver_accuracy.py.
         Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", RETRY),
-        Setting("max_step_fraction", 0.99, "the paper's steps reach 1e-8; with .999 4e-8", RETRY),
+        Setting("max_step_fraction", 0.99, "the paper's steps reach errors of 1e-8; with .999 only 4e-8", RETRY),
     ),
     "OSQP": (
         Setting("eps_abs", RESIDUAL, "residuals, which enter the gap squared"),
@@ -160,7 +160,7 @@ class ThroughCvxpy(Solver):
     Parameters
     ----------
     solver : str
-        Its name in cvxpy, in upper or lower case: "SCS", "HIGHS", "PIQP", "MOSEK", ...
+        The solver's name in cvxpy, in upper or lower case: "SCS", "HIGHS", "PIQP", "MOSEK", ...
     accuracy : float
         Requested relative energy error of a step, which its certificate must meet.
     polish : bool

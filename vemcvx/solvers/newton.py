@@ -22,9 +22,9 @@ operator (iterative linear solvers, very many rows), GMRES solves the system.
 
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
 Steps of accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a
-solution. In space they follow the first active sets, in the plane they begin when sets recur. Then Newton's method
-continues. A kernel enters by the augmented Lagrangian with multipliers a. Under a law of weights convergence is not
-proven: if sets recur, we first try four points between the last two, and take the point of least error.
+solution. In space we take these steps after the first active sets, in the plane when sets recur. Then Newton's method
+continues. A kernel enters by the augmented Lagrangian with multipliers a. For laws that are not monotone, convergence
+is not proven: if sets recur, we first try four points between the last two, and take the point of least error.
 """
 
 from __future__ import annotations

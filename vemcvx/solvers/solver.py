@@ -57,7 +57,7 @@ class Prepared(Protocol):
 class Solver(ABC):
     """The settings of a solver; `prepare` returns an object that solves the programs of one run.
 
-    A subclass defines an attribute `accuracy`, a class attribute or property `accepts`, and `prepare`. A frozen
+    A subclass defines `prepare` and `accepts`, a class attribute or a property; it may redefine `accuracy`. A frozen
     dataclass is a good choice: its accuracy is checked when it is made.
 
     Attributes

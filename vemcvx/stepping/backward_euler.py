@@ -1,6 +1,6 @@
-"""March through time by backward Euler, (2.34): one certified convex program per step.
+"""March through time by backward Euler, (2.34) of the paper: one certified convex program per step.
 
-- Pose the program of the increment d = y_n - y_{n-1} under g, the unbalanced force at the beginning of the step.
+- Pose the program of the increment d = y_n - y_{n-1}, with g = load_n - K y_{n-1}, the force that is not balanced yet.
 - Solve the program; if the answer misses the accuracy, solve again with a smaller target.
 - Certify the step on the unknowns of friction and limits, and stored states on all unknowns.
 - Record the state (:mod:`.trajectory`).

@@ -34,7 +34,7 @@ class Course:
     jumps: tuple[str, ...]  # one sentence for each jump
 
     def find_missed(self, times: Floats) -> Floats:
-        """Return the bends (c,) in steps where linear interpolation misses the data by a twentieth of their size."""
+        """Return the bends (c,) in steps where linear interpolation misses data by over a twentieth of their size."""
         known = self.values[np.abs(self.times - times[:, None]).argmin(axis=1)]
         lines = np.column_stack([np.interp(self.times, times, datum) for datum in known.T])
         far = np.searchsorted(times, self.times[np.abs(self.values - lines).max(axis=1) > WARNING_FRACTION])

@@ -16,8 +16,8 @@ $$
 \qquad \text{loss} \qquad R |P'|, \qquad |s - H P| \le R = \sqrt{2/3} \sigma_y.
 $$
 
-On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, where Pi
-is the projection on linear fields. For y = (u, p), a cell has the bilinear form a, and the block has the loss j:
+On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, with the
+projection Pi on linear fields. For y = (u, p) and the elastic form a_K^h, a cell has the form a, and j is the loss:
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu

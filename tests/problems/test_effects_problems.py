@@ -12,7 +12,7 @@ import vemcvx as vx
 
 @pytest.mark.long
 def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
-    """Rod theory has an error O(H / l), l = 20 H; here the end is within .31 % and friction work within .5 %."""
+    """For the slip length l, rod theory has an error O(H / l): here .31 % in the motion of the end, .5 % in work."""
     history = vx.simulate(bar.scene(), bar.mesh(4), bar.times(24))
     mesh = history.mesh
     end = history.displacement[:, mesh.points[:, 0] == bar.LENGTH, 0].mean(axis=1)
@@ -32,7 +32,7 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
 
 
 def deflect(n, *grain):
-    """Return the deflection of the strip on n squares, and the largest reaction of its rollers."""
+    """Return the deflection of the strip with n squares across it, and the largest reaction of its rollers."""
     history = vx.simulate(strip.scene(*grain), strip.mesh(n), strip.times(1))
     x, u = history.mesh.points[:, 0], history.displacement[-1, :, 1]
     return u[x == strip.LENGTH].mean() - u[x == 0].mean(), np.abs(history.reaction("left")[-1]).max()

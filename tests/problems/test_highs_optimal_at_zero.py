@@ -1,4 +1,4 @@
-"""The script of the report to HiGHS shows a program for which d = 0 is feasible and not optimal."""
+"""The script of a bug report shows a program for which HiGHS 1.15.1 returns 0, a point that is not optimal."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The frictional hysteresis patch test: a closed form with stick, slip and reversal, exact on every mesh.
 
-The block (0, L) x (0, H) is in bilateral contact at its bottom, with Tresca friction of the bound g. Its top moves by
-(U(t), 0), and tractions +-(0, mu gamma(t)) act on its sides. The shear strain is
+The block (0, L) x (0, H) of the shear modulus mu is in bilateral contact at its bottom, with Tresca friction of the
+bound g. Its top moves by (U(t), 0), and its sides bear the tractions +-(0, mu gamma(t)). At step n the shear strain is
 gamma_n = clip((U_n - a_{n-1}) / H, +-g / mu), and the slip is a_n = U_n - gamma_n H. The field u = (a_n + gamma_n y, 0)
 is linear, so virtual elements reproduce it. A loop of the amplitude U0 > g H / mu dissipates 4 g L (U0 - g H / mu).
 """

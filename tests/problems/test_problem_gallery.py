@@ -115,7 +115,7 @@ def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
 
 
 def test_the_slip_of_a_fault_causes_the_given_stress_drop():
-    """The stress drop is within 2 % on |x| < .6 a of the fault |x| < a, for cells of a / 8."""
+    """On the part |x| < .6 a of the fault |x| < a, the stress drop is within 2 % for cells of a / 8."""
     x, lost = fault.stress_drop(run_small(fault))
     assert lost[-1, np.abs(x) < 0.6] == pytest.approx(fault.DROP, rel=0.02)
 

@@ -65,7 +65,7 @@ def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """Friction at a node opposes U_n - U_{n-1} minus the change of the node's lag behind the plate."""
+    """Friction at a node opposes the step of the plate minus the change of the node's lag behind the plate."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
@@ -160,7 +160,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
 
 @pytest.mark.long
 def test_a_ball_lifts_off_the_back_of_its_socket():
-    """Normals of faces at a node differ from their mean by less than the angle of a cell, 90 degrees / 2n."""
+    """Normals of faces at a node differ from their mean by less than the angle of a cell, 90 degrees / (2 n)."""
     history = simulate(ball, 2)
     contact = history.contact
     assert np.abs(history.stress(1) + ball.PRESSURE * np.array([1, 1, 1, 0, 0, 0])).max() < 1e-9 * ball.PRESSURE

@@ -21,7 +21,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
     """Slip needs the push F = (tan a + mu) / (1 - mu tan a) G under the weight G, at the angle a, on every mesh."""
-    # The fixed-point iteration permits a tenth of the error per program: interior-point methods then need polishing.
+    # Each program of the fixed-point iteration may have a tenth of the requested error: Clarabel then needs polishing.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")

@@ -2,10 +2,10 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
-Meth. Eng. 20 (1984), 745-756). Every cut halves the longest edge of a cell, so the process ends. Among equally long
-edges the numbers of the end nodes decide, and coinciding nodes at an interface count as one. So neighbouring cells
-choose the same edge, also across an interface. By default every cell is bisected at least three times, once in every
-direction: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
+Meth. Eng. 20 (1984), 745-756). The bisected edge is at least as long as the edge with the node, and a cut adds shorter
+edges only, so the process ends. Among equally long edges the numbers of the end nodes decide, and coinciding nodes at
+an interface count as one. So neighbours choose the same edge, also across an interface. By default every cell is cut
+at least three times, once in every direction: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
 
 *Other cells* are split into one part per vertex. The vertices of the parts are vertices, midpoints of edges and
 centroids of faces of the cell, and the centroid of the cell. A cube becomes eight cubes. The new faces must be plane.

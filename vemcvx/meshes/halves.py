@@ -27,7 +27,7 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     """Return two meshes: the parts of a mesh behind and ahead of a line (in space: of a plane).
 
     :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface, as `Pretension` of a bolt needs.
-    Both parts keep names of boundaries and cell data; edges or faces along the cut have no name. In the plane, cells
+    Both parts keep cell data and names of boundaries; edges or faces along the cut have no name. In the plane, cells
     that the line crosses are split; inner nodes move onto the line if it is nearer than a tenth of their shortest edge.
 
     Parameters

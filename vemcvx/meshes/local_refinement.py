@@ -13,8 +13,8 @@ A *side* of a cell is its outline from one corner to the next. It is *long* if t
 is at least `LONG_SIDE` times the diameter of the cell. A long side is split once: at a vertex near its midpoint if
 there is one, else at the midpoint of the edge that contains the midpoint of the side. So an edge is split at its
 midpoint or not at all. Short sides stay whole, because splitting them would make Voronoi cells thinner and thinner.
-Relative to the diameter, they get longer with each refinement. Consecutive short sides count as one side, or as several
-if their total length is large. If this length is small and the bends cancel, they become part of a longer side.
+Relative to the diameter, unsplit sides get longer in a refinement. Consecutive short sides count as one side, or as
+several if their total length is large. If this length is small and the bends cancel, these sides join a longer side.
 """
 
 from __future__ import annotations

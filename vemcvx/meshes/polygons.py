@@ -287,7 +287,7 @@ def triangulate(polygons: NDArray[Any]) -> Triangles:
 
 
 def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return triangles (t, 3, 3), counter-clockwise, of a constrained Delaunay triangulation, and their polygons."""
+    """Return corners (x, y, z) of counter-clockwise Delaunay triangles, (t, 3, 3), and the polygon of each triangle."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)

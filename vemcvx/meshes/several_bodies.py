@@ -208,7 +208,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # the nearest edge of each body that has no node at this position
+    # from each body without a node at this position, the nearest edge
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
@@ -322,7 +322,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
         inside = there[is_enclosed(places[there], mesh.points, *own)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    # faces of two bodies that face each other in a pocket: all their nodes coincide, but the faces do not match
+    # opposite faces of two bodies at a pocket: all their nodes coincide, but the faces do not match
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     one, other = (some[cell_of_corner(rows)[corner]] for corner in find_all_in(place[nodes], place[nodes]))

@@ -1,8 +1,8 @@
 """The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`: displacements of the nodes of a mesh.
 
-On a polygon, a component is harmonic with continuous boundary values that are linear on each edge. So its vertex values
-determine it. Traces on faces of polyhedra are described in :mod:`vemcvx.vem.projection`. Component a of node i is the
-unknown dim i + a. Code that takes cells and parts of the boundary from a space does not depend on the dimension.
+On a polygon, each component is harmonic, with continuous boundary values that are linear on edges. So its vertex values
+determine it. :mod:`vemcvx.vem.projection` describes traces on faces of polyhedra. In dim dimensions, component a of
+node i is the unknown dim i + a. Code that takes cells and parts of the boundary from a space does not depend on dim.
 """
 
 from __future__ import annotations

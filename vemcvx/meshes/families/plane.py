@@ -383,7 +383,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     Raises
     ------
     MeshError
-        Radii are negative or do not increase, the angle is not in (0, 2 pi], or there are too few sectors.
+        Radii are negative or do not increase, the angle is not in (0, 2 pi], or there are too few or too many sectors.
 
     Examples
     --------

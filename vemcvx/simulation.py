@@ -315,9 +315,9 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     This is (2.11) and (3.26) of the paper: a is the form of the elastic energy, and a^h its discrete form on the
     virtual element space V^h. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
 
-    Condition (2.1) is a(u_0, v) + j(v) >= <l(0), v>, with the friction functional j and the loads l. If u_0 obeys it,
-    then P^h u_0 obeys it on the mesh up to O(h). One step at times[0] from P^h u_0 gives the initial state, which obeys
-    (2.1) exactly. A warning is issued if this step is large: u_0 violates (2.1), or the mesh is too coarse.
+    Condition (2.1) is a(u_0, v) + j(v) >= <l(0), v> for all v, with friction functional j and loads l. If u_0 obeys
+    (2.1), then P^h u_0 obeys it on the mesh up to O(h). A step at times[0] from P^h u_0 gives the initial state, which
+    obeys (2.1) exactly. A warning is issued if this step is large: u_0 violates (2.1), or the mesh is too coarse.
 
     Parameters
     ----------

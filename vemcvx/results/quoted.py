@@ -54,7 +54,7 @@ def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
 
     `values` and the `sizes` of cells at their places are given from the coarsest to the finest mesh. The last value has
-    grown if it increased faster than h^-.05 since the finest mesh whose cells are at least 1.5 times as large.
+    grown if it increased faster than h^-.05 since the finest mesh with cells of at least 1.5 times the last size.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:

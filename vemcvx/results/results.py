@@ -103,7 +103,7 @@ class Results(ActingForces):
     def work(self) -> Floats:
         """The work (S,) since the initial instant: displacement increments times forces and reactions at ends of steps.
 
-        The work includes that of moving obstacles and ground. `work` minus the change of `energy` minus `dissipated` is
+        It includes the work of moving obstacles and ground. `work` minus the change of `energy` minus `dissipated` is
         the loss of time stepping, which is never negative.
         """
         return self.trajectory.work[self.stored]

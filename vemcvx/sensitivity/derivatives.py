@@ -110,8 +110,8 @@ class Sensitivities:
         The quantities at all instants.
     history : History
     one_sided : (N + 1,) array of bool
-        True for steps whose active sets are about to change: within the certificate, a multiplier may reach its bound,
-        a slip may end or an open gap may close. From there on, derivatives hold on one side only.
+        True for steps whose active sets are about to change: within the certified error, a multiplier may reach its
+        bound, a slip may end or an open gap may close. From such a step on, derivatives hold on one side only.
 
     Examples
     --------
@@ -187,8 +187,8 @@ def sensitivities(
 ) -> Sensitivities:
     """Simulate a scene, and differentiate quantities of the run with respect to parameters of the scene.
 
-    The run is simulated once. The data of the scene are differenced by central differences, at the states of the run;
-    the answers of the steps are differentiated exactly, on their active sets.
+    The run is simulated once. Derivatives of the scene's data are central differences at the states of the run. The
+    answers of the steps are differentiated exactly, on their active sets.
 
     Parameters
     ----------
@@ -212,13 +212,13 @@ def sensitivities(
     -------
     Sensitivities
         `jacobian` (forward: for a few parameters) and `gradient` (adjoint: for many parameters and one sum of
-        quantities) are computed when they are asked for.
+        quantities) are computed when they are used.
 
     Raises
     ------
     SceneError
-        A quantity does not fit the scene, its friction depends on slips, nothing holds the body, the scene has other
-        unknowns for neighbouring parameters, or `scene_of` does not return a scene.
+        A quantity does not fit the scene, friction depends on slips or on their direction, nothing holds the body, the
+        scene has other unknowns for neighbouring parameters, or `scene_of` does not return a scene.
     NotCertified
         As for :func:`vemcvx.simulate`.
 
@@ -319,7 +319,7 @@ def _differences(
     E: Any,
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
-    """Return the differences of the data of each step, and of quantities at fixed unknowns of the steps."""
+    """Return central differences of the data of each step, and of quantities at fixed unknowns of the steps."""
     columns, shapes = [], [M.shape for M in (own.system.K, own.system.B, own.system.D)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []

@@ -66,7 +66,7 @@ class Marched:
     """A case, its trajectory, and the certified error of each step.
 
     y~ = y_{n-1} + d differs from the exact step T(y_{n-1}) by at most sqrt(2 gap) + sqrt(2 floor) in the energy norm.
-    The stored state is y_n = y~ (1 + eps). This rounding changes the state and the residual by |eps |y_n||_K each.
+    The rounding in y_n = y~ (1 + eps) changes the state and the residual by up to `of_blurred_state(EPS |y_n|)` each.
     """
 
     case: Case

@@ -392,7 +392,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Such bodies are refused from equilibrium or with an iterative solver: one in ten keeps these settings.
+            # Runs with a kernel are refused from equilibrium or with iterative solvers: one in ten keeps such settings.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 

@@ -13,7 +13,7 @@ For a state y with retained displacements y_c under the total force f, and for t
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
 so that no energies are subtracted from each other. If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns
-are anchored: K + E is factorised, with E the diagonal matrix of the anchors' stiffness. Its Schur complement is S + E.
+are anchored: the diagonal matrix E of the anchors' stiffness is added to K. The Schur complement of K + E is S + E.
 
 The loads of a run combine few forces, called shapes. Each costs one solve; the energy of a combination is a sum over
 pairs of shapes.

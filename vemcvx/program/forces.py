@@ -6,7 +6,7 @@ With A = [B; D] the rows of norm terms and limits, and x = (lam, p) their forces
     |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|;      p >= 0,  z <= c p,  p (c p - z) = 0.
 
 If the forces change by dx, the increments change by -K^{-1}A'dx, and s and z by -W dx with the Delassus operator
-W = A K^{-1}A'. So the vector off = (s, z - c p) changes by
+W = A K^{-1}A'. So the vector off = (s, z - c p) becomes
 
     off(x + dx) = off(x) - (W + C) dx,     C = diag(0, c),
 

@@ -1,6 +1,6 @@
 """A quasistatic variational inequality in plain arrays, without a mesh: the argument of `march`.
 
-It is problem 2.1 of the paper for unknowns y(t), with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
+The inequality is problem 2.1 of the paper with unknowns y(t): a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
 j(v) = sum_i w_i |B_i v|. `Norms` are the terms w_i |B_i v|, with laws for the weights w_i. `Limits` are the bounds
 D_j y <= e_j, or soft limits. Forces lam of norm terms and p >= 0 of limits balance the load, K y + B'lam + D'p = load.
 """

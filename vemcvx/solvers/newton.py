@@ -1,12 +1,12 @@
 r"""Semismooth Newton on active sets, in contact forces x = (lam, p), with the symbols of :mod:`vemcvx.program.forces`.
 
 The active sets are the sticking terms, the acting limits, and the directions in which the other terms slip. On given
-sets the forces are x = x_law + Q z. x_law is w s/|s| on slipping terms, zero on open limits, and x elsewhere. The
+sets the new x is x_law + Q z. Here x_law is w s/|s| on slipping terms, zero on open limits, else the old x. The
 unknowns z are changes of
 
 - forces of sticking terms and acting limits (forces p of limits also change friction along slips, by J = dw/dp),
 - forces across the direction of slip, with the compliance |s|/w,
-- forces along the direction of slip if w depends on |s|, with the compliance 1/w'.
+- forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
 Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. With P, which
 is Q' without J, these conditions are

@@ -125,7 +125,7 @@ def stressed_body(
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step whose largest visible stress is within a percent of that of all steps.
+        A stored step; by default the last step with a visible stress within a percent of the largest of all steps.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses of plane bodies are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}

@@ -37,7 +37,7 @@ class Contact(ArrayRecord):
 
     A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement. If a
     support holds or moves the node along the boundary, the force of this support is neither traction nor pressure. The
-    friction on this node is traction. In steps in which the support stands still, it is not unique, and given as 0.
+    friction on this node is traction. While the support stands still, this friction is not unique, and is given as 0.
 
     In space, lengths are areas, and slip and traction are vectors in the tangent plane. At edges of contact, traction
     is the sum over all normals, and slip is orthogonal to the mean normal.

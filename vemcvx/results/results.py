@@ -103,7 +103,7 @@ class Results(ActingForces):
     def work(self) -> Floats:
         """The work (S,) since the initial instant: displacement increments times forces and reactions at ends of steps.
 
-        It includes the work of moving obstacles and ground. `work` minus the change of `energy` minus `dissipated` is
+        The work of moving obstacles and ground is included. `work` minus the change of `energy` minus `dissipated` is
         the loss of time stepping, which is never negative.
         """
         return self.trajectory.work[self.stored]

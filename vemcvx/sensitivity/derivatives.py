@@ -83,7 +83,7 @@ class LinearStep:
         return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the derivatives of a sum of quantities by push, off, w and the previous y, given those by y and x."""
+        """Return the derivatives of a sum of quantities by push, off, w and y_prev, from its derivatives by y and x."""
         A = self.delassus.operators.A
         y, x = self._solve(by_y, -by_x, self.Qt, self.P)
         return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)

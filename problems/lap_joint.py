@@ -6,11 +6,11 @@ are bonded by bilateral contact and by friction with so high a bound that nothin
 left end, and the force F pulls the upper strip at its right end. The outer faces of the strips are on rollers, because
 the theory neglects bending. Let q(x) be the shear stress of the glue, and C the shear compliance of the joint.
 Volkersen (1938) took the strips as rigid in shear. Here the shear stress of a strip falls linearly from q at the glue
-to zero at its outer face, so that each strip adds t / 3G_i to C (Tsai, Oplinger and Morton 1998):
+to zero at its outer face, so that each strip adds t / (3 G_i) to C (Tsai, Oplinger and Morton 1998):
 
 $$
-q'' = k^2 q, \qquad k^2 = (1 / E_1 t + 1 / E_2 t) / C, \qquad C = t_g / G_g + t / 3 G_1 + t / 3 G_2, \\
-q(x) = F / (C k \sinh k l) (\cosh(k x) / E_2 t + \cosh(k (l - x)) / E_1 t), \qquad \text{integral of } q = F.
+q'' = k^2 q, \qquad k^2 = (1 / (E_1 t) + 1 / (E_2 t)) / C, \qquad C = t_g / G_g + t / (3 G_1) + t / (3 G_2), \\
+q(x) = F / (C k \sinh k l) (\cosh(k x) / (E_2 t) + \cosh(k (l - x)) / (E_1 t)), \qquad \text{integral of } q = F.
 $$
 
 In shear the glue is a hundred times more flexible than both strips together. It therefore acts as a shear spring,

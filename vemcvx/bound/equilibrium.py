@@ -1,7 +1,7 @@
 """The stress of least energy in equilibrium with given forces, by a hybrid method whose unknowns are edge motions.
 
 Consider all stresses of the fans (:mod:`.stress`) that balance body forces, have the given tractions on free parts of
-the boundary, and have continuous tractions between cells. The minimiser of
+the boundary, and have continuous tractions between cells. Let u_D be the displacement of held parts. The minimiser of
 
     |tau|^2 / 2 in C^-1  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
 

@@ -27,8 +27,8 @@ friction, friction work there is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
-The load minus its linear fit, l_0 with the norm eta (:mod:`.reading`), changes q(u) by l_0(z_h), and by A_z eta through
-friction and contact. The quantity minus its linear fit, q_0, adds q_0(u). The interval contains estimates of both.
+The load minus its linear fit, l_0 with the norm eta (:mod:`.reading`), changes u by at most eta, and q(u) by l_0(z_h)
+plus at most A_z eta. The quantity minus its linear fit, q_0, adds q_0(u). The interval contains estimates of all three.
 """
 
 from __future__ import annotations

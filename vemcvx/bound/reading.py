@@ -22,11 +22,11 @@ of gaps. Features narrower than the distance between points may be missed.
     motions         u must move by d, but does not       2 mu |d|_e |d'|_e
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with the length l_e of an edge, the longest side d_K of a cell's box, the depth z of :mod:`.surface`, the pressure p_h
-interpolated between nodes, and the values C_K and sigma_0K of the assembly in the cell. The first two energies follow
-from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu)) and on
-a cell; half of these energies is enough for functions orthogonal to linear functions. In a half space, a surface wave d
-of wave number kappa stores 2 mu kappa |d|^2, at most the energy of "motions". The last row is the squared dual norm.
+with edge length l_e, derivative d' along the edge, longest side d_K of a cell's box, depth z and stiffness k of
+:mod:`.surface`, interpolated nodal pressure p_h, and assembled C_K and sigma_0K of the cell. The first two energies
+follow from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu))
+and on a cell; half of each suffices for functions orthogonal to linear ones. In a half space, a surface wave d of wave
+number kappa stores 2 mu kappa |d|^2, at most the energy of "motions". The last row is the squared dual norm.
 
 These energies are local. Errors in the means of tractions and body forces are forces r that move the whole body: two
 solutions for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the energy norm of the discrete space.

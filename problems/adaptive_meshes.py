@@ -101,7 +101,7 @@ def measure_error(run, truth):
 
 
 def match_error(study, beside, truth):
-    """Try `TRIES` targets; return the smallest adaptive run as accurate as `beside`, and its result of `vx.adapt`."""
+    """Try targets; of runs as accurate as `beside`, return the one of fewest unknowns, and its result of `vx.adapt`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))

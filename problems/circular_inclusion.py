@@ -1,8 +1,8 @@
 r"""A round fibre in a softer matrix: two materials, and a uniform stress inside the fibre.
 
 A large plate (plane strain, E1, nu1) with a bonded round fibre of radius R (E2, nu2) is under the tension S along
-x. With kappa = 3 - 4 nu and the ratio m = mu2 / mu1 of shear moduli, the solution in the matrix is the solution of
-`plate_with_hole.py` with the constants
+x. With kappa = 3 - 4 nu and the ratio m = mu2 / mu1 of shear moduli, the potentials of `plate_with_hole.py` give the
+solution in the matrix, with the constants
 
 $$
 a = S R^2 / 2 (1 - m) / (1 + m \kappa_1), \qquad b = R^2 (2 d - S / 2), \qquad c = a R^2, \\

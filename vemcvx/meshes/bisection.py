@@ -101,7 +101,7 @@ class Tetrahedra(NamedTuple):
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
-    """Bisect the marked cells (n_cells,) at least `cuts` times, then all tetrahedra with nodes inside edges."""
+    """Bisect the marked cells (n_cells,) at least `cuts` times, and other cells until no edge has a node inside."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
     while todo.any():

@@ -217,7 +217,7 @@ def format_rows(rows):
             before = row.step, row.form
             size = f"{row.unknowns} unknowns, {row.degenerate} degenerate terms"
             lines += ["", f"{row.step}, {row.form}: {size}, u* certified to {row.reference:.0e}"]
-            lines.append("solver              asked  certified  floor     true   seconds   set-up  iterations  said")
+            lines.append("solver              asked  certified  floor     true   seconds   set-up  iterations  status")
         said = row.said + ("; missed" if row.missed else "") + ("" if row.kept else "  WRONG: true error above bound")
         lines.append(
             f"{row.solver:<19} {row.asked:.0e}    {row.certified:.1e}  {row.floor:.0e}  {row.true:.1e}  "

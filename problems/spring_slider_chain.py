@@ -29,9 +29,9 @@ j(v) = sum_i w_i |v_i|. The solutions of these systems are such sums.
    p_i = \operatorname{play}_{y_i/E_i}(e), \qquad \lambda_i = E_i (e - p_i), \qquad \sigma = E_0 e + \sum_i \lambda_i.
    $$
 
-3. **The same elements under a given stress.** Now e is an unknown too, and K = [[E_0 + sum E, -E'], [-E, diag(E)]] has
-   the shape of an arrow. No norm term contains e. The elimination of e leaves diag(E) - E E' / (E_0 + sum E), diagonal
-   plus rank one.
+3. **The same elements under a given stress.** Now e is an unknown too. With the column E of all E_i and its transpose
+   E', K = [[E_0 + sum E, -E'], [-E, diag(E)]] has the shape of an arrow. No norm term contains e. The elimination of e
+   leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank one.
 
 The third system inverts the second. The inverse of a Prandtl-Ishlinskii operator is a Prandtl-Ishlinskii operator with
 the inverse curve of first loading. So there are elements whose stress is F if their strain is the displacement u_0 of

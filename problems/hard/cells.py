@@ -91,7 +91,7 @@ CASES = (
     sound_case("two combs", lambda: draw_cells(*COMB)),
     sound_case("two spirals, centroids outside", lambda: draw_cells(*SPIRAL)),
     sound_case("an L and a square", lambda: draw_cells("ab", "aa")),
-    sound_case("a U and what fills it", lambda: draw_cells("aba", "aba", "aaa")),
+    sound_case("a U and the cell that fills it", lambda: draw_cells("aba", "aba", "aaa")),
     *(sound_case(f"aspect ratio {aspect:.0e}", lambda aspect=aspect: squash(aspect)) for aspect in (1e2, 1e4, 1e6)),
     sound_case("a 500-gon among triangles", lambda: polygon_among_triangles(500)),
     sound_case("a single cell", lambda: ([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]])),

@@ -69,7 +69,7 @@ def start_settled():
 
 
 def scale_load(factor):
-    return Case(f"load {factor:.0e} of the paper's", lambda: on(MESH, lambda t: factor * t), holds=sensible(factor))
+    return Case(f"load {factor:.0e} times the paper's", lambda: on(MESH, lambda t: factor * t), holds=sensible(factor))
 
 
 def sensible(factor):
@@ -93,5 +93,5 @@ CASES = (
     Case("thin strip, L/H = 50: pushed, released, pushed", lambda: strip(shear_lag.times(24)), holds=reverses),
     Case("thin strip in three steps", lambda: strip(shear_lag.times(3))),
     Case("a load that is there from the start", lambda: on(MESH, lambda t: 5.0), REFUSAL, "not held by friction"),
-    Case("the same, settled first", start_settled),
+    Case("a load from the start, settled first", start_settled),
 )

@@ -4,7 +4,7 @@
 # %% [markdown]
 # *You need:* energy norms and weak forms; the gap of a step (lesson 6); error estimates (lesson 7). *You will see:* a
 # bound of the error from any two admissible fields, good or bad, without the solution. Friction changes the bound.
-# `vx.error_bound` computes the bound for a body, and for a displacement that one may measure.
+# `vx.error_bound` computes the bound for a body, and an interval for a displacement that one may measure.
 #
 # A certificate (lesson 6) bounds the distance of an answer to the best answer *on its mesh*. A residual estimate
 # measures the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is
@@ -102,7 +102,7 @@ for _v, _tau in pairs:
 legs = np.array(legs)
 
 # %% jupyter={"source_hidden": true}
-# Picture: the solution of 48 pairs of fields on a circle whose diameter joins the two fields; and errors below bounds
+# Picture: for 48 pairs of fields the solution lies on a circle whose diameter joins the pair; errors lie below bounds
 _figure, (_left, _right) = plt.subplots(1, 2, figsize=(9.4, 4.4), layout="constrained")
 _angle = np.linspace(0.0, 2.0 * np.pi, 200)
 _left.plot(0.5 + 0.5 * np.cos(_angle), 0.5 * np.sin(_angle), color="black", linewidth=1.2)

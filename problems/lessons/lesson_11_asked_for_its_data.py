@@ -23,7 +23,7 @@ import vemcvx as vx
 #
 # $$u(K, f, w) = \max\Bigl(0, \frac{f - w}{K}\Bigr) .$$
 #
-# The answer is a function of the data. While we know whether the slider sticks or slips, its derivative takes one line:
+# The answer is a function of the data. If we know whether the slider sticks or slips, the derivative takes one line:
 #
 # $$\frac{\partial u}{\partial (K, f, w)} = \begin{cases} (0, 0, 0) & \text{sticks: } f < w, \\
 #   \bigl(-(f - w)/K^2,\; 1/K,\; -1/K\bigr) & \text{slips: } f > w. \end{cases}$$
@@ -82,7 +82,7 @@ for _data in (slips, sticks):
 kink = [2.0, 1.0, 1.0]
 more, less = quotient(kink, [1e-6] * 3), quotient(kink, [-1e-6] * 3)
 at_kink = differentiate_slider(kink)
-print(f"by f and w: to the right {more[1:].round(6)}, to the left {less[1:].round(6)}")
+print(f"derivatives by f and w: to the right {more[1:].round(6)}, to the left {less[1:].round(6)}")
 assert np.abs(more - [0.0, 0.5, 0.0]).max() <= 1e-9
 assert np.abs(less - [0.0, 0.0, -0.5]).max() <= 1e-9
 assert at_kink.one_sided.tolist() == [False, True]
@@ -110,12 +110,13 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 #
 # $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
 #
-# Parameters $\theta$ change the right-hand sides only: here the eight bounds $w_i$, and a factor of the load. So
+# The parameters $\theta$, the eight bounds $w_i$ and a factor of the load, change the right-hand sides only. So
 #
 # $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
 #
-# where "stick" and "slip" are diagonal matrices of zeros and ones. $M$ is the last matrix of Newton's method, which
-# found the sets. (A change $dK$ of the stiffness adds $-dK\,u$ to the right-hand side of the first row.)
+# where "stick" and "slip" are diagonal matrices of zeros and ones, and $R$ contains the derivatives of the right-hand
+# sides. $M$ is the last matrix of Newton's method, which found the sets. (A change $dK$ of the stiffness adds $-dK\,u$
+# to the first right-hand side.)
 
 
 # %%

@@ -361,7 +361,7 @@ locking(cantilever)
 # 3. Insert a vertex in the middle of an edge of the unit square (a *hanging node*). How many independent modes with
 #    $\Pi v = 0$ are there now? Does the patch test still hold? (`hanging` above is such a mesh.)
 # 4. The formula $\nabla \Pi v = \sum_i v_i \otimes N_i/|\omega|$ needs no system of equations. Check it against
-#    `projections`. Which of the six conditions did you use?
+#    `projections`. Which of the conditions on $\Pi v$ did you use?
 # 5. Multiply all moduli by $10^6$ (MPa to Pa), and the load as well. How does $u$ change with $\eta = 2\mu$, and how
 #    with $\eta = 1$?
 #

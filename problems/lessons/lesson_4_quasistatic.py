@@ -84,7 +84,7 @@ def walk(loads):
 
 
 def there_and_back(steps):
-    """Return the loads: `steps` steps from 0 to the peak, 2 * `steps` to minus the peak, 2 * `steps` back to it."""
+    """Return the loads: `steps` steps from 0 to the peak, 2 * `steps` to minus the peak, 2 * `steps` to the peak."""
     down = np.linspace(peak, -peak, 2 * steps + 1)
     return np.concatenate([np.linspace(0, peak, steps + 1), down[1:], -down[1:]])
 

@@ -68,9 +68,9 @@ def active_sets(program, gamma, rounds=40):
 # equations hold. The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
 #
 # **A body.** We take the paper's Section 4 on squares, with 32 nodes on the ground. The package keeps the program of
-# every step. It has eliminated all unknowns except the positions of these nodes, so a full matrix for 32 nodes remains.
-# The package writes the program of a step for the slips, so `b`, which takes the place of $u_{prev}$, is zero here. The
-# package calls the load `g`.
+# every step. In this program all unknowns except the positions of these nodes are eliminated, so its matrix $K$ is a
+# full matrix for 32 nodes. The package writes the program of a step for the slips, so `b`, which takes the place of
+# $u_{prev}$, is zero here. The package calls the load `g`.
 
 
 # %%
@@ -141,8 +141,7 @@ sets_picture()
 # $$\frac{w}{|\hat\lambda|}\left(I - \frac{\hat\lambda \hat\lambda^T}{|\hat\lambda|^2}\right).$$
 #
 # Linearise the equation, and solve for $\lambda$. A slipping node then carries the force $w \hat\lambda/|\hat\lambda|$.
-# Across this direction it also has a spring, because friction resists a change of direction. The stiffness of this
-# spring is
+# Friction also resists a change of this direction, like a spring across the direction. The stiffness of this spring is
 #
 # $$\frac{\gamma w}{|\hat\lambda| - w} .$$
 #

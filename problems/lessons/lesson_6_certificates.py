@@ -50,8 +50,8 @@ print(f"{len(f)} contact nodes, of which {np.count_nonzero(step.answer.d)} slip"
 # $$\mathrm{gap}(s, \lambda) = \tfrac12\, r^T K^{-1} r + \sum_i \bigl( w_i |s_i| - \lambda_i s_i \bigr) .$$
 #
 # The first part measures how far the forces are from balance. The second part measures how far friction is from its
-# law. This part vanishes at a node that sticks ($s_i = 0$), and at a node that slips with full friction against the
-# slip ($\lambda_i = w_i\, \mathrm{sign}\, s_i$).
+# law. The term of node $i$ in this part vanishes if the node sticks ($s_i = 0$), or slips with full friction against
+# the slip ($\lambda_i = w_i\, \mathrm{sign}\, s_i$).
 
 
 # %%

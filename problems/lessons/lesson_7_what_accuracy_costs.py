@@ -2,8 +2,8 @@
 """# Lesson 7, what accuracy costs: errors of the mesh, of the time steps and of the solver; which to reduce first"""
 
 # %% [markdown]
-# *You need:* energy norms and orders of convergence; certificates (lesson 6). *You will see:* three errors, how to
-# measure each of them alone, that one of them may be zero or nearly forty per cent, and which one to reduce first.
+# *You need:* energy norms and orders of convergence; certificates (lesson 6). *You will see:* how to measure each of
+# three errors alone, why one of them may be zero or nearly forty per cent, and which one to reduce first.
 #
 # Let $u$ be the solution of the continuous problem, $u_h$ its discretisation in space, $u_{hk}$ its discretisation in
 # space and time, and $\tilde u$ the answer of a solver. Then

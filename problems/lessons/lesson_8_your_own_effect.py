@@ -102,9 +102,9 @@ class Dashpots(vx.Effect):
 # $$(c/k + M)\, U_n = p + (c/k)\, U_{n-1} .$$
 #
 # There are two tests, because two parts may be wrong. Displacements are linear in $x$, and every virtual element mesh
-# represents them *exactly*. So the numbers must agree with the recursion **up to rounding**, on any mesh and for any
-# step. This tests the matrix. And the recursion must approach the exponential **with the error** $O(k)$. This tests the
-# factor $1/k$ and the equation itself.
+# represents them *exactly*. So the computed displacements must agree with the recursion **up to rounding**, on any mesh
+# and for any step. This tests the matrix. And the recursion must approach the exponential **with the error** $O(k)$.
+# This tests the factor $1/k$ and the equation itself.
 
 # %%
 young, poisson, p, c = 10.0, 0.3, 0.5, 6.0

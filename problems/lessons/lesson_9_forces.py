@@ -221,7 +221,7 @@ _figure
 # $$G = B K_{all}^{-1} B^T = K^{-1} .$$
 #
 # Column $i$ of $G$ contains the displacements of all contact nodes under a unit force at node $i$. We compute $G$ from
-# the program on all unknowns, and compare it with the stiffness that the package condensed.
+# the program on all unknowns, and check that $G$ is the inverse of the condensed stiffness $K$.
 
 # %%
 full = next(vx.programs(scene, mesh, [0.0, 1.0], condense=False))

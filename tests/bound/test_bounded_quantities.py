@@ -9,6 +9,7 @@ from scenes import few_families, mostly_slow, small
 from test_error_bound import SCENES, STACKS, STEEL, slipped, stacked
 
 import guaranteed_bounds
+import l_shaped_bracket as bracket
 import manufactured_full_slip as full_slip
 import vemcvx as vx
 
@@ -131,6 +132,15 @@ def check_against_finer(scene, meshes, of, end=1.0):
     check_inside(coarse, 0.5 * (fine.low + fine.high), 0.5 * (fine.high - fine.low))
     assert coarse.guaranteed
     return coarse
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("scene", "family"), [(SCENES["lifted"], vx.meshes.squares), (bracket.scene(), vx.meshes.l_shape)]
+)
+def test_bounds_enclose_quantities_with_contact(scene, family):
+    """Stress is infinite at a corner of the bracket."""
+    check_against_finer(scene, (family(4), family(16)), vx.Traction(UP, on="right"))
 
 
 @pytest.mark.slow

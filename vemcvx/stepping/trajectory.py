@@ -124,7 +124,7 @@ class Trajectory(ArrayRecord):
     stuck : (N + 1,) array of int
         Number of sticking norm terms.
     energy : (N + 1,) array
-        Stored energy 1/2 a(u, u).
+        Stored energy: 1/2 a(u, u), and c p^2 / 2 of each soft limit.
     dissipated : (N + 1,) array
         Dissipated energy so far: the sum of lam_i . s_i (at a solution w_i |s_i|) and of losses by damping.
     dissipated_second_order : (N + 1,) array

@@ -179,7 +179,7 @@ def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) ->
     time.set(ylabel="time (s)")
     time.set_title("20 certified frictional steps on squares", fontsize="medium")
     memory.set(ylabel="largest memory (GB)")
-    memory.set_title("their memory", fontsize="medium")
+    memory.set_title("memory of these runs", fontsize="medium")
     for ax in (time, memory):
         ax.set(xlabel="unknowns")
         plain_logarithms(ax.yaxis)

@@ -7,7 +7,7 @@ pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU secon
 
 Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, slips u = W r + q for forces r in Coulomb's
 cones, by nonsmooth Gauss-Seidel (NSGS) to 1e-8, from the forces of the previous step. We solve the condensed program.
-W and our condensed matrix are computed beforehand and not counted. Times are medians over steps; ours omit the first.
+W and our condensed matrix are computed beforehand. Times are medians over steps, ours without the first step.
 
 GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for
 nodal contact with friction (`add_basic_contact_brick`: the augmented Lagrangian of Alart and Curnier, version 1, with
@@ -120,7 +120,7 @@ def compare_siconos(n: int, steps: int, python: str) -> None:
     seconds = statistics.median(np.diff(ends))
     operators = solved[0].operators
     m = operators.D.shape[0]
-    # In Siconos the normal component is the first, and forces act on the body: r = (p, -lam), u = (-z, s).
+    # In Siconos the normal component is the first, and forces r = (p, -lam) act on the body; u = (e - D d, B d - b).
     order = np.column_stack([2 * m + np.arange(m), 2 * np.arange(m), 2 * np.arange(m) + 1]).ravel()
     sign = np.where(order < 2 * m, 1.0, -1.0)
     A = sp.csr_matrix(sp.vstack([operators.B, operators.D]))

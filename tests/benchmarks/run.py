@@ -54,7 +54,8 @@ def main() -> None:
         write_page(table, arguments.out / "benchmarks.png")
 
 
-COLUMNS = ("what", "seconds", "CPU", "against", "its seconds", "its CPU", "ratio", "ratio of CPU", "wanted")
+REFERENCE = ("reference", "reference, seconds", "reference, CPU seconds")
+COLUMNS = ("what", "seconds", "CPU seconds", *REFERENCE, "ratio", "ratio of CPU seconds", "wanted")
 
 
 def cells(row: Row) -> list[str]:

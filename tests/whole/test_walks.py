@@ -109,7 +109,7 @@ def trace_accuracy_to_step(folder):
 
 
 def trace_displacement_to_file(folder):
-    # With bound=4.0 one node slips, and the finder, which ignores powers of two, also finds the dissipation there.
+    # With bound=4.0 the dissipation is the largest slip times a power of two; the finder ignores powers of two.
     given = scene(bound=3.0)
     history = simulate(given)
     largest = np.abs(history.displacement[-1][history.contact.nodes]).max()

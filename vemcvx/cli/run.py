@@ -287,7 +287,7 @@ LEAST_MEMORY = 2000.0  # Least memory that solvers need, bytes per unknown.
 
 
 def check_memory(problem: Problem, n: int, family: str | None) -> None:
-    """Refuse a mesh before it is made if the machine has less memory than any solver would need.
+    """Refuse a mesh before it is made if the memory of the machine is too small for every solver.
 
     The number of unknowns is extrapolated from two coarse meshes.
     """

@@ -110,7 +110,7 @@ def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Pat
 def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path, exact: float | None) -> Row:
     """Run a point and measure its error: of its quantity if the `exact` value is given, else in the energy norm.
 
-    Raise OSError, which is no failure of the point, if the reference cannot be read or is zero.
+    Raise OSError if the reference cannot be read or is zero; a later sweep then repeats the point.
     """
     history, row = run_point(recipe, point, instants)
     if exact == 0.0:

@@ -1,7 +1,7 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
-A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e; a limit j with c_j > 0 is soft.
-An NPZ archive holds every array bit by bit, and the certified answer if the program is solved::
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A limit j with c_j > 0 is soft:
+the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds all arrays, and the answer of a solved program::
 
     K               (n, n), dense; a sparse K is stored like B and D
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))

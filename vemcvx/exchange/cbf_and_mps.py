@@ -21,8 +21,8 @@ QUADOBJ is the upper triangle of the Hessian. If duals are >= 0, lam is the dual
 dual of Z. HiGHS returns duals <= 0, so their signs must be reversed. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
-The first n variables of either file are d. Its first line is a comment with n, the number m of norm terms, the number
-of their components, and the numbers of limits, of soft limits, and of motions in the kernel of K.
+In either file the first n variables are d. The first line is a comment with n, the number m of norm terms, the number
+of components of each term, and the numbers of limits, of soft limits, and of motions in the kernel of K.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""HDF5 files of the Frictional Contact Library (FCLIB): a solved step with Coulomb's law.
+"""HDF5 files of the Frictional Contact Library (FCLIB): a solved step with Coulomb's law; symbols as in :mod:`.arrays`.
 
 FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the contact forces r and the relative
 displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential ones (T):

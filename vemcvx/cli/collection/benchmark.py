@@ -18,8 +18,9 @@ An instance counts at E if its optimum is certified to E/10. For a program witho
 Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
 tolerances and limits on iterations. The target of other solvers is the duality gap 1/2 (tolerance |d*|_K)^2. The answer
 to a step of a sequence is a warm start for the next step if the solver can use it. The error of a sequence is the
-largest error of all steps, in units of the largest |d*|_K, and its time is the sum over steps. Seconds are processor
-time for set-up and solve in the library: the minimum of up to five calls within a tenth of a second.
+largest error of its steps, in units of the largest |d*|_K; its time is the sum over steps. Seconds are processor time:
+the minimum of up to five calls within a tenth of a second. Libraries set up again in each call. Other solvers may keep
+data between calls, such as the Delassus matrix of `newton`; later calls then omit this set-up.
 """
 
 from __future__ import annotations
@@ -395,7 +396,7 @@ def measure(
     """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
 
     For a program without an optimum, `status` is the right status; any other status is an infinite error. Raise
-    SolverFailed without a finite answer.
+    SolverFailed if the answer is missing or not finite.
     """
     memory: Memory = {}
     unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""

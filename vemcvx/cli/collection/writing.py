@@ -53,7 +53,7 @@ class CollectionInstance:
 
     grade: str
     problem: str  # name of the problem file
-    n: int  # cells per unit length
+    n: int  # argument of the function `mesh` of the problem file
     of: int  # number of steps of the run
     step: int
     settings: tuple[str, ...] = ()  # parameters of the scene, "name=value"
@@ -72,12 +72,12 @@ class CollectionInstance:
 
     @property
     def run(self) -> tuple[str, int, int, tuple[str, ...]]:
-        """The problem, its number of cells, the number of steps, and the settings."""
+        """The problem, the argument n of its mesh, the number of steps, and the settings."""
         return self.problem, self.n, self.of, self.settings
 
 
 Row = tuple[str, str, tuple[int, ...], tuple[int, ...]] | tuple[Any, ...]
-"""Grade, problem, numbers of cells per unit length, steps, and optional settings."""
+"""Grade, problem, arguments n of its mesh, steps, and optional settings."""
 
 
 def _list_instances(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[CollectionInstance, ...]:

@@ -12,9 +12,9 @@ the energy of compliant obstacles, and is infinite beyond rigid obstacles. So si
 **The pair.** v is admissible, and j(v) is finite. tau is a stress in equilibrium with the loads, a friction q and a
 pressure p on the contact boundary: for all motions w that vanish on supports
 
-    (tau, eps(w))  =  l(w) - int q w_t + p w_n,                                                                   (2)
+    (tau, eps(w))  =  l(w) - int (q w_t + p w_n),                                                                 (2)
 
-with the tangential and outward components w_t and w_n. q and p are admissible: h(w) := j(w) - int q w_t + p w_n is
+with the tangential and outward components w_t and w_n. q and p are admissible: h(w) := j(w) - int (q w_t + p w_n) is
 bounded from below. Let r = tau - sigma_0 - C eps(v), A = |r|, b = h(v) - inf h >= 0.
 
 **Theorem 1** (Prager and Synge, with friction and contact). For e = u - v
@@ -23,9 +23,9 @@ bounded from below. Let r = tau - sigma_0 - C eps(v), A = |r|, b = h(v) - inf h 
     |tau - sigma|^2 + |e|^2  <=  A^2 + 2 b,       J(v) - A^2 / 2 - b  <=  J(u)  <=  J(v).
 
 *Proof.* |e|^2 = (sigma - sigma_0 - C eps(v), eps(e)) <= l(e) + j(v) - j(u) - (sigma_0 + C eps(v), eps(e)) by (1). With
-(2) for w = e, l(e) = (tau, eps(e)) + int q e_t + p e_n, and j(v) - j(u) + int q e_t + p e_n = h(v) - h(u). This proves
-the first inequality. Since h(u) >= inf h, the second inequality follows from x^2 <= A x + b. For X = tau -
-sigma, r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
+(2) for w = e, l(e) = (tau, eps(e)) + int (q e_t + p e_n), and j(v) - j(u) + int (q e_t + p e_n) = h(v) - h(u). This
+proves the first inequality. Since h(u) >= inf h, the second follows from x^2 <= A x + b. For X = tau - sigma,
+r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
 proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps, J(v) - J(u) =
 (r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 

@@ -2,7 +2,7 @@
 
 The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), with
 
-    j(v) = int g |v_t - d| + phi(v_n - gap),
+    j(v) = int (g |v_t - d| + phi(v_n - gap)),
 
 with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the gap and infinite beyond; for a compliant
 obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. On springs to the ground (stiffness k), tau has the tractions

@@ -20,7 +20,7 @@ of gaps. Features narrower than the distance between points may be missed.
     compliance      int (k z_+ - p_h) v_n                |k z_+ - p_h|^2_e / (2 mu / l_e + k)
     gaps            u must move by d, but does not       2 mu max |d|^2
     motions         u must move by d, but does not       2 mu |d|_e |d'|_e
-    moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
+    moduli, heat    int ((C - C_K) eps(u) + sigma_0 - sigma_0K) : eps(v)      |.|^2_K in C^-1
 
 with edge length l_e, derivative d' along the edge, longest side d_K of a cell's box, depth z and stiffness k of
 :mod:`.surface`, interpolated nodal pressure p_h, and assembled C_K and sigma_0K of the cell. The first two energies

@@ -8,7 +8,7 @@ depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g
 multipliers of the run per length, clipped to these limits. The defect of v, q and p in the laws of friction and contact
 is the sum of
 
-    int g |s| - q s,        int -p z  (z <= 0),        int k z_+^2 / 2 + p^2 / (2 k) - p z,
+    int (g |s| - q s),      int -p z  (z <= 0),        int (k z_+^2 / 2 + p^2 / (2 k) - p z),
 
 each >= 0. On an edge where s changes sign, |s| is replaced by its linear interpolation, which is larger.
 """
@@ -62,7 +62,7 @@ class Surface:
     forces: Floats
     """(b, 2, 2) int t phi at both ends, for loads, friction and pressure"""
     cost: Floats
-    """(b,) int g |s| + k z_+^2 / 2: cost of friction, and energy of obstacles"""
+    """(b,) int (g |s| + k z_+^2 / 2): cost of friction, and energy of obstacles"""
     gap: Floats
     """(b,) defect of v and the tractions in the laws of friction and contact"""
     laws: Floats

@@ -3,7 +3,7 @@
 Let v and tau be admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v -
 u). Let g be the friction bound, and q = -tau_t the friction of tau. Green's formula and Tresca's law for u give
 
-    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| - q s',
+    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
 
 with the slip rate s' of v, and norm and product <., .> in C^-1. D_n is the increase of D in step n, and all fields are
 linear in time in a step. So Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives

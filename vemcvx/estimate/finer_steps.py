@@ -20,7 +20,7 @@ from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER, TO_EXACT = 4, 1.25
-"""FINER is the number of finer steps per step; TO_EXACT replaces 1 / (1 - 1/FINER)."""
+"""FINER is the number of finer steps per step; TO_EXACT replaces 1 / (1 - 1/FINER) = 4/3, and tests check it."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ stabilisation S_K of (3.13) to the letter, then with 2 mu S_K, our default. Noth
 notes below the tables state the differences and their known causes.
 
 S_K to the letter has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero
-are then so soft that loads bend the cells on which they act, and less of the load reaches the contact. With n = 96 and
+are then very soft. Loads bend the cells on which they act, and less of the load reaches the contact. With n = 96 and
 k = 1/8 the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1 they are
 .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With the factor 1 and
 n = 24 nothing slips on nonconvex cells. In other units, such as N instead of daN, S_K to the letter gives other slips.

@@ -1,6 +1,6 @@
 r"""A block pressed on a rough floor, then sheared back and forth: two stages, in closed form, exact on every mesh.
 
-The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 0, rests on a floor with Coulomb friction of coefficient
+The block (0, L) x (0, H) has L = 2, H = 1/2, E = 1000, nu = 0, and lies on a floor with Coulomb friction of coefficient
 f. In the first stage, 0 <= t <= 1, a pressure on the top grows to P. Then u_y = -t P y / E, and because nu = 0 the
 friction force is zero. In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1,
 -1, 1) at the instants 1, 2, 4, 6. The block is sheared uniformly by gamma and slips as a whole by a, because the

@@ -1,8 +1,9 @@
 """Two user-defined stabilisations: their patch test, their orders, and their effect on incompressible bodies.
 
-The stabilisation S(v - Pi v, w - Pi w) is the energy of the part of v that the projection Pi on linear fields omits. A
-class with one method defines S for each cell K. The scene takes it as ``vx.Elasticity(..., stabilisation=DRecipe())``.
-The stiffness, the error budget and the nodal distance use the form a^h with this stabilisation.
+The stabilisation S(v - Pi v, w - Pi w) is the energy of the parts of v and w that the projection Pi on linear fields
+omits. A class with one method defines S for each cell K. The scene takes an object of this class, as in
+``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error budget and the nodal distance use the form a^h
+with this stabilisation.
 
 boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b, and m the mean of |e|: slopes
             along edges, (d_s v, d_s w)_dK. S. Brenner and Sung, Virtual element methods on meshes with small edges or

@@ -2,7 +2,7 @@ r"""A tube shrunk on another tube in space: the pressure between them is Lame's,
 
 Two tubes a < r < b and b < r < c have the length L; a quarter of the section is computed. The outer radius of the inner
 tube exceeds the inner radius of the outer tube by the interference delta, which is modelled as the gap -delta t. The
-bottom z = 0 is a plane of symmetry, the upper ends are free and the joint has no friction, so both tubes are in plane
+bottom z = 0 is a plane of symmetry, the upper ends are free and the joint has no friction. So both tubes are in plane
 stress. Radial and hoop stresses are the same as in `press_fit.py` (Lame 1852; Timoshenko and Goodier, *Theory of
 Elasticity*, article 28). With E and nu of each tube and the pressure p, the axial strains are
 

@@ -232,8 +232,8 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 # ## 5. A body
 #
 # A mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. They are polynomials on
-# the triangles into which every cell is split, their tractions agree across edges, and with the body force $f$ they
-# satisfy
+# triangles, into which every cell is split, and their tractions agree across edges. With the body force $f$ these
+# stresses satisfy
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #

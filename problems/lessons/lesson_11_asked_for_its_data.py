@@ -258,8 +258,8 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 #
 # ## 3. A fit to a noisy loop
 #
-# We measure the displacement of the left end during the 32 steps, with noise of one per cent, and look for Young's
-# modulus and the friction bound. We minimise the sum of squared residuals
+# We measure the displacement of the left end during the 32 steps, with noise of one per cent. We look for Young's
+# modulus and the friction bound that minimise the sum of squared residuals
 #
 # $$\sum_n r_n(\theta)^2, \qquad r_n = Q_n(\theta) - \text{measured}_n ,$$
 #

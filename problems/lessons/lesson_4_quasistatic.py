@@ -143,8 +143,8 @@ loop_picture()
 # $$\underbrace{f_n\, s_n}_{\text{work}} = \underbrace{\tfrac12 K u_n^2 - \tfrac12 K u_{n-1}^2}_{\text{stored}}
 #   + \underbrace{w |s_n|}_{\text{lost to friction}} + \underbrace{\tfrac12 K s_n^2}_{\text{numerical}} .$$
 #
-# This balance is exact. The last term is an error of backward Euler: the work uses the load at the end of the step,
-# which exceeds the mean load of the step by half of the change of the load. There are $O(1/k)$ steps with slips of
+# This balance is exact. The last term is an error of backward Euler: the work uses the load at the end of the step.
+# This load exceeds the mean load of the step by half of the change of the load. There are $O(1/k)$ steps with slips of
 # $O(k)$, so the sum of these terms is $O(k)$. For our slider the sum is known. If the load changes by $\Delta f$ in
 # every step, a slider that moves slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
 #

@@ -102,11 +102,11 @@ assert len(warm) <= 0.15 * len(cold)
 print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths of the pull")
 
 # %% [markdown]
-# **4.** One sure step multiplies the distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less, where
-# $\kappa_1$ and $\kappa_m$ are the smallest and the largest eigenvalue of $K$. The condition number $\kappa_m/\kappa_1$
-# is up to $10^3$ here, so a distance that is a thousand times smaller may need thousands of steps. Newton's method
-# between the sure steps saves most of them. With accelerated gradients, as in the package, the bound on the number of
-# sure steps is proportional to the root of the condition number.
+# **4.** Let $\kappa_1$ and $\kappa_m$ be the smallest and the largest eigenvalue of $K$. One sure step multiplies the
+# distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less. The condition number $\kappa_m/\kappa_1$ is
+# up to $10^3$ here, so a distance that is a thousand times smaller may need thousands of steps. Newton's method between
+# the sure steps saves most of them. With accelerated gradients, as in the package, the bound on the number of sure
+# steps is proportional to the root of the condition number.
 
 
 # %%

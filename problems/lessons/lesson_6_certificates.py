@@ -13,8 +13,8 @@
 # $$\min_s\; P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i\,|s_i|$$
 #
 # where $s = u - u_{prev}$ are the slips of the step at the contact nodes, $K$ is the stiffness of the body at these
-# nodes, $w_i$ are the friction bounds, and $f$ is the part of the load that the stresses at the start of the step do
-# not balance. Insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package calls $s$
+# nodes, and $w_i$ are the friction bounds. The stresses at the start of the step balance a part of the load; $f$ is the
+# other part. Insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package calls $s$
 # `d`, and it calls $f$ `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
 
 # %%

@@ -155,7 +155,7 @@ assert work[-1] < 2 * work[0]
 # ## 4. Estimates instead of references
 #
 # A reference for every run would cost too much. The residuals in cells and the jumps of the stress across edges give an
-# estimate of the error of the mesh, and `vx.error_budget` reports all three errors side by side.
+# estimate of the error of the mesh. `vx.error_budget` reports all three errors side by side.
 
 # %%
 budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n in (8, 16, 32)]

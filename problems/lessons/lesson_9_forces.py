@@ -266,9 +266,9 @@ _figure
 #
 # Newton's method needs the entries of $K$: it solves a system with the block of $K$ for the slipping nodes, and this
 # block changes in every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every
-# iteration. So it is the better choice where $K$ is too large to be factorised and an iterative solver is used, which
-# starts from the last solution. It also works with an elastic code that is a black box and returns displacements for
-# loads. And it works with measured flexibilities, where there is no $K$ at all.
+# iteration. So Uzawa's method is the better choice where $K$ is too large to be factorised. An iterative solver of the
+# linear problems can then start from the last solution. Uzawa's method also works with an elastic code that is a black
+# box and returns displacements for loads. And it works with measured flexibilities, where there is no $K$ at all.
 #
 # </details>
 #

@@ -12,8 +12,7 @@ trial with a true error of at most E. The benchmark computes from these times
 - the performance profile (Dolan and Moré 2002): the fraction of instances on which a solver takes at most x times as
   long as the fastest solver.
 
-An instance counts at E if its optimum is certified to E/10. For a program without an optimum, only the status,
-"infeasible" or "unbounded", is judged.
+An instance counts at E if its optimum is certified to E/10. If there is no optimum, only the solver's status counts.
 
 Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
 tolerances and limits on iterations. The target of other solvers is the duality gap 1/2 (tolerance |d*|_K)^2. The answer

@@ -13,7 +13,7 @@ $$ 2 g_0 H / (G U) . $$
 radius G R / H, which must fit into the disc of the radius g. The factor is g H / (G R).
 
 *The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so that the added forces
-balance each other. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the limit load.
+balance each other. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the factor of the limit load.
 
 Melan's theorem bounds the factor from below by the added forces, Koiter's theorem from above by a cycle of slips. The
 run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a positive limit.

@@ -7,7 +7,7 @@ shear stress of a thin pad at the radius r is G r t w / H where it is below the 
 c = mu p H / (G t w). Outside of c the pad slips. The torque is
 
 $$
-T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{before}.
+T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{for } c \ge R.
 $$
 
 In full slip, when c tends to 0, every pad has T = 2/3 mu P R, with the force P = p pi R^2. (Nothing slips on the axis,

@@ -53,18 +53,18 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_251, "solvers": 1_487, "stepping": 1_832, "linear": 939, "scene": 2_055, "effects": 2_547}
-LINES |= {"exchange": 707, "testing": 1_045, "cli/collection": 1_140}
-LINES |= {"bound": 3_275, "results": 2_926, "estimate": 2_288, "plots": 2_112}
-LINES |= {"limit_analysis": 423}
-LINES |= {"sensitivity": 926, "cost": 682, "cli": 3_798}
-LINES |= {"meshes": 6_633, "meshes/io": 1_391, "vem": 2_632}
+LINES = {"program": 2_166, "solvers": 1_422, "stepping": 1_803, "linear": 923, "scene": 1_971, "effects": 2_455}
+LINES |= {"exchange": 668, "testing": 1_011, "cli/collection": 1_094}
+LINES |= {"bound": 3_036, "results": 2_745, "estimate": 2_150, "plots": 2_011}
+LINES |= {"limit_analysis": 422}
+LINES |= {"sensitivity": 831, "cost": 651, "cli": 3_560}
+LINES |= {"meshes": 6_631, "meshes/io": 1_388, "vem": 2_626}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
-TOP = 1_855
+TOP = 1_854
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 22_342
+TESTS = 20_833
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 33_082
+ALL_TESTS = 31_470
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

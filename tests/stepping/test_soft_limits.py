@@ -75,3 +75,12 @@ def test_certificates_bound_the_distance_to_exact_steps(k, kind, condense):
     off = exact.distance(steps.scaled(y[0], y[1], exact.unit))
     assert off <= (run.certificate[1] + run.certificate_floor[1]) * run.unit[1]
     assert condense or k < 1e-5 or run.certificate.max() <= 1e-8
+
+
+def test_a_given_start_with_dashpots_has_the_pressure_of_its_depth():
+    """The ground of stiffness 100 is pressed in by 0.01 x."""
+    mesh = vx.meshes.squares(2)
+    creep = vx.Elasticity(20.0, 0.0), vx.Viscosity(5.0, 0.0), vx.Clamp(on="left")
+    down = np.column_stack([0.0 * mesh.points[:, 0], -0.01 * mesh.points[:, 0]])
+    history = vx.simulate(vx.Scene(*creep, vx.NormalCompliance(100.0, on="bottom")), mesh, [0.0, 1.0], initial=down)
+    np.testing.assert_allclose(history.contact.pressure[0], history.contact.points[:, 0], atol=1e-14)

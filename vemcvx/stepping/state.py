@@ -352,7 +352,7 @@ def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float
 
 
 def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """Return the state y (n,) with zero multipliers; slips and losses so far are those of `past`, by default zero."""
+    """Return the state y (n,) without friction; slips and losses so far are those of `past`, by default zero."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
     past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)
@@ -371,7 +371,7 @@ def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | 
         weights=weights,
         bound=weights,
         lam=nothing,
-        p=none,
+        p=pressed,
         slip=nothing,
         sticks=np.ones(run.terms, dtype=bool),
         certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),

@@ -1,14 +1,14 @@
 r"""A long plate on an elastic foundation, loaded at a point: Winkler's beam, and the same plate on asperities.
 
 A thin strip of height H on springs of stiffness k per length, with the force P on the middle of its top, is a beam on
-Winkler's foundation (Hetenyi 1946). With D = E H^3 / 12 (plane stress, unit thickness) and b = (k / 4D)^(1/4) a long
-beam has, at the distance x from the force, the deflection
+Winkler's foundation (Hetenyi 1946). With D = E H^3 / 12 (plane stress, unit thickness) and b = (k / 4D)^(1/4), the
+downward deflection of a long beam at the distance x from the force is
 
 $$ w(x) = P b / (2 k) \exp(-b|x|) (\cos b|x| + \sin b|x|). $$
 
 The right half of the strip is computed. Springs pull as well as push: where w < 0 they hold the plate down. With
-`asperities=True`, NormalCompliance of the same stiffness replaces the springs. Asperities only push, so that the ends
-lift off. (Use the accuracy 1e-6 with asperities: on so soft a foundation rounding can prevent more digits.)
+`asperities=True`, NormalCompliance of the same stiffness replaces the springs. Asperities only push, so the ends lift
+off. (Use the accuracy 1e-6 with asperities: on so soft a foundation rounding can prevent more digits.)
 
     vemcvx run problems/plate_on_springs.py --n 4 --steps 4 --plot
 """

@@ -1,8 +1,8 @@
 r"""A strip held at one end on a belt that moves back and forth: partial slip, and the force of the hold.
 
 The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
-x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. A rod slips over a length l next to the hold, where
-friction pulls it along, and beyond l it moves with the belt:
+x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. In the rod model, u is the displacement. The rod
+slips over a length l next to the hold, where friction pulls it along, and beyond l it moves with the belt:
 
 $$
 E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U - g (l - x)^2 / (2 E H),
@@ -11,8 +11,8 @@ $$
 
 So the force of the hold is F(U) = g l until all of the strip slips, l = L at U* = g L^2 / (2 E H); then F = g L. When
 the belt reverses at U1, friction reverses in a zone that grows from the hold. By Masing's rule (1926), the force of the
-hold is then F(U1) - 2 F((U1 - U) / 2), but at least -g L. In the first motion up to U1 > U*, the work of the belt is
-2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
+hold is then F(U1) - 2 F((U1 - U) / 2). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* +
+g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
 """

@@ -61,10 +61,10 @@ assert abs(better - error) < 1e-10 * error
 assert better < bound
 
 # %% [markdown]
-# **4.** In this sum keep only the terms of some nodes, and divide by the smallest reserve $w_i - |\lambda_i|$ of these
-# nodes. This bounds the sum of their slips. So the *size* of the slips is certainly small. It is not certain that a
-# node sticks, because a slip of any small size is possible. In a net one could also bound the friction of the solution
-# node by node; in a continuum a bound in the energy norm bounds no traction at a point.
+# **4.** Keep only the terms of some nodes in the sum of the exercise, and divide by the smallest reserve
+# $w_i - |\lambda_i|$ of these nodes. This bounds the sum of their slips. So the *size* of the slips is certainly small.
+# It is not certain that a node sticks, because a slip of any small size is possible. In a net one could also bound the
+# friction of the solution node by node; in a continuum a bound in the energy norm bounds no traction at a point.
 
 # %%
 w = np.full(free, 0.8)

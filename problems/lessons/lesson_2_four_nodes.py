@@ -83,8 +83,8 @@ print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e},
 # $|\lambda_i| < w_i$ sticks. Where a block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force of friction *on*
 # the block is $-\lambda_i$, opposite to the slip.
 #
-# **What the solver returns.** For the cone $|s_i| \le d_i$ it returns a pair $(\xi_i, \zeta_i)$ in the *dual cone*.
-# This is the set of all pairs with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone, so again
+# **What the solver returns.** For the cone $|s_i| \le d_i$ the solver returns a pair $(\xi_i, \zeta_i)$ in the
+# *dual cone*. This is the set of all pairs with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone, so again
 #
 # $$|\zeta_i| \le \xi_i .$$
 #

@@ -85,7 +85,7 @@ def below(lam):
     return -0.5 * (f - lam) @ np.linalg.solve(K, f - lam)
 
 
-rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 10 times the rounding of sums below
+rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 10 times the rounding of P and D
 best = above(step.answer.d)
 print(f"P of the best slips  {best:.12f}\nD of the best forces {below(lam):.12f}")
 # The certificate sets slips to zero that are zero up to rounding, so its gap may be smaller.

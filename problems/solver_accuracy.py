@@ -5,7 +5,7 @@ Every solver solves two steps of `feng_han_huang.py` with several requested accu
 grows from 3/4 to 1 of its full size, and further nodes slip; no term is degenerate. In the step *return* the load, once
 full and then reduced to 1/2, is full again: all nodes that had slipped arrive at their bounds at once, and nearly half
 of the terms are degenerate. The condensed program has one unknown per contact node; the full program has all unknowns.
-Solvers also march the chain of `spring_slider_chain.py` through its loops; it has degenerate steps and a closed form.
+Solvers also march the chain of `spring_slider_chain.py`, which has degenerate steps and a closed form.
 
 Every solution u is compared with Newton's solution u*, which is certified to rounding. The floor is the part of a gap
 that rounding may cause. With the stiffness K of all unknowns,

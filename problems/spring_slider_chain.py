@@ -11,7 +11,7 @@ $$
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
 Each of three systems (K, load, Norms) is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and
-j(v) = sum_i w_i |v_i|. The solutions of these systems are such sums.
+j(v) = sum_i w_i |v_i|. The solutions of these systems are sums of weighted plays.
 
 1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
    j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Spring j has the stiffness k_j. Block i slides on

@@ -96,7 +96,7 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 # <details><summary>Answer</summary>
 #
 # Every value between the two derivatives, here between $-1/K$ and 0: the quotient is their mean, weighted by the parts
-# of the interval on both sides. Only the two ends are one-sided derivatives. Smaller intervals need not help: if the
+# of the interval on both sides. Only $-1/K$ and 0 are one-sided derivatives. Smaller intervals need not help: if the
 # kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves instead. Away
 # from a kink their difference vanishes with the interval; at the kink it remains $1/K$.
 #
@@ -110,7 +110,7 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 #
 # $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
 #
-# The parameters $\theta$, the eight bounds $w_i$ and a factor of the load, change the right-hand sides only. So
+# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. They change right-hand sides only. So
 #
 # $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
 #

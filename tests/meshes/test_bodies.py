@@ -59,7 +59,7 @@ def test_blocks_match_after_any_shift_and_rotation(shift, angle, scale, families
     lower, upper = (PolygonMesh(scale * part.points @ rotation(angle).T, part.cells) for part in flat)
     top, bottom = flat[0].points[flat[0].boundaries["top"], 0], flat[1].points[flat[1].boundaries["bottom"], 0]
     gaps = np.diff(np.unique(np.concatenate([top.ravel(), bottom.ravel()])))
-    assume(gaps[gaps > 1e-15].min() > 1e-8)  # bodies merge nodes that are closer than a tolerance
+    assume(gaps[gaps > 1e-15].min() > 1e-8)  # `bodies` merges nodes that are closer than its tolerance
     mesh = bodies({"lower": lower, "upper": upper})
     assert_matched(mesh)
     rounding = scale * len(mesh.interfaces["lower|upper"].edges) * 8 * EPS

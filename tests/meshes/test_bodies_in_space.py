@@ -172,7 +172,7 @@ def make_slab(heights, is_lower, middle):
 
 
 def test_a_pocket_between_bodies_is_refused():
-    """Let two surfaces of triangles differ in the diagonal of the middle cell only, where both have the same nodes."""
+    """Let two surfaces of triangles have the same nodes, and differ only in the diagonal of the middle cell."""
     heights = np.ones(16)
     heights[[5, 10]] = 0.8
     lower = make_slab(heights, True, 0)

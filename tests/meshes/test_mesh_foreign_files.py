@@ -178,7 +178,7 @@ def test_a_part_whose_elements_are_not_read_is_no_body(read_text):
 
 
 def test_a_name_on_part_of_an_interface_names_this_part(read_text):
-    """Name a set "toe" on the second body: the boundary "toe" has the edges of the first body that touch it."""
+    """Name a set "toe" on the second body: the boundary "toe" has the edges of the first body at this set."""
     mesh = read_text(".inp", TWO, bodies="physical")
     assert mesh.interfaces["foot"].bodies == ("low", "high")
     toe = mesh.boundaries["toe"].tolist()

@@ -236,7 +236,7 @@ def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
 
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 def test_conversion_to_pyvista_and_its_files_restore_polyhedra(family, tmp_path):
-    """Read files of PyVista, as text and compressed, and let PyVista compute the volumes in a file of the package."""
+    """Read a compressed file and a text file of PyVista, and let PyVista read a file of `write` and compute volumes."""
     pv = import_pyvista()
     mesh = vx.meshes.SPACE_FAMILIES[family](2, BOX, 1)
     mesh = mesh.with_cell_data("young", np.arange(mesh.n_cells)).with_boundary("half", lambda x: x[:, 1] < 3.0)

@@ -2,13 +2,13 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
-Meth. Eng. 20 (1984), 745-756). The bisected edge is at least as long as the edge with the node, and a cut adds shorter
-edges only, so the process ends. Among equally long edges the numbers of the end nodes decide, and coinciding nodes at
-an interface count as one. So neighbours choose the same edge, also across an interface. By default every cell is cut
-at least three times, once in every direction: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
+Meth. Eng. 20 (1984), 745-756). This ends: the longest edge of a cell is at least as long as its edge with a new node,
+and bisection adds only edges shorter than the longest edge. If several edges are longest, the numbers of their nodes
+determine the choice; coinciding nodes at an interface have one number here. So neighbours choose the same edge. By
+default every cell is cut at least three times: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
 
-*Other cells* are split into one part per vertex. The vertices of the parts are vertices, midpoints of edges and
-centroids of faces of the cell, and the centroid of the cell. A cube becomes eight cubes. The new faces must be plane.
+*Other cells* are split into one part per vertex. The parts have the vertices of the cell, the midpoints of its edges,
+the centroids of its faces, and its own centroid. A cube becomes eight cubes. The new faces must be plane.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Tetrahedra(NamedTuple):
     """Tetrahedra during bisection, with their origins."""
 
     corners: Ints  # (n, 4) the first three run counter-clockwise, seen from the fourth
-    parts: Ints  # (n, 4) position in the old boundary of the face opposite to each corner; -1 inside
+    parts: Ints  # (n, 4) the old boundary face opposite to each corner, by its position; -1 if there is none
     parents: Ints  # (n,) original cell
     cuts: Ints  # (n,) number of bisections that led from the original cell to this one
 
@@ -126,7 +126,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the position in the old boundary of each boundary face's parent; `listed` has it for all faces."""
+    """Return `listed`, which has a value for each face of each cell, as one value for each boundary face."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]
@@ -145,7 +145,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # the part at a vertex has one quadrilateral in each face at the vertex, and one across each edge at the vertex
+    # The part at a vertex has a quadrilateral in each face at this vertex, and one through the midpoint of each edge.
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

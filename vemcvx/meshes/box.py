@@ -49,7 +49,7 @@ class Box:
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
     def ticks(self, *counts: int, grades: tuple[float, ...] = (1.0, 1.0, 1.0)) -> list[Floats]:
-        """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two equal.
+        """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two coordinates equal.
 
         The widths along an axis form a geometric sequence; the last width is `grade` times the first.
         """
@@ -120,10 +120,10 @@ def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Return the numbers of cells along the axes, at least one each: the given numbers, or as many as fill the box.
+    """Return the number of cells along each axis: the numbers in n, or what n or `size` implies, but at least 1.
 
-    Cells of the family are `stretch` times as wide as squares of the same area. `each` is the largest number of cells
-    into which the family splits one square or cube.
+    Cells of the mesh family are `stretch` times as wide as squares of the same area. `each` is the largest number of
+    cells into which the family splits one square or cube.
     """
     if is_list(n) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
@@ -144,7 +144,7 @@ def is_list(n: object) -> bool:
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """Return the number of cells along each axis, before rounding, from n along the shortest side or from the size."""
+    """Return the number of cells along each axis before rounding; n is the number along the shortest side."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"give either n (cells along the shortest side) or size= (the width of a cell); got {both}.")
@@ -177,7 +177,7 @@ T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return the name of a `what`, by default a part of the boundary; raise MeshError if it is not allowed."""
+    """Return the name, or raise MeshError if it is not allowed; `what` describes the named object in messages."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":
@@ -213,7 +213,7 @@ def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
 
 
 def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapping[str, T]:
-    """Return the given mapping, an empty one for None; or raise MeshError."""
+    """Return the given mapping, or an empty mapping for None; raise MeshError for other types."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):

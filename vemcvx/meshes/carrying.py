@@ -72,7 +72,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return, for the midpoint of each edge (e, 2), the first midpoint in its place; midpoints come after old nodes."""
+    """Return the node at the midpoint of each edge (e, 2); coinciding midpoints get the first of their numbers."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

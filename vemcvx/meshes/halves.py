@@ -26,9 +26,9 @@ NEAR_FRACTION = 0.1  # largest distance at which inner nodes move onto the line,
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
     """Return two meshes: the parts of a mesh behind and ahead of a line (in space: of a plane).
 
-    :func:`vemcvx.meshes.bodies` joins both parts again, with the cut as an interface, as `Pretension` of a bolt needs.
+    :func:`vemcvx.meshes.bodies` joins both parts again; the cut becomes an interface, for example for `Pretension`.
     Both parts keep cell data and names of boundaries; edges or faces along the cut have no name. In the plane, cells
-    that the line crosses are split; inner nodes move onto the line if it is nearer than a tenth of their shortest edge.
+    that the line crosses are split. Inner nodes nearer to the line than a tenth of their shortest edge move onto it.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Flo
 
 
 def _part(mesh: Any, points: Floats, side: Floats, rows: tuple[Ints, Ints], ends: Ints) -> Any:
-    """Return the mesh where `side` is negative; `rows` are the nodes of cells; node n_nodes + k is on edge ends[k]."""
+    """Return the part where `side` < 0; `rows` are the nodes of cells, and node n_nodes + k is on edge ends[k]."""
     parents = np.flatnonzero(np.minimum.reduceat(side[rows[1]], rows[0][:-1]) < 0)
     offsets, nodes = rows_in_order(*rows, parents)
     kept = side[nodes] <= 0

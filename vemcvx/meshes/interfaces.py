@@ -101,9 +101,9 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return the nodes (k, n) of coinciding sides (edges or faces), of the earlier and of the later body.
+    """Return two arrays (k, n): the nodes of coinciding edges or faces in the earlier and in the later body.
 
-    `outlines` are the offsets and vertices of the boundary sides. `place` is the first node in the place of each node.
+    `outlines` are the offsets and vertices of the boundary. For each node, `place` is the first coinciding node.
     """
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1

@@ -5,16 +5,16 @@ triangle are joined to each other instead (four similar triangles), and a long t
 cut across. A cell that is not star-shaped is refused. Virtual elements treat hanging nodes like any vertex, so hanging
 nodes stay. Further cells are split until no straight part of the outline of an unsplit cell gets a second hanging node.
 
-A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`: if the
-midpoints beside an angle of 175 degrees were joined to the centre, one part would have this angle after any number of
-refinements. If a cell has fewer than three corners, like a regular polygon with many sides, all bends are corners.
+A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`. (If
+an angle of 175 degrees counted as a corner, one part would have this angle in every refinement.) If a cell has fewer
+than three corners, like a regular polygon with many sides, all its bends are corners.
 
 A *side* of a cell is its outline from one corner to the next. It is *long* if the cell is a triangle, or if its length
 is at least `LONG_SIDE` times the diameter of the cell. A long side is split once: at a vertex near its midpoint if
 there is one, else at the midpoint of the edge that contains the midpoint of the side. So an edge is split at its
 midpoint or not at all. Short sides stay whole, because splitting them would make Voronoi cells thinner and thinner.
-Relative to the diameter, unsplit sides get longer in a refinement. Consecutive short sides count as one side, or as
-several if their total length is large. If this length is small and the bends cancel, these sides join a longer side.
+Consecutive short sides count as one side, or as several sides if their total length is large. If this length is below
+`LONG_SIDE` diameters, and the turns of the outline along these sides nearly cancel, they become part of a longer side.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Splitting(NamedTuple):
     places: Ints  # (n_cells,) number of points at which the outline is split: at least 2 for all but extreme shapes
     bend: Bools  # (n_corners,) vertices at which the outline is not straight
     vertex: Bools  # (n_corners,) True if the outline is split at this vertex
-    edge: Bools  # (n_corners,) True if it is split at the midpoint of the edge that starts at this vertex
+    edge: Bools  # (n_corners,) True if the edge that starts at this vertex is split at its midpoint
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
@@ -155,7 +155,7 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     first, long = sides.first, sides.long
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
-    end = np.cumsum(share)  # lengths are relative to the side, so that short sides keep their digits
+    end = np.cumsum(share)  # relative to the length of the side, so that short sides lose no digits
     begin = end - share
     base = begin[first][side]
     begin, end = begin - base, end - base
@@ -170,14 +170,14 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
 
 
 def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats:
-    """Return the points (n_cells, 2) to which midpoints are joined; raise MeshError if a cell is not star-shaped.
+    """Return the centres (n_cells, 2) to which midpoints are joined; raise MeshError if a cell is not star-shaped.
 
-    four long sides    the mean of the four vertices: repeated refinement leads to parallelograms
-    an arrow           (four sides, right turn at x_1) the midpoint of the inner diagonal, (x_1 + x_3) / 2: two parts
-                       are arrows of the same shape, two are parallelograms
-    convex             the centroid: its distance from every side is at least a third of the width across this side
-    otherwise          the centroid if it is at least .1 diameters inside the lines of all sides; else the centre of
-                       the largest ball about which the cell is star-shaped (:mod:`.quality`)
+    shape of the cell          centre
+    four long sides, convex    the mean of the four vertices; repeated refinement leads to parallelograms
+    four sides, not convex     (x_1 + x_3) / 2 if x_1 is the vertex with the right turn
+    other convex cells         the centroid
+    other cells                the centroid if it is at least .1 diameters inside the lines of all sides; otherwise
+                               the centre of the largest ball about which the cell is star-shaped (:mod:`.quality`)
     """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
@@ -219,8 +219,8 @@ def _children(
     """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
 
     A part has the vertices of the outline from one midpoint to the next, and the centre if there is one. `begin` marks
-    the vertices at which parts begin, and the first vertex of each cell. `split` marks cells with several parts,
-    `medial` triangles with a part between the three midpoints. `centre` is the node at the centre of a cell, or -1.
+    the vertices at which parts begin, and the first vertex of each cell. `split` marks cells with several parts;
+    `medial` marks triangles with a part between the three midpoints. `centre` is the central node of a cell, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)

@@ -71,7 +71,7 @@ class Mesh(ABC):
     _named: Mapping[str, Ints]
 
     ARRAYS: ClassVar[tuple[str, ...]]  # attributes that define the mesh, in the order of `unchecked`
-    NUMBERED: ClassVar[Mapping[str, str]]  # array of node, face or cell numbers -> attribute with their count
+    NUMBERED: ClassVar[Mapping[str, str]]  # array that lists nodes (faces, cells) -> "n_nodes" ("n_faces", "n_cells")
     PARTS: ClassVar[str]  # "edges" or "faces"
     A_PART: ClassVar[str]  # "an edge" or "a face"
 
@@ -206,7 +206,7 @@ class Mesh(ABC):
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     def beyond(self, parts: Ints) -> Ints:
-        """Return the edges or faces of second bodies that coincide with given edges or faces of first bodies."""
+        """Return the edges or faces of second bodies at interfaces that coincide with `parts` of the first bodies."""
         places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
         for interface in self.interfaces.values():
             first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))

@@ -3,10 +3,10 @@
 Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another are linked; linked
 faces form a *patch* in one plane. In each patch, Shapely unites the outlines of all faces to a net of lines, and finds
 the polygons of this net. The polygons inside a face replace the face, as coplanar faces of its cell. Finally every
-place on an edge becomes a vertex of all faces with this edge. So touching bodies get the same pieces.
+place within the tolerance of an edge becomes a vertex of all faces with this edge.
 
-A place within the tolerance of an edge is taken to be on it. Nodes of two bodies within `CORNER_FACTOR` times the
-tolerance get one place, so a node near both edges of an angle of at least 30 degrees gets the place of the vertex.
+Nodes of two bodies get one place if their distance is at most `CORNER_FACTOR` times the tolerance. So a node near two
+edges that meet at 30 degrees or more gets the place of their common vertex.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def overlay_tilings(
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
     """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
 
-    In the mesh `apart`, bodies have no common node. `body` is the body of each node, and `place` the first node in the
-    same place. Return the new mesh, the bodies and places of its nodes, and the old number (m,) of each boundary face.
+    In the mesh `apart`, bodies have no common node. For each node, `body` is its body, and `place` is the first node at
+    its place. Return the new mesh, the bodies and places of its nodes, and the old number (m,) of each boundary face.
     """
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
@@ -91,7 +91,7 @@ def _join(one: Rows, other: Rows) -> Rows:
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Insert vertices of `sides` that lie on edges of `sides` into these edges, wherever the edges occur in `rows`."""
+    """Return `rows` with more vertices: vertices of `sides` that lie on an edge of `sides` go into this edge."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = np.unique(sides[1])
@@ -109,7 +109,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return points with new places, the face (k,) of each piece, ascending, and the pieces (k rows of places)."""
+    """Return the points including new ones, the sorted faces (k,) of pieces, and the places of each piece (k rows)."""
     linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -153,7 +153,7 @@ def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
 
 
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
-    """Return points with new places, and the place of each corner (m, 3): a known place nearby, or a new one."""
+    """Return the points including new ones, and the place of each corner (m, 3): one of `known` if near, or new."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
     fresh = np.unique(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])

@@ -208,7 +208,7 @@ def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Return, for each number below `count`, the smallest number that pairs (m, 2) link to it: connected components."""
+    """Return, for each number below `count`, the smallest number in its component of the graph with edges `pairs`."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     return np.unique(label, return_index=True)[1][label]
@@ -262,7 +262,7 @@ def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]
 
 
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
-    """Return pairs (i, j) of overlapping polygons and their common parts; a pair is repeated for each of its parts.
+    """Return pairs (i, j) of overlapping polygons and their common parts; a pair with two parts is listed twice.
 
     If one polygon covers the other, the common part is the inner polygon, and no intersection is computed.
     """

@@ -15,9 +15,9 @@ $$ \rho_K = \max_x \min_e \, n_e \cdot (a_e - x), \qquad n_e \text{ the outward 
 If K is convex, rho_K is the radius of the largest inscribed circle (sphere). If K is not star-shaped, rho_K is
 negative, and star is set to 0. HiGHS solves this linear program for thousands of cells at once.
 
-By (2.9), the stabilisation S of v - Pi v should be comparable to the shear energy a_mu of v - Pi v. On a stretched cell
-S / a_mu differs from 1 by a factor of up to about the aspect ratio. A short edge lowers the least ratio S / a_mu like
-1 / |log edge| (problems/stabilisation_spectrum.py).
+For the stability (2.9), the stabilisation term S should be comparable to the shear energy a_mu on fields without a
+linear part. On a cell of aspect ratio r, S / a_mu lies between about 1 / r and r. A short edge lowers the least ratio
+S / a_mu like 1 / |log edge| (problems/stabilisation_spectrum.py).
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class Walls(NamedTuple):
     offsets: Ints
     normals: Floats  # (k, dim) outward unit normals
     away: Floats  # (k,) distance from the centroid of the cell, divided by the cell diameter
-    lengths: Floats  # (k,) length of the edge, in space of the shortest edge of the face
+    lengths: Floats  # (k,) length of the edge (in space: of the shortest edge of the face)
 
 
 def walls_of(mesh: Mesh) -> Walls:
@@ -140,7 +140,7 @@ def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Return centres (c, dim) relative to centroids, and radii rho_K (c,), both divided by h_K, from walls of cells."""
+    """Return, from `Walls`, the centres (c, dim) relative to centroids and the radii rho_K (c,), divided by h_K."""
     from scipy.optimize import linprog
 
     size, cells = normals.shape[1] + 1, len(offsets) - 1

@@ -25,7 +25,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
     The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra. Their faces must be
-    plane: split each warped face into two triangles, in both of its cells alike. Of cells of higher order (triangle6,
+    plane: split each warped face into two triangles, the same in both cells. Of cells of higher order (triangle6,
     tetra10 ...) only the corners are read; edges become straight.
 
     Named boundaries come from the file: names written by a mesh's `write`, physical groups of lines (in space:
@@ -42,7 +42,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells
-        (Gmsh), an instance or part, or an element set in a file without parts (Abaqus), or a property (Nastran). A
+        (Gmsh), a property (Nastran), or an instance or part (Abaqus; in files without parts: an element set). A
         boundary "rim" of "plate" is called "plate.rim". An interface is called "plate|pin", or by its name in the file
         if exactly one name stands for the whole interface. Any other name whose edges or faces all lie on interfaces
         becomes a named boundary.
@@ -63,8 +63,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were reversed; unused nodes, nodes other than corners of higher-order cells, or named lines or faces
-        inside the mesh were dropped; sides were named; parts of the file were not read; or a body touches no other.
+        Cells were reversed; sides were named; parts of the file were not read; a body touches no other; or something
+        was dropped: unused nodes, nodes other than the corners of cells, or named lines or faces inside the mesh.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the named sides that lie wholly on interfaces: name -> boundary positions of pieces of first bodies.
+    """Return the named sides that lie wholly on interfaces, each as boundary positions on first bodies.
 
     `origin` has the original edge or face of each piece of the boundary; `sides` has the names in the file.
     """

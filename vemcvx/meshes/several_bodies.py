@@ -208,7 +208,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # from each body without a node at this position, the nearest edge
+    # keep, for each node, the nearest edge of every body that has no node at its position
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
@@ -251,7 +251,7 @@ def _by_name(
 def _check_names(
     interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
 ) -> dict[frozenset[str], tuple[str, tuple[str, str]]]:
-    """Return the given names of interfaces, both bodies -> (name, (first body, second body)), or raise MeshError."""
+    """Return frozenset of two bodies -> (name of the interface, (first body, second body)), or raise MeshError."""
     named: dict[frozenset[str], tuple[str, tuple[str, str]]] = {}
     for name, pair in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
         check_name(name)
@@ -338,7 +338,7 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # the named set of a file from which this body was made
+                continue  # skip the set of a file that became this body
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

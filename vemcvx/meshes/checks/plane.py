@@ -229,7 +229,7 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
     pairs = one != other if body is None else body[one] != body[other]
     one, other = one[pairs], other[pairs]
     overlap = shapely.area(shapely.intersection(polygons[one], polygons[other]))
-    # edges with a missing hanging node have a segment in common; edges along a gap have none
+    # prefer edges with a common segment (a hanging node is missing) to edges along a gap
     along = shapely.length(shapely.intersection(edges[one], edges[other]))
     near = np.flatnonzero((overlap > 0.0) | (shapely.distance(edges[one], edges[other]) <= width))
     if not len(near):

@@ -3,8 +3,8 @@
 The checks are, in this order: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward
 normals are reversed and unused nodes dropped, each with a note for a warning.
 
-Each edge of a cell belongs to exactly two of its faces. If both normals point outwards, or both inwards, these faces
-traverse the edge in opposite directions. Else all faces of the cell whose normals point to its middle are reversed.
+Each edge of a cell belongs to exactly two of its faces, which must traverse the edge in opposite directions. If they do
+not at some edge of a cell, we reverse all faces of the cell whose normals point to its middle, and check again.
 
 Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Cells that intersect otherwise
 are found only if the volumes of all cells add up to more than the volume of their convex hull.

@@ -150,7 +150,7 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Zigzag lines separate the rows of cells; their height is a third of a row, and they have a node every half cell.
+    # Zigzag lines separate the rows of cells. A line is a third of a row high, with two nodes per width of a cell.
     # If k + i is even, an upright edge joins node i of line k, a high node, to node i of line k + 1, a low node.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
@@ -266,8 +266,8 @@ def nonconvex(
     ----------
     n, box, seed, size : as in `squares`
     zigzag : float
-        In [0, 1/3), so that edges do not intersect: each inner edge becomes a zigzag line with nodes at one and two
-        thirds of its length, whose distance from the edge is this fraction of a cell.
+        In [0, 1/3), so that edges do not intersect. Each inner edge becomes a zigzag line through two nodes, at one
+        and two thirds of its length; `zigzag` is their distance from the edge, divided by the width of a cell.
 
     Returns
     -------

@@ -206,7 +206,7 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(check_whole("relaxations", relaxations, 0, 10_000) + 1):
-        # if there are few seeds, mirror all: the seeds and a few images might lie on one line, without triangulation
+        # Few seeds with few images might lie on one line, and have no triangulation; so few seeds are all mirrored.
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)

@@ -28,7 +28,7 @@ TYPES = {
     r"(?:T[23]D|R2D)(\d)": {2: "line", 3: "line3"},
     r"B[23](\d)": {1: "line", 2: "line3"},
 }
-"""Pattern of an element type (more letters may follow) -> the number in this type -> kind of cell."""
+"""Pattern of the name of an element type (more letters may follow) -> number in this name -> kind of cell."""
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -186,7 +186,7 @@ class _Deck:
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]
         if of.isdigit():
-            if kind == "NSET" and int(of) not in known:  # missing elements have unread types: `unread` lists these
+            if kind == "NSET" and int(of) not in known:  # `unread` already has the types of missing elements
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:

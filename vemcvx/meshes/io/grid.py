@@ -3,10 +3,10 @@
 A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
 are cells of the grid, too. If a named set contains cells of the mesh, a cell datum is 1 in the set and 0 outside. If
 a named set contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep
-data, the cell datum "boundary:<name>" is 1 on the lines or polygons of a part of the boundary; in other cell data,
-each line or polygon has the value of the cell beside it.
+data, the cell datum "boundary:<name>" is 1 on the lines or polygons of the boundary "<name>". All other cell data have
+on each line or polygon the value of the cell beside it.
 
-An interface of two bodies is stored as two such parts: edges or faces of the first body under the name of the
+An interface of two bodies is stored as two boundaries: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
 """
 

@@ -113,7 +113,7 @@ def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
 
 def _offsets(ends: Ints, room: int, what: str) -> Ints:
     offsets = np.concatenate([[0], ends])
-    # comparison, because differences may overflow
+    # we compare offsets, because their differences may overflow
     if (offsets[1:] < offsets[:-1]).any() or offsets[-1] > room:
         raise MeshError(DAMAGED.format(what))
     return offsets

@@ -29,7 +29,7 @@ ROOT = HERE.parent
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
 PROCESSES = 2
-"""Number of kernels that run at the same time, and of processes of Sphinx."""
+"""Number of kernels that run at the same time. Sphinx then runs in as many processes."""
 
 
 def report(task: str) -> None:
@@ -58,7 +58,7 @@ def collect_sources(sources: Path) -> None:
 
 
 def write_kernel(folder: Path) -> None:
-    """Write a Jupyter kernel that uses this Python and one thread, and logs errors only; Jupyter finds it first."""
+    """Write a Jupyter kernel that uses this Python and one thread, and let JUPYTER_PATH point to it."""
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}
@@ -69,7 +69,7 @@ def write_kernel(folder: Path) -> None:
 
 
 def run_code(sources: Path, folder: Path) -> None:
-    """Write the live pages, and run the cells without a result in the cache, from which Sphinx takes all results."""
+    """Write the live pages, and run the cells whose results are not in the cache. Sphinx reads the cache."""
     from generator.gallery import LIVE
     from jupyter_cache import get_cache
     from jupyter_cache.executors.utils import create_cache_bundle, single_nb_execution

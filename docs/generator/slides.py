@@ -14,7 +14,7 @@ from pathlib import Path
 from bs4 import BeautifulSoup, Tag
 
 LETTERS, LINES = 85, 5
-"""The largest number of letters in a line, and of lines of text on a slide."""
+"""The largest number of letters in a line, and the largest number of lines of text on a slide."""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>
@@ -101,7 +101,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
 
 
 def is_shown(block: Tag) -> bool:
-    """Return True for a formula on its own lines, a table, or a list that leaves a line for its introduction."""
+    """Return True for a formula on lines of its own, a table, or a list of fewer than LINES lines."""
     if block.name == "ul":
         return sum(count_lines(str(item)) for item in block.find_all("li")) < LINES
     return bool({"math", "math-wrapper", "table-wrapper"} & set(block.get("class", ())))

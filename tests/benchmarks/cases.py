@@ -82,8 +82,8 @@ def measure_paper(n: int) -> list[Row]:
         run = found[name]
         rows += [
             row(f"simulate, {n} steps, Newton 1e-8, {name}", run, wanted),
-            part(f"of these: assembling and preparing, {name}", run["assemble"] + run["prepare"], ""),
-            part(f"of these: {n} steps, {name}", run["solve"], "<= 0.15"),
+            part(f"in this run: assembling and preparing, {name}", run["assemble"] + run["prepare"], ""),
+            part(f"in this run: {n} steps, {name}", run["solve"], "<= 0.15"),
             part(f"one step after set-up, median, {name}", run["step"], "<= 0.0006"),
         ]
     rows += [row(f"simulate, {n} steps, Clarabel 1e-6, {name}", slow[name], "<= 5") for name in LINEAR]
@@ -142,13 +142,13 @@ def growth_row(growth: list[dict], linear: str) -> Row:
     """Return a row with the exponent p of time = O(unknowns^p), from the smallest and the largest size."""
     first, last = growth[0], growth[-1]
     name = (
-        f"growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} (log ratio; largest: "
-        f"{last['seconds']:.0f} s, {last['peak_gb']:.1f} GB, certified {last['certified']:.0e})"
+        f"logarithm of the growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} "
+        f"(largest: {last['seconds']:.0f} s, {last['peak_gb']:.1f} GB, certified {last['certified']:.0e})"
     )
     return Row(
         name,
         np.log(last["seconds"] / first["seconds"]),
-        "growth of unknowns",
+        "logarithm of the growth of unknowns",
         np.log(last["unknowns"] / first["unknowns"]),
         "<= 1.3",
     )
@@ -161,7 +161,7 @@ def measure_imports() -> list[Row]:
     )
     programs = [partial(in_a_process, code.format(more=more)) for more in ("", ", vemcvx")]
     bare, ours = alternate(*programs, repeats=5)
-    return [Row("import vemcvx (whole process)", ours, "import numpy, scipy.sparse", bare, "0.6 s more")]
+    return [Row("import vemcvx (whole process)", ours, "import numpy, scipy.sparse", bare, "reference + 0.6 s")]
 
 
 def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:

@@ -98,7 +98,7 @@ def round_points(mesh):
 
 @pytest.mark.long
 def test_a_tolerance_matches_points_rounded_to_seven_digits():
-    """Round points at a plane joint, where nodes then lie beside edges, and at a cylinder with matching nodes."""
+    """Round points at a plane joint, so that nodes lie beside edges, and at a cylinder with matching nodes."""
     lower = round_points(cubes(3, ((-1, 2), (-1, 2), (0, 1))))
     upper = round_points(rotate(SPACE_FAMILIES["tetrahedra"](3, ((0, 1), (0, 1), (1, 2))), 0.4))
     mesh = bodies({"lower": lower, "upper": upper}, tolerance=3e-7)

@@ -22,8 +22,8 @@ FATTEST = defaultdict(
 )
 """Family -> bound on diameter^2 / area after refinement.
 
-A square has 2, half a square 4. The largest values after seven passes for eight seeds were 4.4 for hexagons, 5.3 for
-voronoi, 4.3 for distorted, and 22 for nonconvex.
+The ratio of a square is 2, of half a square 4. The largest ratios after seven passes for eight seeds were 4.4 for
+hexagons, 5.3 for voronoi, 4.3 for distorted, and 22 for nonconvex.
 """
 
 

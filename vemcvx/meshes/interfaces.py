@@ -129,7 +129,7 @@ def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """Return, for each node, the smallest number of the nodes that coincide with it; or raise MeshError."""
+    """Return, for each node, the first of the nodes that coincide with it (or itself); or raise MeshError."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]

@@ -3,7 +3,7 @@
 The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. The midpoints of a
 triangle are joined to each other instead (four similar triangles), and a long thin convex cell with two midpoints is
 cut across. A cell that is not star-shaped is refused. Virtual elements treat hanging nodes like any vertex, so hanging
-nodes stay. Further cells are split until no straight part of the outline of an unsplit cell gets a second hanging node.
+nodes stay. Further cells are split until unsplit cells get at most one hanging node per straight part of their outline.
 
 A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`. (If
 an angle of 175 degrees counted as a corner, one part would have this angle in every refinement.) If a cell has fewer

@@ -228,7 +228,7 @@ def right_of(vectors: Floats) -> Floats:
 
 
 def rounding(*points: Floats) -> Floats:
-    """Return the lengths (m,) below which distances between points (m, dim) are rounding errors of the coordinates."""
+    """Return the largest rounding errors (m,) of distances between points (m, dim)."""
     return TOLERANCE * np.max([np.abs(point).max(axis=1) for point in points], axis=0)
 
 
@@ -312,7 +312,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Return signed areas (n_cells,) and centroids (n_cells, 2); for a cell without area, its first vertex."""
+    """Return signed areas (n_cells,) and centroids (n_cells, 2); without an area, the centroid is the first vertex."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]

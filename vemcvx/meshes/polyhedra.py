@@ -101,7 +101,7 @@ def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
 
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Return coordinates (m, 3) of each point relative to its face: two in its plane, and the height above it."""
+    """Return coordinates (m, 3) of points: two in the plane of the given face, and the height above this plane."""
     arms, axes = places - shapes.centroids[faces], axes_in_planes(shapes)
     return np.asarray(np.einsum("mai,mi->ma", axes[faces], arms))
 

@@ -1,9 +1,9 @@
 r"""The shapes of cells: two ratios that determine the constants of Assumption 3.3 of the paper named in :mod:`vemcvx`.
 
-By Assumption 3.3 every cell K can be split into shape-regular triangles of a size comparable to h_K, and each edge of K
-is a side of a triangle. The constants of the assumption depend on two ratios only (L. Chen and J. Huang, Some error
-analysis on virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with
-small edges or faces, 2018):
+By Assumption 3.3 every cell K of diameter h_K can be split into shape-regular triangles of comparable size, and each
+edge of K is a side of a triangle. The constants depend on two ratios only (L. Chen and J. Huang, Some error analysis
+on virtual element methods, Calcolo 55, 2018; S. Brenner and L.-Y. Sung, Virtual element methods on meshes with small
+edges or faces, 2018):
 
 - star: rho_K / h_K, with the radius rho_K of the largest ball such that K is star-shaped about every point of the ball;
 - edge: the length of the shortest edge / h_K.

@@ -112,7 +112,7 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 def convert(other: Any) -> PolygonMesh | Any:
     """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
 
-    Like :func:`read`, this keeps order, names and data, names sides if the object names none, and checks the mesh.
+    Like :func:`read`, this keeps order, names and data, or gives sides their default names, and checks the mesh.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the old number of each boundary edge or face among all bodies."""
+    """Return the mesh of :func:`bodies`, and the number of each boundary piece in the old boundaries, end to end."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)

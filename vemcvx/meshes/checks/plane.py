@@ -168,7 +168,7 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def roundings(places: Floats, offsets: Ints) -> Floats:
-    """Return, for each row of points, the length below which distances are rounding errors of the coordinates."""
+    """Return, for each row of points, the largest rounding error of a distance."""
     return TOLERANCE * np.maximum.reduceat(np.abs(places).max(axis=1), offsets[:-1])
 
 

@@ -214,7 +214,7 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> Ints:
-    """Return pairs (2, k), the smaller number first, of faces at most `width` apart with a common area.
+    """Return pairs (2, k) of faces that are at most `width` apart and overlap; the smaller number comes first.
 
     The common area is more than `part` of the area of the smaller face. If the bodies (f,) of the faces are given, the
     faces of a pair are of different bodies.

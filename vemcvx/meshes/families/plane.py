@@ -118,7 +118,7 @@ def triangles(
 
 
 HEXAGON_WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
-"""Width a of a regular hexagon of area a^2 sqrt(3)/2 = 1, so that there are as many hexagons as squares."""
+"""Width w of a regular hexagon of area w^2 sqrt(3)/2 = 1, so that there are as many hexagons as squares."""
 
 
 def hexagons(

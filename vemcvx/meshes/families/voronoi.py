@@ -237,7 +237,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return seeds and images in sides nearer than `reach`; the seed of each; the side of each image, -1 for seeds."""
+    """Return seeds with images in sides nearer than `reach`, the seed of each point, and its side (-1 for seeds)."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)

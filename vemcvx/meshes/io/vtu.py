@@ -100,7 +100,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
 
 
 def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
-    """Unpack the bytes of an array, which follow a header: their length, or the sizes of compressed blocks."""
+    """Unpack the bytes of an array; a header before them has their length, or the sizes of compressed blocks."""
     if not data:
         return b""
     count = int(np.frombuffer(data, head, 1)[0])

@@ -2,16 +2,17 @@
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--getfem 12 20] [--steps 4] [--python /usr/bin/python3]
 
-A block (1 x 1 x 1/4, n x n x n/4 cubes of six tetrahedra, E = 200, nu = .3) is held at its top, pushed down, tilted and
-pushed sideways over a rigid floor, mu = .3, in a few steps. Times are CPU seconds.
+A block (1 x 1 x 1/4, n x n x n/4 cubes of six tetrahedra, E = 200, nu = .3) is on a rigid floor, mu = .3. Its top has a
+prescribed motion: down, tilted and sideways, in a few steps. Times are CPU seconds.
 
-Siconos (Debian: python3-siconos) solves the step in the form of FCLIB, slips u = W r + q for forces r in Coulomb's
-cones, by nonsmooth Gauss-Seidel (NSGS) to 1e-8, from the forces of the previous step. We solve the condensed program.
-W and our condensed matrix are computed beforehand. Times are medians over steps, ours without the first step.
+Siconos (Debian: python3-siconos) solves a step in the form of FCLIB: the relative displacements are u = W r + q, and
+the forces r are in Coulomb's cones. Nonsmooth Gauss-Seidel (NSGS) starts from the forces of the previous step and stops
+at 1e-8. We solve the condensed program. W and our condensed matrix are computed beforehand. Times are medians over
+steps, ours without the first step.
 
-GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes in its brick for
-nodal contact with friction (`add_basic_contact_brick`: the augmented Lagrangian of Alart and Curnier, version 1, with
-r = E / 100), and applies Newton's method. We simulate the scene, including assembly. Times are sums over all steps.
+GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes. Its brick for
+nodal contact with friction, `add_basic_contact_brick`, has the augmented Lagrangian of Alart and Curnier, version 1,
+with r = E / 100. GetFEM applies Newton's method. We simulate the scene, including assembly. Times are sums over steps.
 """
 
 from __future__ import annotations

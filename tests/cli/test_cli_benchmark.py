@@ -51,7 +51,7 @@ ENTRIES = {
 
 
 def test_the_cheapest_trial_that_reaches_an_error_counts():
-    """The solver "quick" reaches 1e-3 at its loosest tolerance, "sure" at its tightest only."""
+    """The solver "quick" reaches 1e-3 at both tolerances, the solver "sure" only at the tighter tolerance."""
     assert seconds_to(ENTRIES["quick"]["a"], 1e-3) == 0.1
     assert seconds_to(ENTRIES["sure"]["a"], 1e-3) == 0.4
     assert seconds_to(ENTRIES["quick"]["a"], 1e-9) == math.inf
@@ -138,7 +138,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """In units of the first norm, errors are .03 and .02, and the largest norm is 2. The second step starts warm."""
+    """The errors are .03 |d*|_K and .02 |d*|_K, with the d* of step 1; the largest norm is that of step 2, 2 |d*|_K."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 
@@ -227,7 +227,7 @@ NEWTON = """
 
 @pytest.mark.slow
 def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_path, monkeypatch):
-    """The README shows a solver file with dots, in whose place the test writes Newton's method."""
+    """The README shows a file of a solver, in which dots replace the method; the test writes Newton's method there."""
     wanted = {"block_between_dies-n12-2of8", "block_in_space-n4-4of8", "feng_han_huang-n8-4of8"}
     write_collection(tmp_path, instances=[one for one in INSTANCES if one.name in wanted])
     lines = (tmp_path / "README.md").read_text().splitlines()

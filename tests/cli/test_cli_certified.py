@@ -35,7 +35,7 @@ def history():
 
 
 def find_line(history, **parts):
-    """Return the line about certificates in the summary of a run after its results `parts` are replaced."""
+    """Replace the results `parts` of a run, and return the line about certificates in the summary of this run."""
     changed = dataclasses.replace(history, trajectory=dataclasses.replace(history.trajectory, **parts))
     return next(line for line in changed.summary().splitlines() if line.startswith("certified"))
 

@@ -94,7 +94,7 @@ def test_the_script_imports_three_packages_only():
 
 @pytest.mark.long
 def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
-    """The manifest describes the files, and gaps of the script agree with certificates of the package."""
+    """The manifest describes the files. The duality gaps that the script computes agree with the certificates."""
     assert write_collection(tmp_path, "mtx", instances=choose_small()).startswith(f"{len(GRADES) + 1} instances")
     manifest = read_manifest(tmp_path)
     assert {row["grade"] for row in manifest} == GRADES
@@ -105,7 +105,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
         other = vx.read_program(tmp_path / f"{row['name']}.mtx")
         assert len(program.g) == len(other.g) == row["unknowns"]
         optimum = row["optimum"]
-        # If K has a kernel, K from a file has other anchors (`vemcvx.program.kernel`), and bounds differ by rounding.
+        # If K has a kernel, springs are added to K. Reading chooses them anew, so the bounds differ by rounding.
         bounds = optimum["low"], optimum["high"]
         assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm
@@ -126,7 +126,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
 
 
 def count_degenerate(program):
-    """Count norm terms that are at rest and at their bound, each to a relative 1e-9."""
+    """Count norm terms with zero slip and a multiplier at its bound, both up to a relative 1e-9."""
     slip = np.linalg.norm(program.slip(program.answer.d), axis=1)
     room = program.w - np.linalg.norm(program.answer.lam, axis=1)
     return np.count_nonzero((slip <= 1e-9 * slip.max(initial=0.0)) & (room <= 1e-9 * program.w))

@@ -74,7 +74,7 @@ def in_process(monkeypatch):
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory):
-    """Kill a sweep after one point, tear a line of its journal, continue it; return folder, old rows and result."""
+    """Kill a sweep, add half a line to its journal, and continue the sweep; return folder, old rows and result."""
     folder = tmp_path_factory.mktemp("sweep")
     command = [sys.executable, "-m", "vemcvx", "cost", PROBLEM, *GRID, "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)

@@ -1,4 +1,4 @@
-"""The choice of linear solvers by the number of unknowns, and if packages are missing."""
+"""The choice of linear solvers depends on the number of unknowns, and on the packages that are installed."""
 
 from __future__ import annotations
 

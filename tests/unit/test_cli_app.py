@@ -182,7 +182,7 @@ def test_units_of_a_problem_file_are_on_every_axis_and_errors_name_its_line(ran,
 
 @pytest.mark.long
 def test_letters_are_large_and_labels_complete(ran):
-    """Letters have at least 12 px if a picture is 346 px wide, its smallest width in a window of 420 px."""
+    """Pictures are at least 346 px wide, in a window of 420 px; then letters have at least 12 px."""
     app = ran[0]
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)

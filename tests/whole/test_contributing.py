@@ -57,7 +57,7 @@ def made(tmp_path, monkeypatch):
 
 
 def test_an_effect_in_one_file_and_one_line_has_the_solution_in_closed_form(made):
-    """A bar of modulus M between a fixed end and springs k, whose support moves by U t: u = k U t (1 - x) / (M + k)."""
+    """A bar of modulus M is fixed at x = 1. Springs k at x = 0 join it to a support that moves by U t."""
     Robin = made("vemcvx/effects/robin.py")["Robin"]
     k, young, poisson, U = 3.0, 10.0, 0.3, 0.01
     M = young * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))  # modulus without lateral strain

@@ -1,8 +1,8 @@
 """Random stacks of bodies against independent programs: scikit-fem, cvxpy, Clarabel; see :mod:`independent_p1`.
 
 A stack has two or three bodies of triangles, on which virtual elements are linear elements. Moduli vary over two
-decades, gaps move, and friction between bodies is Tresca's or Coulomb's. The lowest body is clamped, or on springs and
-a moving obstacle. The uppermost body has a prescribed motion, or is pressed and pulled while only friction holds it.
+decades, gaps move, and friction between bodies is Tresca's or Coulomb's. The lowest body is clamped, or springs and
+a moving obstacle hold it. The uppermost body has a prescribed motion, or only friction holds it under two loads.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ def draw(seed):
     mesh = vx.meshes.SPACE_FAMILIES[rng.choice(FAMILIES)]((2, 2, 2), box=box, seed=seed % 50)
 
     def field(size, low=-1.0):
-        """Return f(x, t): an affine function of x with values between `low` and 1, times `size` and sin 2t."""
+        """Return f(x, t) = size * sin(2 t) * a(x), where a is affine with values between `low` and 1."""
         c = rng.uniform(low, 1, 4)
         return lambda x, t: np.sin(2 * t) * size * (c[0] + (x / np.ptp(mesh.points, axis=0)) @ (c[1:] - c[0]) / 3)
 

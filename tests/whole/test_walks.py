@@ -22,7 +22,7 @@ NUMBER = 4 * math.e / math.pi
 
 
 def read_walks():
-    """Return title -> {file: function}; a walk with "down to FILE" begins like the walk before it, up to this file."""
+    """Return title -> {file: function}. A walk with "down to FILE" begins like the previous walk, up to FILE."""
     text = (ROOT.parent / "CONTRIBUTING.md").read_text()
     block = re.search(r"### Walks\n.*?```text\n(.*?)```", text, flags=re.DOTALL)[1]
     found, hops = {}, []
@@ -35,7 +35,7 @@ def read_walks():
 
 
 def make_finder(number):
-    """Return a function that tells if the number, times a power of two, is an entry of an array or a matrix."""
+    """Return a function that tells if 2^k * number, for some k, is an entry of an array or a matrix."""
     wanted = math.frexp(number)[0]
 
     def has(x):
@@ -125,7 +125,7 @@ WALKS = {
 }
 """Title -> function that traces a run."""
 RECORD = "effects/effect.py"
-"""The file of records that hold functions and matrices; a trace does not find numbers in them."""
+"""The file of records that hold functions and matrices; a trace does not look for the number inside records."""
 
 
 def test_every_walk_is_traced():

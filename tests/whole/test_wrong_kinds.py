@@ -78,7 +78,7 @@ WRONG = {
     **{name: (lambda f=function: f) for name, function in FUNCTIONS.items()},
 }
 ANY_FUNCTION = {"Norms.places", "Limits.places", "Kernel.in_words"}
-"""Parameters whose functions are called for messages only. (An infinite weight in `Norms` means that a term sticks.)"""
+"""Parameters that accept any function, because it is called for messages only."""
 
 MESH, CUBE = vx.meshes.squares(1), vx.meshes.cubes(1)
 STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
@@ -205,7 +205,7 @@ def list_places():
 
 PLACES = dict(list_places())
 EVERY = len(WRONG)
-"""By default, each parameter receives one wrong value, and all parameters together receive every value."""
+"""By default, `check_place` gives each parameter one value of `WRONG`; successive parameters receive other values."""
 
 
 @pytest.mark.long
@@ -219,6 +219,7 @@ def test_the_arguments_in_given_are_valid():
 def check_place(place, every):
     called, given, parameter = PLACES[place]
     for name in list(WRONG)[list(PLACES).index(place) % every :: every]:
+        # An infinite weight in `Norms` is valid: its term always sticks.
         if (name in FUNCTIONS and place in ANY_FUNCTION) or (name, place) == ("infinity", "Norms.w"):
             continue
         try:

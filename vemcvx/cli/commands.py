@@ -34,7 +34,7 @@ KINDS = {
     "app": ("live_page", "App"),
     "doctor": ("doctor", "Doctor"),
 }
-"""Command -> its module in this folder, which is imported when the command is used, and its class."""
+"""Command -> its module in this folder, and its class. A module is imported when its command is used."""
 
 
 class Commands(TyperGroup):

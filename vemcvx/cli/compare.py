@@ -1,13 +1,14 @@
 """`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
 
-If friction bounds are given, steps are nonexpansive in the energy norm |.|_K. So the states y, z of two solvers obey
+If friction bounds do not depend on the answer, a step does not enlarge the difference of two states in the energy norm
+|.|_K. So the states y, z of two solvers obey
 
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
 
 where gap_m and floor_m are the duality gap and the rounding floor of step m. All answers are compared with the most
-certain answer, the one with the smallest last E_n. Certificates that satisfy the inequality are *honest*. A certificate
-is *good* if it is as small as requested, apart from its rounding floor. The sum is no bound if friction bounds depend
-on the answer, or if one-sided limits meet friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
+certain one, which has the smallest E_n at the end. Certificates that satisfy the inequality are *honest*. A certificate
+is *good* if it is as small as requested, apart from its rounding floor. The sum is no bound if one-sided limits meet
+friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
 
 Every solver has a row, even if it refuses the program, misses its accuracy, or fails. With a time limit, each solver
 runs in a separate process, which is stopped at the limit.
@@ -48,7 +49,7 @@ CERTIFIED, MISSED, REFUSED, FAILED = "certified", "missed", "refused", "failed"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A row of the comparison: a solver with its own, tuned or default settings, and its outcome.
+    """A row of the comparison: a solver, its settings ("own", "tuned" or "default"), and its outcome.
 
     Errors are relative to the largest energy norm of the states so far. `iterations` is the median over steps.
     """
@@ -69,7 +70,7 @@ class Row:
 
     @property
     def label(self) -> str:
-        """The solver and its settings in messages."""
+        """The name of the row in messages: the solver, and its settings unless they are "own"."""
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
 
@@ -78,7 +79,7 @@ Attempt = tuple[Row, Trajectory | None]  # A row before the comparison, and the 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All rows, the label of the most certain solver, and True in `rigorous` if certificates bound the distances."""
+    """All rows and the label of the most certain row; `rigorous` is True if certificates bound the distances."""
 
     rows: tuple[Row, ...]
     most_certain: str | None
@@ -256,7 +257,7 @@ class Compare:
 
 
 def entrants(command: Compare) -> list[tuple[Solver, str]]:
-    """Return the chosen solvers and their settings: "own", or for cvxpy's solvers "tuned" and "default" in turn."""
+    """Return pairs (solver, settings): "own", or for a solver of cvxpy "tuned" (if vemcvx tunes it) and "default"."""
     # This imports cvxpy, so that the import is not in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
     typed = parse_list("--solvers", command.solvers, str, "names such as newton,clarabel,SCS, or all")
@@ -312,7 +313,7 @@ COLUMNS = {
     "iter.\na step": ("iterations", "d"),
     "total\ns": ("seconds", ".3f"),
 }
-"""Heading -> field of `Row`, and its format, or the word for False."""
+"""Heading -> field of `Row`, and the format of its number; for a field True or False, the word for False."""
 
 
 def _cell(value: object, form: str) -> str:

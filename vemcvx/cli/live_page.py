@@ -29,7 +29,7 @@ from vemcvx.cli.terminal import check_writable, limit_log, say, write_text
 
 GIVEN = "VEMCVX_APP"  # The environment variable that passes the problem file to the page.
 PAGE = "live_page.py"
-FRAMES = 11  # Number of evenly spaced steps on a page without Python.
+FRAMES = 11  # Number of evenly spaced steps on a page that --html writes.
 STYLE = "dd b{font-size:1.4em}label{display:flex;gap:1em;flex-wrap:wrap}input{flex:1 1 12em}"
 SHOW = """
 const steps = [...document.querySelectorAll('section')];

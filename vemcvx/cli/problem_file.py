@@ -148,12 +148,12 @@ class Problem:
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """Return the parameters of the scene with their values in words: settings "name=value", or defaults."""
+        """Return (parameter, value in words) for the scene; settings "name=value" replace default values."""
         values = self._values(settings).items()
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in values]
 
     def numbers(self, settings: Sequence[str] = ()) -> dict[str, float]:
-        """Return the parameters of the scene that are numbers: from settings "name=value", or defaults."""
+        """Return the parameters of the scene that are numbers; settings "name=value" replace default values."""
         return {name: float(value) for name, value in self._values(settings).items() if is_real(value)}
 
     def _values(self, settings: Sequence[str]) -> dict[str, Any]:
@@ -253,7 +253,7 @@ class Problem:
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """Return the parameters of the function `part`: by default stages if the file defines it, else scene."""
+        """Return the parameters of the function `part`; the default is the function stages if it exists, else scene."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 

@@ -83,7 +83,7 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
     """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings.
 
-    `fits` tests the class of the solver; `has` describes in messages the members that this class must have.
+    `fits` tests the class of the solver; `has` names, for messages, the members that this class must have.
     """
     file, _, name = typed.rpartition(":")
     path = Path(file)
@@ -111,7 +111,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver of a name or FILE.py:NAME; without a name None, for the default by size."""
+    """Return the linear solver of a name or of FILE.py:NAME, or None: the number of unknowns then decides."""
     if name is None:
         return None
     if ":" in name:
@@ -124,7 +124,7 @@ def make_linear_solver(name: str | None) -> LinearSolver | None:
 
 
 def serve_ranks(linear: str | None, runs: int = 1) -> bool:
-    """Return False on rank 0 and without PETSc; on all other ranks of mpiexec serve PETSc, then return True."""
+    """Return False on rank 0, or if PETSc is not chosen; every other rank serves PETSc, and returns True at the end."""
     if linear is None or linear.lower() != "petsc":
         return False
     if runs > 1 and all_ranks().comm.size > 1:

@@ -36,7 +36,7 @@ def wrap_lines(text: str, width: int) -> str:
 
 
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """Return the distinct values of an option, separated by commas; `kind` converts words, or raises ValueError."""
+    """Split the text of an option at commas, and return its distinct values; `kind` converts a word to a value."""
     try:
         parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
     except ValueError:

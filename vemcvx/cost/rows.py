@@ -12,8 +12,7 @@ from vemcvx.plots.style import Units, in_units
 from vemcvx.results import Results
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
-Row = dict[str, Any]
-"""The values of a run by name; a value that a run does not have is None or missing."""
+Row = dict[str, Any]  # The values of a run by name; a value that a run does not have is None or missing.
 COUNTS = "sticking", "slipping", "open"
 FORCES = {"reaction": "largest reaction of a boundary", "force": "largest force of contact and springs on a boundary"}
 PLAIN = {
@@ -30,7 +29,7 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of the key figures of a run: energies at the end, counts at the step of largest energy, else largest values."""
+"""Names of the key figures: energies at the end, counts at the step of largest energy, and largest values of a run."""
 
 
 def figures(history: Results) -> Row:

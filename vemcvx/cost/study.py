@@ -102,7 +102,7 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], 
     name, *others = varying(rows)
     keys = find_results(rows, chosen)
     place: dict[str, Any] = {row[SET + name]: row[SET + name] for row in rows}
-    with suppress(ValueError):  # matplotlib places values that are words side by side.
+    with suppress(ValueError):  # Values that are words stay words; matplotlib places them side by side.
         place = {word: float(word) for word in place}
     lines: dict[str, list[Row]] = {}
     for row in sorted(rows, key=lambda row: place[row[SET + name]]):

@@ -1,8 +1,8 @@
 """A sweep over settings: many parallel runs, whose errors are measured against a reference.
 
 The reference u_ref has twice the cells of the finest mesh along every side, and four times the largest number of steps.
-For the solution u, a run u_h and the energy norm, Galerkin orthogonality nearly holds: |u - u_h|^2 = |u_ref - u_h|^2 +
-|u - u_ref|^2. So |u_ref - u_h| is the error |u - u_h| to 3 % if it is four times |u - u_ref|.
+Let u be the solution and u_h a run. In the energy norm, |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2 nearly holds, by
+Galerkin orthogonality. If |u_ref - u_h| >= 4 |u - u_ref|, then |u_ref - u_h| is the error |u - u_h| to 3 %.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ log = logging.getLogger("vemcvx")
 class Point:
     """Settings of one run.
 
-    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. `of` is the
-    quantity of errors and targets, as in :func:`vemcvx.adapt`.
+    `family` is None for the mesh of the problem. An adaptive run has a `target`, and its `steps` are None. `of` names
+    the quantity whose error counts, as in :func:`vemcvx.adapt`.
     """
 
     family: str | None
@@ -108,7 +108,7 @@ def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Pat
 
 
 def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path, exact: float | None) -> Row:
-    """Run a point and measure its error: of its quantity if the `exact` value is given, else in the energy norm.
+    """Run a point and measure its error: |value - exact| / |exact|, or in the energy norm if `exact` is None.
 
     Raise OSError if the reference cannot be read or is zero; a later sweep then repeats the point.
     """

@@ -114,7 +114,7 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
 
 
 def _draw_rows(ax: Axes, rows: Sequence[Row], cost: str) -> None:
-    """Draw errors over costs: the Pareto front, and one marker per family and solver, edged for adaptive meshes."""
+    """Draw errors over costs: the Pareto front, and one marker per family and solver (black edge: adaptive mesh)."""
     best = front(rows, cost)
     ax.plot([row[cost] for row in best], [100 * row["error"] for row in best], "0.25", label="Pareto front")
     kinds = sorted({(str(row["family"]), row["solver"], row["target"] is not None) for row in rows})

@@ -7,11 +7,11 @@ the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds all array
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     g, w, b, e, c   vectors, c the compliances
     N               (n, k), orthonormal motions with K N = 0: the kernel of K; k = 0 if K is positive definite
-    d, lam, p, step, t      the answer with multipliers of norm terms and limits, and number and instant of its step
+    d, lam, p       the answer d, the multipliers lam of norm terms and p of limits
+    step, t         number and instant of the step
 
-Only norm terms and limits restrain the motions N z, for every z (k,). The program has an optimum if z'N'g < sum_i w_i
-|B_i N z| for all z != 0 with D N z <= 0. The multipliers balance the load on these motions: N'g = N'B'lam + N'D'p. K d
-and the least value are unique; d need not be unique.
+Only norm terms and limits restrain the motions N z. The program has an optimum if z'N'g < sum_i w_i |B_i N z| for all
+z != 0 (k,) with D N z <= 0. At an optimum, N'g = N'B'lam + N'D'p. K d and the least value are unique; d need not be.
 
 A sequence holds the programs of successive steps with the same K, B, D, c and N. All other arrays (CHANGING) have one
 more axis, the first, which numbers the steps.
@@ -79,14 +79,14 @@ def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
 
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of the archive by suffix."""
+    """Return suffix -> contents of the archive."""
     made = io.BytesIO()
     np.savez(made, **_arrays(program))
     return {".npz": made.getvalue()}
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
-    """Return the archive, by suffix, of the programs of successive steps with the same operators."""
+    """Return suffix -> contents of an archive of successive programs, all of which have the same operators."""
     each, made = [_arrays(program) for program in programs], io.BytesIO()
     np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}
@@ -137,7 +137,7 @@ def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of the files by the ends of their names."""
+    """Return suffix -> contents of each file; "_B.mtx" is the suffix of the file of B."""
     made = {}
     for name, part in arrays_of(program).items():
         file = io.BytesIO()

@@ -17,8 +17,8 @@ MPS in free format with a quadratic objective, also called QPS, holds absolute v
     minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
-QUADOBJ is the upper triangle of the Hessian. If duals are >= 0, lam is the dual of U minus the dual of L, and p is the
-dual of Z. HiGHS returns duals <= 0, so their signs must be reversed. The columns p_j are the forces of soft limits. The
+QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam is the dual of U minus the dual of L, and p is the
+dual of Z. HiGHS returns duals <= 0: first reverse their signs. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 In either file the first n variables are d. The first line is a comment with n, the number m of norm terms, the number
@@ -93,7 +93,7 @@ def root(program: StepProgram) -> sp.csr_matrix:
 
 
 def to_cbf(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of the file by suffix."""
+    """Return suffix -> contents of the file."""
     soft = np.flatnonzero(program.operators.compliance)
     A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
@@ -142,7 +142,7 @@ def from_cbf(path: Path) -> StepProgram:
         raise ProgramError("its cones do not fit the sizes in the first line.")
 
     def entries(name: str, rows: int, columns: int) -> sp.csr_matrix:
-        # A section that names columns only has one row.
+        # Sections without row numbers state one row.
         width = 2 if name != "ACOORD" else 3
         numbers = np.array(sections[name].split()[1:], dtype=float).reshape(-1, width).T
         places = numbers[:-1].astype(np.int64)
@@ -158,13 +158,13 @@ def from_cbf(path: Path) -> StepProgram:
 
 
 def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
-    """Yield the names of the rows, the objective last, and of the columns, the right-hand side last."""
+    """Yield the names of the rows and of the objective, then the names of the columns and of the right-hand side."""
     for sizes, last in (({"U": m, "L": m, "Z": r}, "cost"), ({"d": n, "t": m, "p": r}, "rhs")):
         yield [*(f"{letter}{k + 1}" for letter, size in sizes.items() for k in range(size)), last]
 
 
 def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
-    """Return the contents of the file by suffix; raise ProgramError if the program has second-order cones."""
+    """Return suffix -> contents of the file; raise ProgramError if the program has second-order cones."""
     operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
     if SECOND_ORDER_CONES in operators.features:
         raise ProgramError("MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")

@@ -4,11 +4,11 @@ FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the
 displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential ones (T):
 
     local   u = W r + q                         for a condensed program
-    global  M v = H r + f,   u = H'v + w        for all unknowns: W of 10,000 contacts in space would take 7 GB
+    global  M v = H r + f,   u = H'v + w        for a program on all unknowns, without W (7 GB for 10,000 contacts)
 
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-With the rows h_N = -D_j of the limit and h_T = B_i of the norm term of a contact, K d = g - B'lam - D'p gives
+A contact has a limit j and a norm term i. With its rows h_N = -D_j and h_T = B_i of h, K d = g - B'lam - D'p gives
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
@@ -37,7 +37,7 @@ MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -mu r_N u_T /
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of the file by suffix; raise ProgramError unless the step has Coulomb's law."""
+    """Return suffix -> contents of the file; raise ProgramError unless the step has Coulomb's law."""
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
     if not isinstance(program, SolvedProgram):
@@ -95,7 +95,7 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     if not single:
         raise ProgramError(f"{words}here some weights are capped, or some limit has no weight or several.")
     mu = pairs.data
-    # w and mu p are sums of a few numbers: they differ by rounding errors of max w.
+    # In Coulomb's law w = mu p, up to a few rounding errors, each of at most EPS max(w).
     w = program.w[pairs.indices]
     other = np.abs(w - mu * program.answer.p) > 64 * EPS * w.max(initial=0.0)
     if other.any():

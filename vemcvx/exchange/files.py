@@ -1,14 +1,14 @@
 """Write and read programs in the format of the file's suffix.
 
-=======  ============================================================  ======================================
-.npz     NumPy's archive, with the certified answer                    every program, bit by bit
-.mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, bit by bit
-.cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
-.mps     MPS with a quadratic objective, which HiGHS reads under this  absolute values, bounds, soft limits
-         suffix; .qps is the same file for solvers that expect .qps
-.hdf5    FCLIB's local problem, or its global problem if the program   steps with Coulomb's law; cannot be read back
-         is not condensed (extra ``fclib``)
-=======  ============================================================  ======================================
+=======  ============================================================  ==============================================
+Suffix   Format                                                        Programs that it holds
+=======  ============================================================  ==============================================
+.npz     NumPy's archive, with the certified answer                    all, exactly
+.mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            all, exactly
+.cbf     Conic Benchmark Format, the energy as one more cone           all but some with sparse K; K = F'F is rounded
+.mps     MPS with a quadratic objective; .qps is the same file         all without second-order cones
+.hdf5    FCLIB's local problem, or global problem (all unknowns)       steps with Coulomb's law; cannot be read back
+=======  ============================================================  ==============================================
 
 A JSON file of the same name states the origin of the program, its size, and its certified optimum.
 """
@@ -34,8 +34,8 @@ from vemcvx.exchange.fclib import from_fclib, to_fclib
 from vemcvx.program import SolvedProgram, StepProgram
 
 STATEMENT = (
-    "minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a compliance c_j > 0, with "
-    "(D_j d - e_j)_+^2 / (2 c_j) in place of the bound. K d = g - B'lam - D'p, |lam_i| <= w_i, p >= 0. "
+    "minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e. If c_j > 0, the term "
+    "(D_j d - e_j)_+^2 / (2 c_j) replaces the limit D_j d <= e_j. K d = g - B'lam - D'p, |lam_i| <= w_i, p >= 0. "
     "For any such d, lam, p: 1/2 |d - d*|_K^2 <= gap."
 )
 
@@ -67,7 +67,7 @@ def description(program: StepProgram) -> dict[str, Any]:
 
 
 Files = dict[str, bytes]
-"""Contents of files by the ends of their names."""
+"""Suffix -> contents of a file; a suffix such as "_B.mtx" or ".json" follows NAME."""
 FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]] = {
     "npz": (to_npz, from_npz),
     "mtx": (to_matrix_market, from_matrix_market),
@@ -79,7 +79,7 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return the contents of the files of the format `name` and of the JSON file, by the ends of the files' names."""
+    """Return suffix -> contents of the files in the format `name`, and of the JSON file."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:

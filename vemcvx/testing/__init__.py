@@ -52,7 +52,7 @@ def solver_suite(
     Raises
     ------
     SceneError
-        An object has no method `solve`, or its `accepts` names no feature of programs.
+        An object has no method `solve`, or its `accepts` has a word that is no feature of programs.
 
     Examples
     --------

@@ -102,7 +102,7 @@ class EffectSample:
     in_space: bool = False
 
     def with_datum(self, name: str, value: object) -> Effect:
-        """Return the effect with a datum replaced; in a pair the second datum."""
+        """Return the effect with another datum in a field; if the field has a pair, the second datum is replaced."""
         first = getattr(self.effect, name)
         return self.replace(**{name: (first[0], value) if name in self.pairs else value})
 
@@ -139,7 +139,7 @@ class EffectSample:
         return simulate(Scene(*effects), self.mesh(), TIMES)
 
     def contribution(self, effect: Effect, which: int = 0) -> Any:
-        """Return the contribution of an effect to a new space on a mesh as plain data."""
+        """Return, as plain data, what an effect contributes to a new space on a mesh."""
         space = Space(self.mesh(which))
         return content(effect.contribute(space), dim=space.dim)
 

@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems for the comparison of runs. Solvers that do not eliminate may be inexact: they run only the `EASY` ones."""
+"""Systems for the comparison of runs. Linear solvers without elimination, which may be inexact, run only `EASY`."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],
@@ -93,9 +93,9 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check S = ((K^{-1})_cc)^{-1} and solutions by the factor, for two elimination orders.
+    """Check the Schur complement S of unknowns c, S (K^{-1})_cc = I, and solutions, for two elimination orders.
 
-    The set c has none, some or all unknowns. In a chain of 20 unknowns, 0, 1 or 10 uncoupled ones are eliminated.
+    The set c has none, some or all unknowns. In a chain of 20 unknowns, c lacks 0, 1 or 10 uncoupled unknowns.
     """
     system, chain = KINDS["friction"](), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)

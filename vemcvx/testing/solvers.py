@@ -249,7 +249,7 @@ def answers_within_its_accuracy(case: Case) -> None:
 
 
 def agrees_with_newton_within_both_certificates(case: Case) -> None:
-    """Compare the first and last step, from Newton's states, in the norm of K, condensed and on all unknowns."""
+    """Compare the first and the last step, condensed and on all unknowns; both solvers start from Newton's state."""
     for n in (1, len(TIMES) - 1):
         for condense in (True, False):
             own, ours = _step(case.instance, n, condense, case.solver), newtons_step(case.instance, n, condense)
@@ -258,7 +258,7 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check that making multipliers admissible changes their force by some f with f'K^{-1}f / 2 at most the target."""
+    """Check f'K^{-1}f / 2 <= target, where f is the force of multipliers minus the force of admissible multipliers."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)

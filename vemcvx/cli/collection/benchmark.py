@@ -14,12 +14,12 @@ trial with a true error of at most E. The benchmark computes from these times
 
 An instance counts at E if its optimum is certified to E/10. If there is no optimum, only the solver's status counts.
 
-Solvers that cvxpy calls receive the scaled program, as in a run, and the default settings of their libraries, except
-tolerances and limits on iterations. The target of other solvers is the duality gap 1/2 (tolerance |d*|_K)^2. The answer
-to a step of a sequence is a warm start for the next step if the solver can use it. The error of a sequence is the
-largest error of its steps, in units of the largest |d*|_K; its time is the sum over steps. Seconds are processor time:
-the minimum of up to five calls within a tenth of a second. Libraries set up again in each call. Other solvers may keep
-data between calls, such as the Delassus matrix of `newton`; later calls then omit this set-up.
+A solver that cvxpy calls receives the scaled program, as in a run. Its settings are the defaults of its library, except
+for tolerances and limits on iterations. Any other solver receives the duality gap 1/2 (tolerance |d*|_K)^2 as its
+target. Each step of a sequence starts from the answer to the previous step if the solver can use it. The error of a
+sequence is the largest error of its steps, in units of the largest |d*|_K; its time is the sum over steps. Seconds are
+processor time: the minimum of up to five calls within a tenth of a second. Each call of a library includes its set-up.
+Other solvers may keep data between calls, such as the Delassus matrix of `newton`; later calls are then shorter.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Solver -> names of its tolerances in cvxpy, a limit on iterations so large that the time limit is reached first, and
-the smallest tolerance that the library accepts. Other solvers run once, with default settings."""
+"""Solver in cvxpy -> (names of its tolerances, limit on iterations, smallest accepted tolerance). The time limit ends a
+trial before the limit on iterations does. Other solvers in cvxpy run once, with default settings."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Solver in cvxpy -> its package, if the two names differ.
 REPEATS, LONG_ENOUGH = 5, 0.1  # Largest number of calls in a trial, and seconds after which no further call begins.
 BATCH = 10  # Number of instances for which one process runs a solver.
@@ -147,8 +147,7 @@ class Benchmark:
         say(f"{text}\n\n{out} has every trial ({TABLE}), the tables ({WORDS}) and the picture ({PROFILES})")
 
 
-Row = Mapping[str, Any]
-"""The entry of an instance in the manifest."""
+Row = Mapping[str, Any]  # The entry of an instance in the manifest.
 
 
 def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
@@ -201,8 +200,7 @@ class Trial:
         return self.true <= min(ERRORS) and self.certified <= ERRORS[1]
 
 
-Work = tuple[Trial, tuple[float | None, ...]]
-"""An unfinished trial of an instance, and the tolerances that have not been tried on it."""
+Work = tuple[Trial, tuple[float | None, ...]]  # An unfinished trial, and the tolerances that are not yet tried.
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 """The label of a solver -> the name of an instance -> its trials."""
 
@@ -275,7 +273,7 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    Each trial is sent with a time limit, in seconds, for the arrival of the next trial; None means no limit.
+    A message is a trial and a limit: the next message must arrive within so many seconds. None means no limit.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
     use_one_thread()
@@ -306,7 +304,7 @@ Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
 
 @dataclass(frozen=True)
 class Entrant:
-    """A solver of the benchmark: its name as the user typed it."""
+    """A solver of the benchmark; `typed` is its name as the user typed it."""
 
     typed: str
 
@@ -394,8 +392,8 @@ def measure(
 ) -> dict[str, Any]:
     """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
 
-    For a program without an optimum, `status` is the right status; any other status is an infinite error. Raise
-    SolverFailed if the answer is missing or not finite.
+    If the program has no optimum, `status` is the right status. An answer with a wrong status has an infinite error.
+    Raise SolverFailed if the answer is missing or not finite.
     """
     memory: Memory = {}
     unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""
@@ -449,7 +447,7 @@ def outcome_at(trials: Sequence[Trial], error: float) -> str:
 
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that accept some valid instances of a kind, and the valid instances that they all accept.
+    """Return the solvers that accept a valid instance of a kind, and the valid instances that all these solvers accept.
 
     An instance is valid if its optimum is certified to a tenth of the error.
     """
@@ -476,10 +474,10 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
             text += f"{heading}\n{table.text()}\n\n"
             markdown += f"## {heading}\n\n{table.markdown()}\n"
     remark = (
-        "to: instances solved to this error, of all that the solver accepts and whose optimum is certified to a "
-        "tenth of this error. s to: processor time to this error with the cheapest tolerance, as shifted geometric "
-        "means over the instances that all solvers of the table accept; an instance that is not solved counts as "
-        f"{limit:g} s. sure: instances whose certified error, with rounding, also reaches this error. miss, fail, "
+        "Column to: the instances solved to this error, out of the instances that the solver accepts and whose optimum "
+        "is certified to a tenth of this error. Column s to: processor time to this error with the cheapest tolerance, "
+        "a shifted geometric mean over the instances that all solvers of the table accept; an unsolved instance counts "
+        f"as {limit:g} s. sure: instances whose certified error, with rounding, also reaches this error. miss, fail, "
         f"late: outcomes of the other instances at {ERRORS[1]:g}. A status, infeasible or unbounded, is right or wrong."
     )
     return f"{text}{remark}", f"{markdown}{remark}\n"
@@ -508,7 +506,7 @@ def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: fl
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
     """Return label -> the seconds on each instance relative to the fastest solver; infinite for unsolved instances."""
-    tick = time.get_clock_info("process_time").resolution  # A slow clock may measure zero seconds.
+    tick = time.get_clock_info("process_time").resolution  # A coarse clock may measure zero seconds.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
     }
@@ -520,7 +518,7 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
 
 
 def profiles(entries: Entries, instances: Sequence[Row]) -> Figure:
-    """Draw performance profiles at each error, in one row for each kind of instances that all solvers accept."""
+    """Draw performance profiles for the instances that all solvers accept: a row per kind, a column per error."""
     kinds = [kind for kind in (PLANE, DISCS) if select_common(entries, instances, kind, ERRORS[1])[1]]
     if not kinds:
         raise VemcvxError("there is no instance that all solvers accept")

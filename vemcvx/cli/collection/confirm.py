@@ -2,15 +2,18 @@
 
     python confirm.py [FOLDER]
 
-The script needs numpy, scipy and clarabel only. If d_1 and d_2 are two answers to one program, with duality gaps gap_1
-and gap_2, then
+The script needs numpy, scipy and clarabel only. An instance is a program, or a sequence of programs,
 
-    |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),
+    minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e.
 
-and the interval [v - gap, v] of each answer, with its objective v, contains the minimum. The script tests both
-statements in every step of a sequence. It computes the gaps from the numbers in the file. An infeasible or unbounded
-instance has a vector as its proof, which the script tests: p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d
-= 0, D d <= 0 and g'd > sum w|Bd| (unbounded).
+A limit j with c_j > 0 is soft: (D_j d - e_j)_+^2 / (2 c_j) is minimised instead. If d_1 and d_2 are two answers to one
+program, with duality gaps gap_1 and gap_2, then, with |d|_K = (d'Kd)^(1/2),
+
+    |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2).
+
+The minimum is in the interval [v - gap, v] of each answer, where v is its objective. The script computes the gaps from
+the numbers in the file, and tests both statements in every step. An instance without optimum has a vector as its proof:
+p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d = 0, D d <= 0 and g'd > sum w_i |B_i d| (unbounded).
 """
 
 from __future__ import annotations
@@ -29,13 +32,12 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-TIGHT = 1e-12
-"""Clarabel's tolerances."""
+TIGHT = 1e-12  # Clarabel's tolerances.
 EPS = float(np.finfo(float).eps)
 
 
 class Program:
-    """The program min 1/2 d'Kd - g'd + sum w|Bd - b|, Dd <= e (or (Dd - e)_+^2 / 2c), or a sequence, in an NPZ file."""
+    """A program, or a sequence of programs, from an NPZ file."""
 
     def __init__(self, path: Path):
         with np.load(path) as file:
@@ -99,9 +101,10 @@ class Program:
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
     def run_clarabel(self) -> tuple[Any, Any, Any]:
-        """Solve by Clarabel for x = (d, t, s) with t_i >= |B_i d - b_i| and D d - c s <= e; return d, lam and p.
+        """Solve by Clarabel, and return d, lam and p.
 
-        Here s holds forces of soft limits. An absolute value is posed by two inequalities, more accurate than a cone.
+        The unknowns are (d, t, s), where t_i >= |B_i d - b_i|, D d - c s <= e, and s holds forces of soft limits. An
+        absolute value becomes two inequalities, which are more accurate than a cone.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]

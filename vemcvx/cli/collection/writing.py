@@ -1,11 +1,11 @@
-"""A collection of instances with certified optima for authors of solvers: steps of runs of problem files.
+"""A collection of programs with certified optima, for authors of solvers: each program is a step of a run.
 
 A grade names the difficulty of its instances. *easy* and *sizes*: the paper's scene and closed forms. *bounds*:
 one-sided contact. *pressure*: friction bounds by Coulomb's law at the pressures of the solution. *discs*: friction in
 space, with one second-order cone per contact node. *bodies*: several bodies. *floating*: the stiffness K has a kernel,
 because only friction and contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*:
-few nodes slip. *degenerate*: many nodes have zero slip and a friction force at its bound. *incompressible* and *units*:
-K with condition numbers up to 1e9, and numbers of unusual magnitude. *large*: sparse K with up to a million unknowns.
+few nodes slip. *degenerate*: many nodes have zero slip and a friction force at its bound. *incompressible*: K has a
+condition number up to 1e9. *units*: numbers of unusual magnitude. *large*: sparse K with up to a million unknowns.
 *no optimum*: infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run; each answer is
 a warm start for the next step.
 """
@@ -174,14 +174,14 @@ SEQUENCES = _list_instances(
     of=256,
     steps=256,
 )
-"""Sequences with absolute values, with Coulomb's weights and bounds, and with discs."""
+"""Three sequences: the first has absolute values, the second Coulomb's weights and bounds, the third discs."""
 LARGE = _list_instances([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
 """Instances that are written only on request: they take minutes and a gigabyte."""
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}
 
 
 def _choose_core() -> frozenset[str]:
-    """Return the names of evenly spaced instances of each grade: three, or the number in FEWER."""
+    """Return the names in the core set: three of each grade, or the number in FEWER, evenly spaced in INSTANCES."""
     found: list[str] = []
     for grade in dict.fromkeys(one.grade for one in INSTANCES):
         own, k = [one.name for one in INSTANCES if one.grade == grade], FEWER.get(grade, 3)
@@ -190,7 +190,6 @@ def _choose_core() -> frozenset[str]:
 
 
 CORE = _choose_core()
-"""Names of the instances of the small core set."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,7 +272,7 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return sentences on instances that differ from the published instances of this version in the file OPTIMA.
+    """Return a sentence for each difference of the instances from OPTIMA, the published table of this version.
 
     Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
     the last digits of condensed matrices and of states before a step depend on the machine.
@@ -328,7 +327,7 @@ def _make_programs(instances: Sequence[CollectionInstance]) -> Iterator[tuple[Co
 def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
     """Return the program of an instance, and status and certificate if it has no optimum."""
     if instance.degenerate:
-        # Lower the weights of sticking terms (slip below SAME of the largest slip) to the norms of their multipliers.
+        # A term sticks if its slip is at most SAME * (largest slip). Its weight becomes the norm of its multiplier.
         size = np.linalg.norm(program.slip(program.answer.d), axis=1)
         lower = np.where(size <= SAME * size.max(initial=0.0), np.linalg.norm(program.answer.lam, axis=1), program.w)
         return replace(program, w=np.minimum(lower, program.w)), {}
@@ -353,9 +352,9 @@ def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 
 
 def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a load of twice the friction along a kernel motion r, and r itself.
+    """Return the program with a larger load g, and a kernel motion r that proves that it is unbounded.
 
-    K r = 0 and D r <= 0, so the objective at s r falls at the rate g'r - sum w_i |B_i r| > 0 for large s.
+    K r = 0, D r <= 0 and g'r > sum_i w_i |B_i r|, so the objective at s r has no lower bound as s grows.
     """
     operators = program.operators
     assert operators.kernel is not None

@@ -10,8 +10,9 @@ coarser than the finest uniform mesh. Then the cells that the estimator marks ar
 An adaptive run starts from a coarse mesh and one time step; its seconds are the time of all passes. Several targets are
 tried for each uniform run: the table has the adaptive run with the fewest unknowns whose true error is no larger than
 the error of the uniform run. The column "limit" has the number of cells of the best mesh without stretched cells,
-divided by the number of uniform cells. If the error e_K of a cell of the area |K| satisfies e_K^2 = c |K|^2, where c is
-a function of the place, the best sides are proportional to c^(-1/4). Then (sum e_K)^2 / E^2 cells have the error E.
+divided by the number of uniform cells. Suppose that the error e_K of a cell of the area |K| satisfies e_K^2 = c |K|^2,
+where c is a function of the place. The sum of all e_K is then the integral of sqrt(c), the same on every mesh. The best
+mesh has equal e_K, so that sides are proportional to c^(-1/4). If its error is E, it has (sum e_K)^2 / E^2 cells.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ def measure_error(run, truth):
 
 
 def match_error(study, beside, truth):
-    """Try targets; of runs as accurate as `beside`, return the one of fewest unknowns, and its result of `vx.adapt`."""
+    """Return the adaptive run with the fewest unknowns that is as accurate as `beside`, and its `vx.adapt` result."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
@@ -129,7 +130,7 @@ def fit_slope(runs):
 
 
 def run_study(study):
-    """Return uniform runs, the two finest of them with results of `match_error`, adaptive runs, and the reference."""
+    """Return uniform runs; the two finest, each with its `match_error` result; adaptive runs; and the reference."""
     equal = [run_uniform(study, n) for n in study.sizes]
     finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
     truth = reference(study, finest, study.sizes[-1])

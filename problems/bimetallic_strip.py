@@ -9,8 +9,8 @@ $$
 \quad / (E_1^2 h_1^4 + 4 E_1 E_2 h_1^3 h_2 + 6 E_1 E_2 h_1^2 h_2^2 + 4 E_1 E_2 h_1 h_2^3 + E_2^2 h_2^4),
 $$
 
-and the end deflects by kappa L^2 / 2 relative to the middle. In plane stress this curvature is exact away from the
-free end. Within a distance of about H = h1 + h2 from this end the stresses differ, so the deflection has an error
+and the end deflects by kappa L^2 / 2 relative to the middle. In plane stress this curvature is exact away from the free
+end. Within about H = h1 + h2 of this end the stresses differ from beam theory, so the deflection has an error
 O((H / L)^2). A soft foundation prevents a vertical translation. The force of the foundation is zero, because the strip
 is in equilibrium without this force.
 

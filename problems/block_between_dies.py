@@ -2,7 +2,8 @@ r"""A block between inclined dies that close along their normals: the same press
 
 A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
 these sides is parallel to an axis. Let c be a point of the floor, and e a rate. The distance of c from a side with the
-outward normal n is n . (x - c), with any point x of the side. Its die closes along -n by e t n . (x - c). Then
+outward normal n is n . (x - c), with any point x of the side. The die on this side moves by e t times this distance,
+along -n. Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 

@@ -2,8 +2,8 @@ r"""A rubber pad, clamped below and squeezed by a smooth plate: the clamp makes 
 
 We compute half of a pad |x| < a, 0 < y < h in plane strain: x = 0 is a line of symmetry, x = a is free. The rubber has
 Lame's constants lambda >> mu. The pad is bonded to its base, u = 0, and a smooth plate presses its top down by d. The
-displaced volume must flow out along the clamped base. A parabolic profile of the horizontal displacement across the
-thickness, as in lubrication theory, and the volume change by compression give the pressure
+displaced volume must flow out along the clamped base. Assume, as in lubrication theory, a parabolic profile of the
+horizontal displacement across the thickness, and add the change of volume by compression. The pressure is
 
 $$
 p'' = 3 \mu p / (h^2 \lambda) - 3 \mu d / h^3, \qquad p(a) = 0: \\

@@ -49,7 +49,7 @@ def exact(x):
 
 
 def strain(x, t):
-    """Return strains (m, 6) at points (m, 3) by central differences, which give powers of r to eight digits."""
+    """Return strains (m, 6) at points (m, 3) by central differences, with eight correct digits."""
     step = 1e-5 * np.linalg.norm(x[:, :2] - 0.5, axis=1)[:, None]
     xx, xy = ((exact(x + step * axis) - exact(x - step * axis)).T / (2 * step[:, 0]) for axis in np.eye(3)[:2])
     none = 0.0 * xx[0]

@@ -8,12 +8,13 @@ The stress is
 
 $$ \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2. $$
 
-In step n, let sigma* = (U_n - a_{n-1}) / C be the stress without flow. If |sigma*| > c(A_{n-1}) > 0, the glue flows
+In step n, let sigma* = (U_n - a_{n-1}) / C be the stress without flow. If |sigma*| > c(A_{n-1}) > 0, the glue flows by
 
 $$ |a_n - a_{n-1}| = (|\sigma^*| - c(A_{n-1})) / (1 / C - c_0 / A_c) $$
 
-or less, if the blocks touch or all strength is lost before. If c_0 / A_c < 1 / C, the glue softens slowly: a step has
-one solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks touch again.
+If the blocks touch or all strength is lost during the step, the glue flows less. If c_0 / A_c < 1 / C, the glue softens
+slowly: a step has one solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks
+touch again.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """

@@ -58,7 +58,7 @@ def scene(friction=FRICTION, angle=ANGLE):
 
 
 def lean_layers(flat, levels, inside):
-    """Return `flat` extruded to prisms that lean like the joint: in the cone if `inside`, else from cone to rim."""
+    """Extrude the plane mesh `flat`, leaning like the joint: within the cone if `inside`, else from cone to rim."""
     solid = flat.extruded(levels)
 
     r, cone = np.hypot(*solid.points[:, :2].T), SMALLER + SLOPE * solid.points[:, 2]

@@ -11,8 +11,9 @@ a(t) = a_\infty (1 - e^{-t / \tau}), \\
 \tau = c \Big( \frac{1}{s} + \frac{H}{E} \Big), \qquad a_\infty = \frac{w H}{s} + \frac{w H^2}{2 E} .
 $$
 
-Until t the dashpots dissipate int c a'^2 dt = c a_inf^2 (1 - exp(-2 t / tau)) / (2 tau) per length. Without springs
-(`--set spring=0`) the block creeps at the constant speed w H / c, and all of its weight is on the dashpots.
+Up to the time t the dashpots dissipate c a_inf^2 (1 - exp(-2 t / tau)) / (2 tau) per length, the integral of c a'^2.
+Without springs (`--set spring=0`) the block creeps at the constant speed w H / c, and all of its weight is on the
+dashpots.
 
 At t = 4 the weight is taken off. Dashpots resist approach only: now they exert no force, and the springs lift the block
 at once to a = 0. On squares, displacements of nodes are exact up to errors O(k) of backward Euler with steps of the

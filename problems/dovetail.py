@@ -62,7 +62,7 @@ def flank(y):
 
 
 def solid(x, y, layers, is_inside):
-    """Return hexahedra over a grid of lines x, y, whose right side (left side unless `is_inside`) lies on the flank."""
+    """Return hexahedra over a grid of lines x, y. The flank is its right side if `is_inside`, else its left side."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     side = flank(y[j])

@@ -17,7 +17,8 @@ $$
 $$
 
 On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, with the
-projection Pi on linear fields. For y = (u, p) and the elastic form a_K^h, a cell has the form a, and j is the loss:
+projection Pi on linear fields. The unknowns are u and the coordinates p of P. With test functions v and q, and with the
+elastic form a_K^h, a cell has the form a below; the loss is j:
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -25,8 +26,8 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-with p.N = P, and one cone of three components per cell for the multiplier lambda_K. The library has no plasticity: the
-stiffness matrix is assembled below from matrices of the library.
+where p.N = P. Each cell has one cone, of the three components of its multiplier lambda_K. The library has no
+plasticity: the stiffness matrix is assembled below from matrices of the library.
 
 **Exact on every mesh.** Under the tractions of a uniform stress S(t) on the whole boundary, stress and strain in the
 block are uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy)

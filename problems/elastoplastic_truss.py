@@ -18,9 +18,9 @@ The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite
 ellipticity demands. (Isotropic hardening adds the accumulated plastic strain k with |p'| <= k'. Then j is finite only
 on the cone |q| <= k', and so is not a sum of norms w_i |B_i v|.)
 
-**One bar.** p = E/(E+H) play_r(e) with r = sigma_y / E (see `spring_slider_chain.py`), that is sigma = E_t e +
-(E - E_t) stop_r(e) with stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H). After loading to sigma_1 > sigma_y
-the bar yields backwards at sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
+**One bar.** The plastic strain is p = E/(E+H) play_r(e) with r = sigma_y / E (see `spring_slider_chain.py`). With
+stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), sigma = E_t e + (E - E_t) stop_r(e). After loading to
+sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
 theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two

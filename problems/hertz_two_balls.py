@@ -14,11 +14,10 @@ $$
 (Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that extends to 10 a, of which a quarter is computed.
 Cells have equal widths up to 1.25 a and grow outwards from there. The top is pressed down without friction, and P is
 the sum of the computed contact forces. The radius is computed from the mean of r^2 weighted by these forces, which is
-2/5 a^2 in Hertz' solution. The peak pressure is the peak of the half-ellipsoid of Hertz' radius that is nearest to all
-nodal pressures (least squares). With n = 8 radius and peak agree with Hertz within 2 %, and so does the largest nodal
-pressure. If the upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate
-by O(h), and the largest is 8 % too high. Radius and peak then agree with Hertz within 3.1 %, and with n = 12 and
-`upper=9` within 2 %.
+2/5 a^2 in Hertz' solution. For the peak pressure, a half-ellipsoid of Hertz' radius is fitted to all nodal pressures
+(least squares). With n = 8 radius and peak agree with Hertz within 2 %, and so does the largest nodal pressure. If the
+upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate by O(h), and the
+largest is 8 % too high. Radius and peak then agree with Hertz within 3.1 %, and with n = 12 and `upper=9` within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """
@@ -90,7 +89,7 @@ def force(history):
 
 
 def measure(history, step=-1):
-    """Return the radius by the mean of r^2, and the peak of the nearest half-ellipsoid of Hertz' radius."""
+    """Return the radius by the mean of r^2, and the peak of the fitted half-ellipsoid of Hertz' radius."""
     contact = history.contact
     p, areas, r = contact.pressure[step], contact.lengths, np.hypot(*contact.points[:, :2].T)
     radius = np.sqrt(2.5 * (p * areas) @ r**2 / (p @ areas))

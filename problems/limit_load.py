@@ -13,12 +13,12 @@ $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) . $$
 
 *A plate* on a rough plane, with the friction bound g, is pushed at one end, across its axis. It turns about a point on
 this axis, at x = c. At node i the largest friction force is w_i, the integral of g times the basis function of the
-node. For every c the work of friction, divided by the work of a force 1 at the end x = L / 2, is an upper bound. F is
-the least of these bounds:
+node. In a rotation about any c, the work of friction divided by the work of a unit force at the end x = L / 2 is an
+upper bound of the limit load. F is the least of these bounds:
 
 $$ F = \min_c \frac{\sum_i w_i \sqrt{(x_i - c)^2 + y_i^2}}{L / 2 - c} . $$
 
-With this sum over nodes, F is the closed form on a mesh. On fine meshes the sum approaches the integral over the plate,
+This F is the exact limit load of the plate on its mesh. On fine meshes the sum approaches the integral over the plate,
 and F approaches the limit load of the plate.
 
 The run pushes the plate by .95 of this limit load. In the last step only the far end of the plate sticks.

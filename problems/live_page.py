@@ -58,7 +58,7 @@ with app.setup:
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
     STEPS = 30  # number of steps with which every reversal of every path is an instant
-    WIDTH, LETTERS = 4.0, 10  # width of pictures in inches, size of letters in points: 12 px if a picture has 346 px
+    WIDTH, LETTERS = 4.0, 10  # width of pictures in inches, size of letters in points: 12 px in a picture of 346 px
     GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
 
 
@@ -157,7 +157,7 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # The space for labels depends on the size of a body of fixed shape: one pass would cut some labels off.
+        # Labels make a body of fixed shape smaller, which changes their places: after one pass some would be cut off.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words

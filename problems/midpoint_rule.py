@@ -2,10 +2,10 @@ r"""Why backward Euler: comparison with the midpoint rule, on the slip of one bl
 
 Quasistatic friction is a play operator in the energy norm $|.|_a$. With the elastic form a and the friction functional
 j, let C be the set {z : a(z, v) <= j(v) for all v} of displacements whose forces friction can balance. Let u_l(t) be
-the displacement of the body under the load l without friction, and z = u_l - u. With the normal cone N_C and the
-projection P_C on C in this norm
+the displacement of the body under the load l without friction, and z = u_l - u. Let N_C be the normal cone of C, and
+P_C the projection on C, in this norm. The problem and its steps of backward Euler, (2.34), are
 
-$$ u' \in N_C(z), \qquad \text{backward Euler } (2.34): \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
+$$ u' \in N_C(z) \qquad \text{and} \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 
 Each step of backward Euler is one convex program. (Numbers of equations are those of Feng, Han and Huang.) The midpoint
 rule requires the variational inequality at the mean $m = (u_{n-1} + u_n) / 2$ of a step, with the load at the middle of

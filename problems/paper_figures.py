@@ -9,10 +9,10 @@ beside ours: first with the stabilisation S_K of (3.13) to the letter, then with
 tuned to the printed numbers. The notes below the tables state the differences and their known causes.
 
 S_K to the letter has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero
-are then very soft. Loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells
-a side and k = 1/8 the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor
-1 they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With the factor
-1 nothing slips on nonconvex cells, 24 a side. In other units, such as N instead of daN, S_K gives other slips.
+are then very soft. Loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells a
+side and k = 1/8 the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1
+they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With 24 nonconvex
+cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other slips.
 
 The command also prints the deviations of the package from the text of the paper, and the options that restore the text.
 This command prints them alone:

@@ -33,9 +33,9 @@ Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
   On the chain this fails in some steps, in which OSQP reaches its limit of 100,000 iterations in both attempts. OSQP
   misses the accuracy 1e-6 in one step and 1e-8 in five steps, with certified errors of up to 1.5e-6. polish=True
   corrects these steps to rounding.
-- OSQP counts iterations in multiples of 25. On the condensed program it takes 100 to 700 without degenerate terms and
-  175 to 2,975 with them; on the full program 175 to 425 without and 100 to 325 with them. The accuracy 1e-10 takes 1.2
-  to 2.5 times as long as 1e-2.
+- OSQP counts iterations in multiples of 25. The condensed program takes 100 to 700 iterations without degenerate terms,
+  and 175 to 2,975 iterations with them. The full program takes 175 to 425 iterations without degenerate terms, and 100
+  to 325 iterations with them. The accuracy 1e-10 takes 1.2 to 2.5 times as long as 1e-2.
 - Newton's method reaches rounding after finitely many iterations, so a higher accuracy costs nothing.
 - In one of the two steps HiGHS 1.15 reports an answer as optimal whose error is 14 %; in the other its answer is right.
   The certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 3.8e-9 and to rounding.
@@ -249,7 +249,7 @@ def run_loops(asked=(1e-6, 1e-8)):
 
 
 def draw(rows, path):
-    """Draw certified errors (above) and true errors (below) over seconds per step; a column has one step and form."""
+    """Draw certified errors (above) and true errors (below) over seconds per step; each step and form has a column."""
     names = list(dict.fromkeys(row.solver for row in rows))
     figure = new_figure(12.0, 7.2)
     columns = [(name, form) for name in STEPS for form in FORMS]

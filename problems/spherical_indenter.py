@@ -98,7 +98,7 @@ def forces(history):
 
 
 def radius(places, weights):
-    """Return a from the second moment of forces with the density sqrt(1 - r^2 / a^2): <r^2> = 2/5 a^2."""
+    """Return the radius a: forces with the density sqrt(1 - r^2 / a^2) have the mean 2/5 a^2 of r^2."""
     share = weights / weights.sum()
     centre = [share @ places[:, 0], 0.0]
     return np.sqrt(2.5 * share @ ((places - centre) ** 2).sum(axis=1))

@@ -12,9 +12,9 @@ in shear and contains the mean dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
-That form does not lock. The last column is the least S / (a_mu + a_lam), at nu = .499999 unless the row names nu. It
-goes to zero like 1 / lam *because* S does not contain lam, and so does not penalise variations of the dilatation within
-a cell.
+That form does not lock. The last column is the least S / (a_mu + a_lam), at nu = .499999 unless the row names nu. This
+ratio goes to zero like 1 / lam *because* S does not contain lam: S does not penalise variations of the dilatation
+within a cell.
 
 On a rectangle 2a x 2b, Pi v = 0 for the combinations of (xy, 0) and (0, xy) only. Their ratios S / a_mu are
 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a square
@@ -81,7 +81,7 @@ def outline(corners, smallest):
 
 
 def interior(corners, smallest):
-    """Return centres of squares that fill the polygon: of the local size, and not too near the outline."""
+    """Fill the polygon with squares of the local size, and return their centres, except centres near the outline."""
     centres, half, found = np.mean([corners.min(axis=0), corners.max(axis=0)], axis=0)[None], np.ptp(corners), []
     a, b = corners, np.roll(corners, -1, axis=0)
     while len(centres):

@@ -32,7 +32,7 @@ def squash(aspect):
 
 
 def add_flat_angles(n, more):
-    """Return squares with `more` vertices on every edge."""
+    """Return squares with `more` additional vertices on every edge."""
     mesh = vx.meshes.squares(n)
     edges = {}
     points, cells = [*mesh.points], []

@@ -16,7 +16,7 @@ NEAR = 0.4999
 
 
 def strain_error(history, poisson):
-    """Return the relative error of the strains of Pi u at centroids, in the part of the energy with mu."""
+    """Return the relative error of the strains at centroids, in the norm (sum of cell area times |eps|^2)^(1/2)."""
     mesh = history.mesh
     x, y = mesh.centroids.T
     exact = full_slip.strain(x, y, 1.0, full_slip.lame(poisson))

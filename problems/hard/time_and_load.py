@@ -22,7 +22,7 @@ def pulse(t):
 
 
 def stays(setting, history):
-    """Return a fault unless residual stresses remain after the load is gone, and nothing changes any more."""
+    """Return a fault if, after the load is gone, nodes still move or no residual stress remains."""
     late = np.flatnonzero(TIMES >= 0.75)
     moved = np.abs(history.displacement[late] - history.displacement[late[0]]).max()
     still = moved <= ACCURACY * np.abs(history.displacement).max()
@@ -34,7 +34,7 @@ def tiny_steps(t):
 
 
 def increments_have_digits(setting, history):
-    """Return a fault unless the increments in tiny steps, in which no further node begins to slip, are proportional."""
+    """Return a fault unless the increments of all tiny steps are multiples of the first one: no new node slips."""
     if "Newton" not in history.solver:
         return ""
     steps = np.diff(history.displacement[1:], axis=0)

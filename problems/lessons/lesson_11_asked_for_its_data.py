@@ -75,8 +75,8 @@ for _data in (slips, sticks):
 
 # %% [markdown]
 # **At the kink**, $f = w$, there is no derivative, only one derivative on each side. A larger pull moves the slider, a
-# smaller pull does not. `one_sided` marks such a step: the force differs from its bound by no more than the
-# certificate. The package then returns the derivative of one of the two sides, and logs a warning.
+# smaller pull does not. If the force differs from its bound by no more than the certificate, the package returns the
+# derivative of one of the two sides, logs a warning, and marks the step in `one_sided`, a part of its result.
 
 # %%
 kink = [2.0, 1.0, 1.0]
@@ -177,7 +177,7 @@ def quantities(theta):
 
 theta = np.append(w, 1.0)
 differences = [(quantities(theta + one) - quantities(theta - one)) / 2e-4 for one in 1e-4 * np.eye(m + 1)]
-# The answer is linear on its sets, so a difference quotient has no error but rounding.
+# While the active sets stay the same, the answer is linear in theta: difference quotients are exact up to rounding.
 assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forward).max()
 
 # %% [markdown]

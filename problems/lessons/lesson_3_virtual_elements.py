@@ -301,7 +301,7 @@ cantilever = {
 #
 # which is 206 at $\nu = \tfrac12$ and $E = 1$. The clamp makes the body a little stiffer.
 #
-# And how much does a body deflect that *cannot* bend? The shear $u = (0, -x)$ has no divergence, and it belongs to the
+# How much does a body deflect if it *cannot* bend? The shear $u = (0, -x)$ has no divergence, and it belongs to the
 # space of every mesh. So shear remains, with a deflection of at least $4/\mu = 12$. Locked triangles have this
 # deflection and little more: less than a tenth of 206 on both meshes, and refinement does not help. On coarse squares
 # and hexagons the deflection is too small by less than a quarter, and refinement at least halves this error. (The error

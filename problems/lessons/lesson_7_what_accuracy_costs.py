@@ -44,8 +44,8 @@ ramp, eight = block(lambda t: t), np.linspace(0.0, 1.0, 9)
 # %% [markdown]
 # ## 1. The mesh
 #
-# There is no closed form, so we compare with a finer mesh, 96 cells across. By the orders below, the error of this
-# reference is between a third and a half of the error for 32 cells across.
+# There is no closed form, so we compare with a finer mesh, 96 cells across. The orders of convergence, computed below,
+# show its error: between a third and a half of the error for 32 cells across.
 
 # %%
 reference = vx.simulate(ramp, vx.meshes.squares(96), eight, store="last")

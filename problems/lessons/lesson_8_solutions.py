@@ -126,9 +126,9 @@ assert abs(ratios[-1] - 4) < 0.05
 # %% [markdown]
 # **4.** A step would minimise
 # $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u - u_{prev}))_+^2\, ds$. The
-# squared positive part is convex, so there is one minimiser, and a gap certifies it. `Limits(compliance=)` has squared
-# positive parts, but of the displacement beyond a fixed distance, not of the increment. The distance would have to
-# change with $u_{prev}$, and the contributions of this package do not provide this. Here is one degree of freedom by
+# squared positive part is convex, so there is one minimiser, and a gap certifies it. The package has such a term,
+# `Limits(compliance=)`, for the displacement beyond a fixed distance. Here the distance would be $u_{prev}$, which
+# changes in every step, and the contributions of this package do not provide this. We compute one degree of freedom by
 # hand:
 
 

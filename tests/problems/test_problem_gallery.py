@@ -132,7 +132,7 @@ def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
     s, sigma = tendon.LENGTH - mesh.centroids[:, 0], history.stress(third)[:, 0]
     for place in (2.125, 10.125, 30.125):
         section = np.abs(s - place) < 1e-9
-        # Friction is at its bound along s. The mean stress balances it, up to the friction of half a cell.
+        # The mean stress balances the friction between the end and s. The tolerance is the friction of half a cell.
         assert sigma[section].mean() == pytest.approx(tendon.stress(place), abs=tendon.BOUND * 0.25 / H)
     contact = history.contact
     slips = contact.points[~contact.sticking[third], 0]

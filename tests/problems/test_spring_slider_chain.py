@@ -43,7 +43,7 @@ def test_the_chain_adds_up_plays(marched):
 
 @pytest.mark.long
 def test_the_area_of_closed_loops_is_the_lost_energy(capsys):
-    """The trapezoidal rule is exact: slopes of u(F) jump at instants only, when F is two thresholds past a turn."""
+    """The trapezoidal rule is exact: the slope of u(F) jumps two thresholds past a turn, always at an instant."""
     trajectory = lesson.march(lesson.chain(FORCE), FORCE)
     u = trajectory.state[:, 0]
     first, last = lesson.turning_instants(FORCE)[[1, 8]]

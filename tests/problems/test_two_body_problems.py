@@ -72,7 +72,7 @@ def test_a_press_fit_on_equal_meshes():
 
 @pytest.mark.parametrize("n", [8, pytest.param(32, marks=pytest.mark.slow)])
 def test_a_press_fit_on_meshes_that_do_not_match(n):
-    """For the angle e of chord and arc, errors of pressures are below e, and the error of their mean is below e^2."""
+    """Chord and arc meet at an angle e. Errors of pressures are below e, and the error of their mean is below e^2."""
     ratio, lengths = pressures(n)
     weights, angle = lengths / lengths.sum(), np.pi / (4 * n)
     assert np.sqrt(weights @ (ratio - 1) ** 2) < angle

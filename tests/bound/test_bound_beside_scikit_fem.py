@@ -5,8 +5,8 @@ functional that u minimises. The triangles of w divide the parts of cells on whi
 |w - v|_a is integrated exactly. Triangles are graded towards points where stresses are singular.
 
 The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
-normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). We then refine all triangles once; let w be
-the finer solution. We assume that J falls by more than the rest J(w) - J(u); then twice the fall bounds |w - u|_a^2.
+normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). All triangles are refined once, from a
+solution w_1 to the solution w. We assume J(w_1) - J(w) >= J(w) - J(u). So |w - u|_a^2 <= 2 (J(w_1) - J(w)).
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def solve_with_cvxpy(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """Return a row for each edge and each of m weighted sums (`weights`, (m, 3)) of the three values on an edge."""
+        """Return the rows of m sums on each edge: its three values, weighted by the rows of `weights` (m, 3)."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)

@@ -194,6 +194,6 @@ def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog
     circle = circle_of(fine)
     for n in range(1, steps + 1):
         apart = energy_distance(circle, history.displacement[n], fine.displacement[at[n]])
-        # If nothing moves, both numbers are rounding errors of stresses of about one.
+        # If nothing moves, both numbers are rounding errors. Stresses have the size 1.
         assert apart <= bound.upper[n] * (1.0 + 1e-9) + 1e-16
     assert bound.kind == "bound for data as read at instants"

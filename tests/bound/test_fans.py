@@ -70,7 +70,7 @@ def test_reference_stress_has_the_given_tractions_and_balances_across_inner_edge
         assert np.abs(traction - [first, last, 0.5 * (first + last)]).max() < 1e-12
         inward = centre - CORNERS[one]
         normal = np.array([inward[1], -inward[0]])
-        # Stations (see `fan`) from corner to centroid are 0, 5, 2 of this part, and 1, 4, 2 of the previous part.
+        # The edge from corner to centroid has the stations 0, 5, 2 of this part, and 1, 4, 2 of the previous part.
         assert np.abs((tau[k][[0, 5, 2]] - tau[k - 1][[1, 4, 2]]) @ normal).max() < 1e-12
 
 

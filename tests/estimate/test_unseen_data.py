@@ -136,7 +136,7 @@ def waves(n):
 @mostly_slow("n", [4, 8, 16])
 @pytest.mark.parametrize("name", waves(4))
 def test_waves_as_long_as_an_edge_are_in_the_estimate(name, n):
-    """Nodes misread the mean of a wave at every h: an estimate of order h would be .18 to .83 of the true error."""
+    """Nodes misread the mean of a wave at every h. An O(h) estimate would be .18 to .83 of the true error."""
     truth = vx.simulate(waves(n)[name], vx.meshes.squares(64 if n == 4 else 256), TIMES, store="last")
     assert 1.0 <= measure_effectivity(waves(n)[name], vx.meshes.squares(n), truth) <= 4.0
 

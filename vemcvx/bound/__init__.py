@@ -9,8 +9,8 @@ the energy of compliant obstacles, and is infinite beyond rigid obstacles. So si
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all admissible v.                                (1)
 
-**The pair.** v is admissible, and j(v) is finite. tau is a stress in equilibrium with the loads, a friction q and a
-pressure p on the contact boundary: for all motions w that vanish on supports
+**The pair.** v is admissible, and j(v) is finite. A friction q and a pressure p act on the contact boundary. tau is a
+stress in equilibrium with the loads, q and p. So for all motions w that vanish on supports
 
     (tau, eps(w))  =  l(w) - int (q w_t + p w_n),                                                                 (2)
 
@@ -26,16 +26,16 @@ bounded from below. Let r = tau - sigma_0 - C eps(v), A = |r|, b = h(v) - inf h 
 (2) for w = e, l(e) = (tau, eps(e)) + int (q e_t + p e_n), and j(v) - j(u) + int (q e_t + p e_n) = h(v) - h(u). This
 proves the first inequality. Since h(u) >= inf h, the second follows from x^2 <= A x + b. For X = tau - sigma,
 r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
-proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). By the same steps, J(v) - J(u) =
+proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). As in the first step, J(v) - J(u) =
 (r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
 **Theorem 2** (lower bound). If w vanishes on supports and where friction and obstacles act, then |e| >= R(w) / |w| with
-the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) for u +
-w and u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
+the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) with v =
+u + w and v = u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
 
-**Theorem 3** (quantities). Let A_z be A for a dual pair z_h, tau_z. A linear quantity of u is in an interval of half
-width A_z (A^2 / 4 + b)^{1/2} around a number computed from both pairs. Where friction and obstacles act, z_h must
-vanish and tau_z must have no traction. Statement and proof: :mod:`.quantity`.
+**Theorem 3** (quantities). A linear quantity of u is the work of a load on u. Let z_h, tau_z be a pair for this load
+alone, and A_z its number A. The quantity is in an interval of half width A_z (A^2 / 4 + b)^{1/2} around a number
+computed from both pairs, if z_h and the tractions of tau_z vanish where friction and obstacles act (:mod:`.quantity`).
 
 **Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
 of the run, and let the exact history begin like the run. Let v_n and r_n be v and r at instant n, and D_n the defect

@@ -1,13 +1,13 @@
 """The conforming displacement inside polygons: an explicit replacement of virtual functions on the fan of each cell.
 
-The displacement is linear on the edges of the mesh, like the virtual function. Inside a cell it minimises the energy
-under the body force over continuous functions of degree 2 on the split fan (:mod:`.fan`). These functions do not lock
-(Scott and Vogelius on the split of Alfeld); functions of degree 1 on the fan lock.
+The displacement is linear on the edges of the mesh, like the virtual function. In a cell it minimises energy minus
+work of the body force over continuous functions of degree 2 on the split fan (:mod:`.fan`). Degree 2 does not lock
+(Scott and Vogelius on the split of Alfeld); degree 1 does.
 
-A triangle has ten nodes: three corners, the middles of its edges from corner k to corner k + 1, the centroid, and the
-middles between corner k and the centroid. The last four nodes are inside, and are condensed. Next the hub of the cell,
-which is the centre of the fan and the middles of spokes, is condensed. The outline remains: the vertices, and the
-middles of the polygon's edges. Half of a cell's form is the minimum of the energy minus the work of the body force.
+A triangle has ten nodes in this order: three corners, the middles of the three edges (edge k goes from corner k to
+corner k + 1), the centroid, and the middles between corners and centroid. The last four are inside, and are condensed.
+Then the nodes at the centre of the fan and on edges to the centre are condensed. The outline remains: the vertices and
+the middles of the polygon's edges. Half of a cell's form (:mod:`.fan`) is the minimum of energy minus work.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _extend(values: Floats, part: int) -> Floats:
 
 
 VALUES = np.concatenate([_extend(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k in range(3)])
-"""The functions (21, 10) at the points of the rule."""
+"""The ten Lagrange functions phi_i of the triangle at the points of `RULE`, (21, 10)."""
 SLOPES = np.concatenate([_extend(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """The gradients (18, 2, 10) of the functions at the stations."""
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
@@ -52,7 +52,7 @@ GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES
 _POINTS = RULE.reshape(-1, 2)
 _BARYCENTRIC = np.column_stack([1.0 - _POINTS.sum(axis=1), _POINTS])
 LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRIC, VALUES)
-"""The matrix (3, 10) from F_k = int f lambda_k of a linear f to int f phi_i."""
+"""The matrix (3, 10) that maps the moments int f lambda_k of a linear function f to int f phi_i."""
 
 
 def triangle_forms(fans: Fans) -> Floats:
@@ -99,7 +99,7 @@ def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return the matrix (4 n, 4 n) from an outline to edge motions on which linear tractions do the same work."""
+    """Return L (4 n, 4 n), from an outline to edge motions: linear tractions do the same work on both."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

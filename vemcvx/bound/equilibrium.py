@@ -7,9 +7,9 @@ the boundary, and have continuous tractions between cells. Let u_D be the displa
 
 is determined by edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells
 on each edge cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
-matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). The prestress sigma_0 acts as forces on
-edges: tau - sigma_0 is due to m. L v are the edge motions of the displacement v of the run. The unknown is x = m - L v,
-because rounding errors are small in x. Of all admissible stresses on these fans, tau is nearest to the exact stress.
+matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). m and f determine tau - sigma_0, and the
+prestress sigma_0 exerts forces on edges. Let L v be edge motions on which linear tractions do the same work as on the
+displacement v of the run. The unknown is x = m - L v, in which rounding errors are small.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Edges:
 
     @cached_property
     def motions(self) -> sp.csr_matrix:
-        """The matrix (4 E, 2 nodes + 2 E) from an `outline` to motions on which linear tractions do the same work."""
+        """L as a matrix (4 E, 2 nodes + 2 E), from an `outline` to edge motions (:func:`.displacement.to_edges`)."""
         vertices, edge = int(self.nodes.max()) + 1, np.arange(self.count)
         own, other, middle = self.nodes.ravel(), self.nodes[:, ::-1].ravel(), vertices + np.repeat(edge, 2)
         entries = np.repeat([2.0 / 3.0, -1.0 / 3.0, 2.0 / 3.0], len(own))
@@ -84,7 +84,7 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Return edge motions x = P y (4 E,) with P' forces(x) = P' given; tolerances are relative to `largest`."""
+        """Solve P' forces(x) = P' `given` for edge motions x = P y (4 E,); tolerances are relative to `largest`."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
         # Correct x as long as this halves the residual: near nu = 1/2, each digit takes several corrections.
         while ROUNDING * largest < apart <= 0.5 * before:
@@ -134,7 +134,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
     inner, joints, own = np.ones(4 * edges.count, dtype=bool), boundary.edges.joints, boundary.free.copy()
     inner[edges.outer] = False
     alone = np.flatnonzero(inner)
-    # The two edges of a joint share the motions in the directions in which they are bonded.
+    # In bonded directions, the two edges of a joint have the same motions.
     for side in (joints.first, joints.second):
         own[side] -= boundary.bonds
     (one, axes), (joint, common) = axes_of(own), axes_of(boundary.bonds)

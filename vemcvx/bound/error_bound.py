@@ -58,7 +58,7 @@ class ErrorBound(Outlined):
     kind : str
         "bound": a theorem, for data that are linear at all examined points (:mod:`vemcvx.bound.reading`). "bound for
         data as read at points": the results contain the estimate "data". "bound for the given friction": the friction
-        bound is that of the computed pressure. "bound for data as read at instants": data are not linear within steps.
+        bound follows the computed pressure. "bound for data as read at instants": data are not linear within steps.
     history : History
         The run.
 

@@ -1,12 +1,12 @@
 """The fan of a star-shaped polygon: triangles around a centre. Each triangle is split at its centroid (Alfeld).
 
-A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0), (0,1), with the columns x_i - c and
-x_{i+1} - c of B. The map takes centroids to centroids, so one reference triangle serves all. Fields on its three parts
-are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
+Let c be the centre and x_i the vertices. A fan triangle is the image x = c + B x^ of the reference triangle (0,0),
+(1,0), (0,1), where B has the columns x_i - c and x_{i+1} - c. The map takes centroids to centroids. Fields on the three
+parts are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
 A body force is linear in each cell: f = (1, x, y) a with six coefficients a, and x, y relative to the fan's centre. f
-enters a triangle as F_k = int f lambda_k, with barycentric coordinates lambda_k. After condensing its inner unknowns, a
-cell has a symmetric matrix with 4 n rows for its outline and 6 for a.
+enters a triangle as F_k = int f lambda_k, with barycentric coordinates lambda_k. When inner unknowns are condensed, a
+cell with n vertices keeps a symmetric matrix (its *form*), with 4 n rows for its outline and 6 rows for f.
 """
 
 from __future__ import annotations
@@ -131,13 +131,13 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The means over cells of the gradients (c, 2 n, 2) of quadratic Lagrange functions of outline points."""
+        """The mean gradients (c, 2 n, 2) in cells of the quadratic Lagrange function of each outline point."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         return np.asarray(np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None]))
 
     @cached_property
     def forces(self) -> Floats:
-        """The matrices (c, n, 6, 6) from coefficients of a linear body force to int f lambda_k of triangles."""
+        """The matrices (c, n, 6, 6) that map the coefficients of a body force f to F_k = int f lambda_k."""
         corners = np.concatenate([0.0 * self.corners[:, :, None], self.B.swapaxes(2, 3)], axis=2)
         values = np.concatenate([np.ones((*corners.shape[:3], 1)), corners], axis=3)
         mass = (np.ones((3, 3)) + np.eye(3)) / 24.0 * self.doubled_areas[..., None, None]

@@ -1,7 +1,7 @@
 """Points between nodes at which data are evaluated: boundary edges cut into pieces, and points in cells.
 
-The effects of a scene contribute a second time, to the same mesh with boundary edges cut into pieces. The errors of
-assembly are the data at the new nodes, minus the data interpolated linearly between the old nodes.
+The effects of a scene are evaluated again, on the same mesh with boundary edges cut into pieces. An error of assembly
+is the value of a datum at a new node, minus its linear interpolation between the old nodes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vemcvx.meshes import Interface, PolygonMesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulate
 
 PIECES, SPACING = 512, 128
-"""Numbers of pieces along the longer side of the body's box, on the boundary and inside."""
+"""The longer side of the body's box is about as long as PIECES pieces of edges, or SPACING parts of cells."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class SamplePoints:
 
 
 def in_cells(mesh: PolygonMesh, spacing: float = SPACING) -> SamplePoints:
-    """Return the centroids of equal small parts of the triangles of cells."""
+    """Split cells into triangles, and these into equal small triangles; return the small centroids."""
     corners, areas, owner = triangulate(outlines(mesh.points, mesh.offsets, mesh.vertices))
     size = np.ptp(mesh.points, axis=0).max()
     cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) * spacing / size).astype(np.int64), 2)

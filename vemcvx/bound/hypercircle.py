@@ -5,22 +5,23 @@ The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quar
     j(v) = int (g |v_t - d| + phi(v_n - gap)),
 
 with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the gap and infinite beyond; for a compliant
-obstacle, phi(z) = k z_+^2 / 2. For b see :mod:`.surface`. On springs to the ground (stiffness k), tau has the tractions
--k m for the edge motions m of :mod:`.equilibrium`. A^2 then contains int k |m - v|^2, and the energy norm contains the
-spring energy.
+obstacle, phi(z) = k z_+^2 / 2. The defect b is computed in :mod:`.surface`. The edge motions m of :mod:`.equilibrium`
+determine tau. Springs to the ground with the stiffness k exert the tractions -k m; they add int k |m - v|^2 to A^2.
 
-**The defect.** In a cell let y be the values of v on the outline minus a linear displacement, L y their edge motions,
-x = m - L v with the edge motions m of tau, and f the coefficients of the body force. With the forms G of stresses
-(:mod:`.stress`) and S of displacements (:mod:`.displacement`), and L extended by the identity for f,
+**The defect r.** Let L v be the edge motions on which linear tractions do the same work as on v (`to_edges`). In a cell
+let x = m - L v, let y be the outline of v minus a linear displacement, and f the coefficients of the body force. With
+the forms G of stresses (:mod:`.stress`) and S of displacements (:mod:`.displacement`), and with L (y, f) = (L y, f),
 
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f).
 
-*Proof.* The stress of x has no divergence, and is orthogonal to the rest of r: the tractions of this stress do the
-same work on L y as on v, the stress of f has least energy, and the displacement of f vanishes on the outline. The
-rest of |r|_K^2 is |tau|^2 - 2 (tau, eps(v)) + |v|^2 for L y and f; (tau, eps(v)) is the work of tractions and f on v.
+*Proof.* Without prestress, let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Then
+r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the same work on L v as on v, and the stress due
+to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v does not change r_0. In |r_0|_K^2 =
+|tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, the middle term is the work of f and of the tractions of tau_0 on v.
 
-**The lower bound.** w is quadratic on edges, has least energy inside cells, and vanishes on supports and on edges with
-friction, obstacles, springs or bonds. The best w solves S w = R with the residual R of v. v + w is called richer.
+**The lower bound** is R(w) / |w| with the residual R of v. We use displacements w that are quadratic on edges, have
+least energy inside cells, and vanish on supports and on edges with friction, obstacles, springs or bonds. The best w
+solves S w = R. The sum v + w is called richer.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from vemcvx.vem import elastic_matrix
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The forms of a chunk of cells: one matrix (k, 4 n + 6, 4 n + 6) per shape, for its outline and body force."""
+    """The forms (k, 4 n + 6, 4 n + 6) of the k shapes of a chunk of cells, for outline and body force."""
 
     fans: Fans
     outlines: Ints
@@ -129,7 +130,7 @@ class Pair:
         return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.prestress, self.richer)
 
     def work(self, forces: Floats, body: Floats) -> float:
-        """Return the work on v + w of forces int t phi (b, 2, 2) at ends of edges and of body forces (n_cells, 6)."""
+        """Return the work on v + w of `forces` (b, 2, 2) at both ends of edges and of body forces (n_cells, 6)."""
         on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
         return float(on_edges + self.circle.works(body, self.richer).sum())
 
@@ -219,16 +220,13 @@ class Hypercircle:
         )
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Return forces (2 nodes + 2 E,) on vertices and middles that do the same work as int t phi (b, 2, 2)."""
+        """Return forces (2 nodes + 2 E,) on outlines that do the same work as `forces` (b, 2, 2) at ends of edges."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         return np.asarray(edges.motions.T @ whole)
 
     def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
-        """Return forces (4 E,) on edges by the stress of L v, and (2 nodes + 2 E,) on outlines by the stress of v.
-
-        Both contain body forces and the prestress (n_cells, 3).
-        """
+        """Return forces due to (L v, f, prestress) on edges, (4 E,), and due to (v, f, prestress) on outlines."""
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
@@ -262,7 +260,7 @@ class Hypercircle:
         return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], bent_v, bent_w)
 
     def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
-        """Return a(v, v') and (r, r') in C^-1, both (n_cells,), of two displacements and their defects."""
+        """Return (n_cells,) products a(v, v') of two displacements, and (r, C^-1 r') of their defects."""
         energies, defects = np.zeros((2, len(self.boundary.edges.mesh.areas)))
         for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
             at, n = form.fans.cells, 4 * form.fans.n
@@ -355,7 +353,7 @@ def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
 def _find_free(
     posed: PosedScene, boundary: Boundary, forms: Sequence[Forms], outer: Ints
 ) -> tuple[sp.csr_matrix, Factor | None]:
-    """Return a basis of free values at vertices and middles without contact, and the factor of S on this basis."""
+    """Return a basis of the displacements w (values at vertices and middles), and the factor of S on this basis."""
     edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
     touched = np.zeros(P.shape[0])
     nodes = np.unique(edges.outer_edges[boundary.touching])

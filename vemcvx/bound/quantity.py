@@ -1,7 +1,7 @@
 """Bounds on a linear quantity, by the parallelogram of two hypercircles.
 
 A quantity is given as a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement
-u, plus the work of the forces of supports on a displacement -z_D given on supports. The dual solution z satisfies
+u, plus the work of support forces on -z_D, if the load moves supports by -z_D. The dual solution z satisfies
 a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its pair is z_h and a stress tau_z in equilibrium with q.
 Let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the dual pair, and e = u - v. Let T(w) be the work on w of
 all forces in balance with tau, including friction and contact. Then
@@ -19,16 +19,16 @@ by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r
 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8). Springs to the ground
 contribute to A and A_z. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
-The proof uses two conditions: apart from the loads of q, tractions of tau_z do no work on e; and T(z_h) is also the
-work of sigma on z_h. Both are met if only supports hold the body. With friction and contact, both are met if z_h
+The proof uses two conditions: of the tractions of tau_z, only the loads of q work on e; and sigma does the work T(z_h)
+on z_h. Both are met if only supports hold the body. With friction and contact, both are met if z_h
 vanishes on contact, and tau_z has no traction there, except normal tractions where contact cannot open. In that case,
 r_z does not decrease with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with
 friction, friction work there is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
-The load minus its linear fit, l_0 with the norm eta (:mod:`.reading`), changes u by at most eta, and q(u) by l_0(z_h)
-plus at most A_z eta. The quantity minus its linear fit, q_0, adds q_0(u). The interval contains estimates of all three.
+Let l_0 be the load minus its linear fit, with the norm eta (:mod:`.reading`), and q_0 the quantity minus its linear
+fit. l_0 changes q(u) by l_0(z_h) plus at most A_z eta, and q_0 adds q_0(u). The interval contains estimates of these.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ class Dual:
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """Return a bound on the work on z of friction that T omits: friction on edges with an end that z_D moves."""
+        """Return a bound on the work on z that T omits: the work of friction on edges with an end that z_D moves."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
         # The values of z_h + w_z are linear between the ends of edges, plus a quadratic part.

@@ -1,10 +1,10 @@
 """Reading of data for bounds and estimates: fits that are linear on edges and in cells, and their remainders.
 
-The effects of the scene contribute a second time, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error
-bounds* use fits. Linear functions on every edge are fitted to mean tractions on pieces and to friction bounds at new
-nodes; in every cell, linear functions are fitted to body forces. If these data, gaps and ground motions are linear,
-error bounds are theorems; else they are theorems for the fits, the data *as read*. The load minus its fit is the
-omitted load l_0(w), a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
+Effects are evaluated again, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error bounds* use fits: on
+every edge, linear functions are fitted to mean tractions on pieces and to friction bounds at new nodes, and in every
+cell, to body forces. Error bounds are theorems if all of these, and also gaps and ground motions, are linear. Otherwise
+they are theorems for the fits, the data *as read*. The load minus its fit is the omitted load l_0(w), a linear
+functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
     SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
     plus the root of the sum over cells of the energies (given below) of the remainders.
@@ -13,20 +13,22 @@ The solutions for the data and for their fits differ by at most eta, also with f
 step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders
 of gaps. Features narrower than the distance between points may be missed.
 
-*Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. Errors and their energies are
+*Estimates* (:mod:`vemcvx.estimate.unseen`) use assembled data in place of linear fits. Let t and f be errors of
+tractions and body forces, and d the motion that exact gaps or ground motions would add between nodes.
 
+    errors of       work on a displacement v             energy
     tractions       int t . v                            l_e / (2 mu) |t|^2_e
     body forces     int f . v                            d_K^2 / (9 mu) |f|^2_K
     compliance      int (k z_+ - p_h) v_n                |k z_+ - p_h|^2_e / (2 mu / l_e + k)
-    gaps            u must move by d, but does not       2 mu max |d|^2
-    motions         u must move by d, but does not       2 mu |d|_e |d'|_e
+    gaps            (d is added to u)                    2 mu max |d|^2
+    motions         (d is added to u)                    2 mu |d|_e |d'|_e
     moduli, heat    int ((C - C_K) eps(u) + sigma_0 - sigma_0K) : eps(v)      |.|^2_K in C^-1
 
 with edge length l_e, derivative d' along the edge, longest side d_K of a cell's box, depth z and stiffness k of
 :mod:`.surface`, interpolated nodal pressure p_h, and assembled C_K and sigma_0K of the cell. The first two energies
 follow from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu))
-and on a cell; half of each suffices for functions orthogonal to linear ones. In a half space, a surface wave d of wave
-number kappa stores 2 mu kappa |d|^2, at most the energy of "motions". The last row is the squared dual norm.
+and on a cell. If t or f is orthogonal to linear functions, half of its energy suffices. A wave d on the surface of a
+half space, with wave number kappa, stores 2 mu kappa |d|^2: at most the energy of "motions".
 
 These energies are local. Errors in the means of tractions and body forces are forces r that move the whole body: two
 solutions for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the energy norm of the discrete space.
@@ -54,7 +56,7 @@ from vemcvx.vem import Space, elastic_matrix
 SAFETY = 2.0
 """Safety factor of the difference between two readings."""
 POINCARE = 1.0 / 9.0
-"""Constant of the Poincare inequality: 1 / pi^2 for a convex cell with longer side one, plus 10 % for rotations."""
+"""Constant of the Poincare inequality: 1 / pi^2 for convex cells in a box of longer side 1; 10 % more for rotations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +173,7 @@ class Reading:
     def estimate_omitted_work(self, works: Sequence[Floats], bent: Floats) -> float:
         """Estimate |l_0(w)|, given the works on w of the differences between both readings.
 
-        `bent` (n_cells,) are the energies of w without its linear part, on which remainders do no work.
+        `bent` (n_cells,) are the energies of w minus its linear part: on the linear part, remainders do no work.
         """
         left = np.sum(np.sqrt(self.local * np.maximum(bent, 0.0)))
         return float(SAFETY * sum(np.abs(one).sum() for one in works) + left)
@@ -359,7 +361,7 @@ class Reader:
         return squares + np.sum([self._obstacle_energies(one, now, compliant) for one in self.obstacles], axis=0)
 
     def _work_on_gaps(self, now: Instant) -> float:
-        """Return int p |gap - line|, the first-order change of the minimum of a step; `line` is linear on edges."""
+        """Return int p |gap - line|, to first order the work of contact if the gap replaces `line`, linear on edges."""
         if not self.obstacles:
             return 0.0
         pressure, work = pressures_at_ends(self.posed, self.edges, now), 0.0
@@ -369,7 +371,7 @@ class Reader:
         return work
 
     def motion_energies(self, at: Ints, apart: Floats) -> Floats:
-        """Return 2 mu |d|_e |d'|_e of displacements (k, 2) at new nodes, zero at all others."""
+        """Return 2 mu |d|_e |d'|_e, (b,): d is `apart` (k, 2) at the new nodes `at` (k,), and zero at other nodes."""
         fine, d = self.fine, np.zeros((len(self.fine.owner), 2))
         np.add.at(d, at, apart)
         first = np.diff(fine.owner, prepend=-1) > 0
@@ -448,7 +450,7 @@ class Reader:
 
 
 def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None = None) -> list[Contribution]:
-    """Return the contributions of all effects in a space, even if their data are zero; materials use the old mesh."""
+    """Return the contributions in a space of all effects, even if their data are zero; materials are already posed."""
     others = [effect for effect in effects or posed.scene.canonical if not isinstance(effect, MaterialLaw)]
     with suppress_scene_warnings():
         return [*(part for _, part in contributions(others, space)), *posed.laws]

@@ -1,8 +1,8 @@
 """The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
-Contact exerts opposite forces on the edges of the two bodies at an interface. Where the normal jump is prescribed, it
-has no multiplier; we use the normal force T that fits the normal stresses s_1 and s_2 of both sides best, with the
-weights w = d_e / (2 mu) of the residuals (d_e is the width of a cell across the edge):
+Contact exerts opposite forces on the edges of the two bodies at an interface. If the normal jump is prescribed, the
+normal force T is no multiplier of the run. We use the T that fits the normal stresses s_1 and s_2 of both sides best,
+with the weights w = d_e / (2 mu) of the residuals (d_e is the width of a cell across the edge):
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
 """
@@ -89,7 +89,7 @@ class Skeleton:
     outer_normals: Floats
     """(b, 2) outward normals, with the length of the edge"""
     free: Floats
-    """(b, 2, 2) projectors on the directions that supports leave free at one end at least"""
+    """(b, 2, 2) projectors on the directions that supports leave free, at both ends or at one"""
     joints: Joints
 
     @cached_property
@@ -119,7 +119,7 @@ class Skeleton:
 
 
 def extents(owner: Ints, arms: Floats) -> Floats:
-    """Return h_K, the longest side of the box with a cell's moments M = 12 / |K| int (x - c)(x - c)' dx.
+    """Return h_K (for a box, its longest side): h_K^2 is the largest eigenvalue of 12 / |K| int (x - c)(x - c)' dx.
 
     `arms` (k, dim, dim) are vectors from the centroids c of cells `owner` (k,) to the corners of simplices of the cell.
     Over a simplex T of c and c + a_i, int x x' = |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)).

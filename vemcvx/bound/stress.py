@@ -1,14 +1,14 @@
 """Stresses in equilibrium on the fan of a polygon (Johnson and Mercier), from tractions on its edges.
 
 On a triangle split at its centroid, consider symmetric stresses that are linear on the three parts, with continuous
-tractions across inner edges. The linear tractions on the three edges and the divergences on the parts determine them:
-12 + 6 numbers with three conditions of balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Because of
+tractions across inner edges. They are determined by the linear tractions on the three edges (12 numbers) and the
+divergences on the parts (6), in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Because of
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
 
-one reference triangle (marked by ^) serves all. A linear traction t on an edge is given by int t phi at both ends, a
-body force f by F_k = int f lambda_k. f is split into constants on the parts, with the same moments against linear
-functions, and a remainder. The stress of the remainder has degree 2 and no tractions on edges. So div tau = -f exactly.
+one reference triangle (marked by ^) serves all. A linear traction t is given by int t phi, with the linear function
+phi of each end of the edge, and a body force f by F_k = int f lambda_k. f is the sum of constants on the parts, with
+the same F_k, and a remainder. The stress due to the remainder has degree 2 and no tractions on edges: div tau = -f.
 
 Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
 maximiser of
@@ -16,8 +16,8 @@ maximiser of
     sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1
 
 is linear in m and F, and the maximum is half a quadratic form of m and F. The derivatives of the maximum by m are the
-tractions. For m = 0, the form is -|tau|^2. The tractions on both sides of a spoke (an edge at the centre) cancel where
-the sum of the forms of triangles is stationary in the motions of spokes. So these motions are condensed (:mod:`.fan`).
+tractions. For m = 0, the form is -|tau|^2. Spokes are the edges at the centre of a fan. If the sum of the forms of the
+triangles is stationary in a spoke's motions, the tractions on both its sides cancel. So these motions are condensed.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def reference() -> Floats:
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # A linear traction on an edge is |e| t = 4 b - 2 b' at one end, with b = int t phi there and b' at the other end.
+    # With b = int t phi at one end of an edge, and b' at the other end, linear t has |e| t = 4 b - 2 b' at the first.
     end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)

@@ -3,12 +3,12 @@
 All functions are linear on edges, and given by values at both ends. For loads and friction bounds, :mod:`.reading`
 gives these values; for gaps and ground motions, they are nodal values.
 
-Let s be the slip of v in the step, q the friction (against s, so that tau_t = -q) and g its bound, z = v_n - gap the
-depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the
-multipliers of the run per length, clipped to these limits. The defect of v, q and p in the laws of friction and contact
-is the sum of
+Let s be the slip of v in the step, -q the friction on the body and g its bound, z = v_n - gap the depth, p the
+pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the multipliers of
+the run per length, clipped to these limits. The defect of v, q and p in the laws of friction and contact is the sum of
 
-    int (g |s| - q s),      int -p z  (z <= 0),        int (k z_+^2 / 2 + p^2 / (2 k) - p z),
+    friction                rigid obstacles (z <= 0)        compliant obstacles
+    int (g |s| - q s),      int -p z,                       int (k z_+^2 / 2 + p^2 / (2 k) - p z),
 
 each >= 0. On an edge where s changes sign, |s| is replaced by its linear interpolation, which is larger.
 """
@@ -364,7 +364,7 @@ class Boundary:
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
-        # The arrays (2 b, j) are the work of tractions that are one at an end of an edge and zero at the other end.
+        # The arrays (2 b, j) are the work of linear tractions with the value 1 at an end of an edge, 0 at the other.
         slip, outward = (
             self.forces_of(np.stack([along(one, ways) for one in jumps], axis=2)).reshape(-1, len(moved))
             for ways in (edges.tangents, edges.units)

@@ -14,7 +14,7 @@ C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|
 :mod:`.hypercircle`, which equals v on contact; then r is smaller. Only the last term |r_n|^2 is still computed from
 v_n, because X is orthogonal to C eps(w).
 
-**The start.** If u(0) = v_0, then y_0 = |r_0|, with v_0 in place of v_0 + w. A run with initial="equilibrium" or
+**The start.** If u(0) = v_0, then y_0 = |r_0|, computed from v_0 without w. A run with initial="equilibrium" or
 "settled" begins with a step from zero, and so does the exact history. By theorem 1 of :mod:`vemcvx.bound`, |X|^2 +
 |u - v_0|^2 <= |r_0|^2 + 2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run
 from vx.projected(u_0) is refused: its exact history begins at u_0, and the stress of u_0 is not available.
@@ -22,8 +22,8 @@ from vx.projected(u_0) is refused: its exact history begins at u_0, and the stre
 y never decreases. It grows by the same amount in each load cycle, although the error does not grow.
 
 **Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
-steps. The largest energy norm of the difference between the two runs up to an instant, times SAFETY, is added to the
-bound there; this is an estimate.
+steps. An estimate is added to the bound of an instant: SAFETY times the largest energy norm of the difference between
+the two runs at this instant and before.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
 Each pass simulates the whole history on its mesh, because results with friction depend on the path. A pass refines the
-smallest set of cells that contains a part THETA of the squared indicators (Dorfler, *A convergent adaptive algorithm
-for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If a smaller set is predicted to reach the target, the pass
-refines that set; refinement is assumed to divide the squared indicator of a cell by 4.
+fewest cells whose squared indicators add up to THETA times the sum over all cells (Dorfler, *A convergent adaptive
+algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If fewer cells are predicted to reach the target, the
+pass refines these only; refinement is assumed to divide the squared indicator of a cell by 4.
 
-The time error is measured at the instants of the run. So each bend, extremum and jump of the data becomes an instant
-before the first pass. Then each pass splits the smallest set of steps that contains a given part of the time error.
+The time error is measured at the instants of the run only. So the instants of the first pass include each bend,
+extremum and jump of the data. Each later pass splits the fewest steps that cause a given part of the time error.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ SOLVER_FRACTION = 0.01
 TIME_FRACTION = 0.3
 """Allowed time error as a fraction of the target."""
 THETA = 0.6
-"""Part of the squared error in the cells that a pass refines."""
+"""Fraction of the squared error that is in the refined cells of a pass."""
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes in which the mesh error must fall by a tenth; they multiply the number of cells by 3 to 8."""
+"""Number of passes in which the mesh error must fall by a tenth: four passes multiply the number of cells by 3 to 8."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
@@ -63,7 +63,7 @@ QUANTITIES = {
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells with a part `theta` of `squares` (n_cells,), or fewer if these meet `goal`."""
+    """Return a mask of the fewest cells with `theta` of the sum of `squares` (n_cells,), or fewer to meet `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -120,7 +120,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """extremes that may grow without limit, by key: the local cell size, and the value"""
+    """local cell size and value, by key, of each extreme that may grow without limit"""
 
     @property
     def total(self) -> float:
@@ -224,8 +224,8 @@ def adapt(
         The first and the last instant, and instants to store. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
-        Allowed relative error. For "energy", it is estimated at up to eight given instants, and at up to eight at which
-        data bend, turn or jump (:class:`vemcvx.estimate.budget.ErrorBudget`); for others `of`, at the last instant.
+        Allowed relative error. With ``of="energy"``, the error is estimated at up to eight given instants, and at up to
+        eight instants at which data bend, turn or jump (:func:`vemcvx.error_budget`); otherwise at the last instant.
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
         largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. The last three need
@@ -363,7 +363,7 @@ def _simulate_pass(
 def _measure_pass(
     history: History, budget: ErrorBudget, finer: Finer, of: str
 ) -> tuple[History, StepLoss, dict[str, float], Floats]:
-    """Return the history with its target quantity, the errors of steps, the error by source, and squared indicators."""
+    """Return the history (with its target quantity), the time error, errors by source, and squared indicators."""
     parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
     indicators = budget.cells**2
     if of == "energy":
@@ -452,7 +452,7 @@ def _check(target: object, of: object, most: object, progress: object) -> None:
 
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
-    """Return the aim with the instants at which data turn, and instants with a small time error on the coarse mesh.
+    """Return the aim with the instants at which data turn, and instants of a run with a small time error on `mesh`.
 
     The posed scene includes effects that are zero at the given instants, because they may act between them.
     """

@@ -1,7 +1,7 @@
 """The error of time steps: a comparison with the same run in finer steps, with instants where data bend and jump.
 
-The run is repeated on the same mesh with FINER steps per step, more steps where data vary faster, and an instant
-wherever data bend or jump (:mod:`vemcvx.stepping.course`). For the run u and the finer run v,
+The run is repeated on the same mesh, with each step split into FINER steps (more where data vary faster), and with an
+instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). For the run u and the finer run v,
 
     |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n)     with contact unknowns y of u, z of v, and condensed matrix S.
 
@@ -20,7 +20,7 @@ from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER, TO_EXACT = 4, 1.25
-"""FINER is the number of finer steps per step; TO_EXACT replaces 1 / (1 - 1/FINER) = 4/3, and tests check it."""
+"""Number of finer steps per step, and factor of |u_n - v_n|_a; tests show that 1.25 suffices in place of 4/3."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Finer:
     errors: Floats
     """(N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT"""
     added: Floats
-    """(N,) error added by each step: the energy norm of the change of the difference, with the factor TO_EXACT"""
+    """(N,) error added by each step: TO_EXACT times the energy norm of the change of u - v"""
     times: Floats
     """(q,) the finer instants"""
     norm: float

@@ -74,7 +74,7 @@ def value_of(history: History, of: str) -> float:
 
 @dataclass(frozen=True)
 class StepErrors:
-    """The errors due to steps at all instants (N + 1,), for "wear" at the last instant only."""
+    """The errors due to steps: of "work" and "dissipated" at all instants (N + 1,), of "wear" at the last (1,)."""
 
     errors: dict[str, Floats]
     added: dict[str, Floats]
@@ -97,7 +97,7 @@ def errors_of_steps(history: History) -> StepErrors:
 
 
 def with_quantities(history: History) -> tuple[History, StepErrors]:
-    """Return the history with its quantities and the errors of energies at all instants, and the errors of steps."""
+    """Return a history that also has its quantities and errors of energies at all instants; and the errors of steps."""
     own, steps = _courses(history), errors_of_steps(history)
     mesh = dict.fromkeys(own, np.array([np.nan]))
     # In space, cells that are not star-shaped about their centroids cannot be refined.

@@ -10,28 +10,28 @@
               + errors of assembled data (:mod:`.unseen`)
 
 with sigma = C eps(Pi u) + sigma_0, the projection Pi u to linear displacements in each cell, the shear modulus mu, the
-traction t of loads, contact and springs, and the modulus E of a bar along the edge. Boundary residuals count in
-directions that supports leave free; an interface has them on both bodies (:mod:`vemcvx.bound.skeleton`). The terms
-follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani, Georgoulis,
-Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). The factor 1/9
-is from the Poincare inequality on a cell; c is CONSTANT or, in space, IN_SPACE.
+traction t of loads, contact and springs, and the modulus E of a bar along the edge. In the plane, s = 1 and q = 0; for
+d_e, h_K, l_e, and s and q in space, see below. Boundary residuals count in directions that supports leave free, on both
+bodies of an interface (:mod:`vemcvx.bound.skeleton`). The factor 1/9 is from the Poincare inequality on a cell; c is
+CONSTANT or, in space, IN_SPACE. The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element
+Methods* (2013), and Cangiani, Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
 
 The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I, the interpolation
 error of a displacement v. Let T be a triangle on e with apex a and height d. The divergence of (x - a) w^2 in T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
-In the estimate, d is replaced by d_e, the mean width of both cells along n_e. h_K is the longest side of the box with
-the second moments of the cell.
+In the estimate, d is replaced by d_e, the mean width of both cells along n_e. h_K is the longest side of a box that has
+the same second moments as the cell.
 
 Jumps of tractions miss errors of eps_ss, the strain along an edge. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the
 variation of strain that causes no jumps, and the stabilisation has too small a weight for it on stretched cells. Let
 l_e be the width of the cell along the edge; then |K| / l_e is the cross-section of the cell. The sum over parallel
 edges is the energy of a bar with the modulus E and a strain that is linear between these edges.
 
-In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices,
-because the stabilisation there is much larger than the energy of u - Pi u. The pressure q, constant in cells, minimises
-the sum over all cells by least squares. Any q is admissible: it changes the residual by (q, div v), which is at most
+In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices, because the stabilisation there
+is much larger than the energy of u - Pi u. The pressure q is constant in cells, and minimises the sum of the squares
+that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most
 the C^{-1} norm of q I times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
@@ -201,7 +201,7 @@ class Residuals:
 
     @cached_property
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """The problem for q: roots (f + b,) of the weights of normal residuals, scaled matrix, and scales of q."""
+        """The least-squares problem for q: roots (f + b,) of the weights, matrix in scaled unknowns, their scales."""
         # Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
         sides, weights, joints = self.sides, self.weights, self.sides.joints
         across = np.arange(len(sides.outer))

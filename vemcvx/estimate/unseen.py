@@ -1,4 +1,4 @@
-"""Energies, by cell, of the difference between data and assembled data: a part of the residual.
+"""The part of the residual due to data: energies, in each cell, of data errors (data minus assembled data).
 
 In the plane, data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading` lists the energies). The
 differences are tractions minus their assembled mean t_e, body forces minus the assembled f_K, and given friction bounds
@@ -57,7 +57,7 @@ class DataErrors:
         return local + reader.body_energies(force, edges.mesh.areas[:, None] * body)
 
     def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
-        """Return the squared errors (b,) due to g - g_h, and the forces (b, 2) that its means exert on the body."""
+        """Return the squared errors (b,) due to g - g_h, and the forces (b, 2) due to the mean of g - g_h on edges."""
         reader, fine, edges = self.reader, self.reader.fine, self.edges
         lam, bound, slipped, along = self._friction(now)
         at, g, line = fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])

@@ -14,9 +14,9 @@ In space, the integrals are sums over pyramids between the centroid of a cell of
 centroid of a pyramid determines the cell of the first mesh. The integrals are exact if the cells of the second mesh lie
 inside cells of the first mesh; otherwise their error is O(h). In space, "exact" is for tetrahedra: there u is linear.
 
-Equation numbers are those of Feng, Han and Huang. On a triangle, the virtual function of (3.11), harmonic and linear on
-edges, is linear. On a rectangle with sides e_1, e_2, centre c, xi = 2 e_1.(x - c) / |e_1|^2, eta likewise, and the
-vertex values u_1 ... u_4 in turn, it is
+Equation numbers are those of Feng, Han and Huang. Virtual functions (3.11) are harmonic, and linear on edges. So they
+are linear on a triangle. On a rectangle let e_1 and e_2 be the sides, c the centre, u_1 ... u_4 the vertex values in
+turn, xi = 2 e_1.(x - c) / |e_1|^2, and eta the same with e_2. Then
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 

@@ -190,7 +190,7 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
 
 
 def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
-    """Return the rule with four points in each tetrahedron of a cell centroid, a face centroid and an edge."""
+    """Return the rule with four points in each tetrahedron between a cell centroid, a face centroid and an edge."""
     rows, nodes, cells = list_faces(mesh.faces)
     at = cell_of_corner(rows)
     cell, face = cell_of_corner(cells)[at], mesh.cell_faces[at]
@@ -296,6 +296,6 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
 
 
 def _fraction(size: float) -> str:
-    """Format a size: 1/64 if it is one over a whole number up to rounding."""
+    """Format a size as a fraction, such as 1/64, if 1 / size is a whole number up to rounding."""
     parts = round(1.0 / size) if size > 1e-9 else 0
     return f"1/{parts}" if parts > 1 and abs(parts * size - 1.0) < 1e-12 else f"{size:.4g}"

@@ -159,13 +159,13 @@ def test_elastic_foundation(body):
 
 
 def test_thermal_strain(body):
-    """Free bodies have no stress, bodies blocked along x have stress along x, clamped bodies in all directions."""
+    """Stress is zero in free bodies, along x in bodies blocked along x, and in all directions in clamped bodies."""
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)
     assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
-    # Heat counts as a load. In each step, work exceeds the growth of energy and dissipation by the energy of du.
+    # Heat counts as a load. In each step, work - dE - dissipation is the energy of the increment du.
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
     assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
     rest = np.diff(free.work - free.energy - free.dissipated)

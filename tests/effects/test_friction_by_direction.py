@@ -20,7 +20,7 @@ SIDES = ("left", 0, -1), ("right", 0, 1), ("front", 1, -1), ("back", 1, 1)
 
 
 def nearest(trial, across):
-    """Return the point of the ellipse nearest to a trial force, the friction of a block with one shear stiffness."""
+    """Return the friction of a block with one shear stiffness: the point of the ellipse nearest to a trial force."""
     at, squares = AXES @ trial, np.array([BOUND, across]) ** 2
     if across == 0.0:
         return AXES.T @ [np.clip(at[0], -BOUND, BOUND), 0.0]

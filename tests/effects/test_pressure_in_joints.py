@@ -58,7 +58,7 @@ def test_contact_bears_the_difference_of_outer_and_inner_pressure():
 
 @pytest.mark.long
 def test_bounds_and_estimates_count_both_bodies():
-    """Two mirror images have twice the squared bound of one body, and the same relative estimate."""
+    """Two mirror images have twice the squared error bound of one body, and the same relative error estimate."""
     mesh, lower = stacked(("squares", "squares"), (4, 4))
     scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Pressure(2.0, on="top"))
     alone, both = vx.simulate(scene, lower, [0.0, 1.0], initial="settled"), blown_up(mesh)

@@ -21,7 +21,7 @@ AT = {name: row for row, name in enumerate(COURSE)}
 
 
 def gradient(t):
-    """Return the displacement gradient of the stresses in COURSE, in plane strain, where the stress xx is zero."""
+    """Return the displacement gradient in plane strain under the stresses yy and xy of COURSE, and xx = 0."""
     yy, xy = list(COURSE.values())[round(t)]
     mu = YOUNG / (2 * (1 + POISSON))
     return np.array([[-POISSON * yy, xy], [0.0, (1 - POISSON) * yy]]) / [[2 * mu, mu], [1.0, 2 * mu]]

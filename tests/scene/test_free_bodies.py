@@ -55,7 +55,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The tube has four times the squared upper bound of its quarter, and the same relative estimate."""
+    """The tube has four times the squared error bound of its quarter, and the same relative error estimate."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))

@@ -10,7 +10,7 @@ import stabilisation_spectrum as lesson
 import vemcvx as vx
 
 CLOSE = 0.04
-"""Largest relative error of energies from linear elements on a graded mesh of the cell; rectangles have .018."""
+"""Relative tolerance of ratios: energies are computed by linear elements inside the cell, with errors up to .018."""
 
 
 def make_rectangle(a, b):

@@ -71,7 +71,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
-    """The square of the nodal distance of w is w'Aw on two materials; `error_budget` raises if its energy differs."""
+    """On two materials, fields that differ by w have the squared nodal distance w'Aw. `error_budget` does not raise."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)
@@ -91,7 +91,7 @@ def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
 
 @pytest.mark.long
 def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
-    """The distance from a history that was read is the distance from the same history in memory."""
+    """A history that was read from a file gives the same distance as the history in memory."""
     mesh = small("voronoi", 3)
     for name in ("unit", own.Boundary()):
         history = simulate_bar(name, mesh)

@@ -79,7 +79,7 @@ def test_matrices_are_symmetric_to_the_bit_and_rigid_modes_are_their_kernel(mesh
 
 
 def test_linear_displacements_have_the_forces_of_their_stresses_and_tractions(mesh):
-    """If moduli jump, v'Ku is the sum over cells E of |E| sigma : eps(Pi v). Uniform stresses balance tractions."""
+    """For linear u, v'Ku is the sum over cells E of |E| sigma : eps(Pi v). Uniform stresses balance tractions."""
     space, (lam, mu), dim = Space(mesh), draw_moduli(mesh), mesh.points.shape[1]
     (a, b), slope = COMPONENTS[dim], SLOPE[:dim, :dim]
     strain, u = 0.5 * (slope + slope.T), mesh.points @ slope.T + [0.2, -0.1, 0.3][:dim]
@@ -130,7 +130,7 @@ def test_triangles_and_tetrahedra_are_linear_finite_elements(dim):
 
 
 def compute_by_formula(mesh, tau):
-    """Compute the matrix (3.13) of the paper; three conditions, a 6 x 6 system, determine Pi of basis functions."""
+    """Compute the matrix (3.13) of the paper; three conditions form a 6 x 6 system for Pi of basis functions."""
     K = np.zeros((2 * mesh.n_nodes,) * 2)
     for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *draw_moduli(mesh), tau, strict=True):
         x = mesh.points[cell] - mesh.points[cell].mean(axis=0)
@@ -236,7 +236,7 @@ FACES = {
 
 @pytest.mark.parametrize("name", FACES)
 def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
-    """The sums of a_i = int phi_i, a_i x_i and b_i = a_i nu are A, A c and A nu: area A, centroid c, normal nu."""
+    """For area A, centroid c, normal nu, a_i = int phi_i: sum a_i = A, sum a_i x_i = A c, and b_i = a_i nu."""
     flat = np.array(FACES[name], dtype=float)
     after = np.roll(flat, -1, axis=0)
     cross = flat[:, 0] * after[:, 1] - after[:, 0] * flat[:, 1]

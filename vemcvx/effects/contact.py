@@ -205,7 +205,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # If a node moves outwards by z, its edges move by z times `cosines`; their nodal force has this factor, too.
+        # If a node moves outwards by z, its edges move by z * cosines. Its force is cosines times the force on edges.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -324,7 +324,7 @@ class TrescaFriction(_Friction):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     quadrature : {"nodes", "integral"}
-        The weight of node i, whose basis function is phi_i: g(x_i) int phi_i, or int g phi_i if g varies on an edge.
+        The weight of node i with the basis function phi_i: for "nodes" g(x_i) int phi_i, for "integral" int g phi_i.
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 elsewhere. Friction then
         depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes without
@@ -467,7 +467,7 @@ class SpeedFriction(_Friction):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     softening : number, optional
-        The largest decrease of the bound per unit of speed; 0, the default, if it does not fall.
+        The largest decrease of the bound per unit of speed; 0 (the default) if the bound does not fall.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of an obstacle that slides under the body, as for TrescaFriction.
 

@@ -174,7 +174,7 @@ class InCells:
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # True in the material; elsewhere constants with a sign rule become 1, the others 0
+    inside: Bools | None = None  # True in the material; elsewhere, constants become 1 if they have a sign rule, else 0
 
     def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
         """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""

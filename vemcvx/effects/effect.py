@@ -414,7 +414,7 @@ class Material:
         Lame's lam (already reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row
         (:mod:`vemcvx.vem.tensors`). Force per area.
     thermal_stress_moduli : (n_cells, components) array
-        Minus the stress under a blocked unit eigenstrain in all directions of space.
+        Minus the stress where a unit eigenstrain, equal in all directions of space, is blocked.
     plane : {"strain", "stress", "axisymmetric"}
         The same for all materials of a body; "strain" in space.
     cells : (n_cells,) array of bool, optional
@@ -519,7 +519,7 @@ class Contribution:
     Attributes
     ----------
     stiffness : (n_u, n_u) sparse matrix, optional
-        Stiffness of springs to the ground, which hold the body, or of a material that its moduli do not describe.
+        Stiffness of springs to the ground, or of a material whose stiffness does not follow from its moduli.
     material : Material, optional
     loads : tuple of Load
     supports : tuple of Support
@@ -624,7 +624,7 @@ class Effect(ABC):
         """Return a description in one line, for `vemcvx show`."""
 
     def describe_body(self, in_plane: bool) -> str:
-        """Return the line of `describe` for a body in the plane or in space, whose defaults may differ."""
+        """Return the line of `describe` with the defaults for a body in the plane, or for a body in space."""
         return self.describe()
 
 

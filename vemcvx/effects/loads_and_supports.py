@@ -274,7 +274,7 @@ class PrescribedDisplacement(Effect):
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
-        """Return nodes, directions, and divisors of values: along normals `BoundaryRows.cosines`, else 1."""
+        """Return nodes, directions, and divisors of values: `BoundaryRows.cosines` for normals, 1 otherwise."""
         rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
         if self.direction is None:
             return *_all_components(part.nodes, dim), one
@@ -296,14 +296,14 @@ class PrescribedDisplacement(Effect):
 class Rigid(Effect):
     """A part of the boundary, or a whole body, that moves rigidly: translations and small rotations.
 
-    The motion is unknown, except for components that `motion` prescribes. Other supports of nodes of the part are
+    The motion is unknown, except for components that `motion` prescribes. Other supports at nodes of the part are
     refused, unless they agree with `motion`. `history.force(Rigid)` is the sum of `force` and of the force that causes
     the prescribed motion. `history.reaction` also includes internal forces that keep the part rigid; their sum is zero.
 
     Parameters
     ----------
     on : str or sequence of str
-        Boundary names; or names of bodies (cell data that are nonzero on them), for all their nodes.
+        Boundary names; or names of bodies (cell data that are nonzero on them): then all nodes of these bodies move.
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional

@@ -139,7 +139,7 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
 # Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper, in plane strain and in space:
 # lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
 #
-# A free strain s in all directions of space, blocked in the plane, causes the stress -b s in the plane. In space and in
+# If an eigenstrain s, equal in all directions, is blocked in the plane, it causes the stress -b s. In space and in
 # plane strain b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress b = 2 (lam + mu) = E / (1 - nu), with the reduced lam.
 # In plane strain sigma_zz = lam (e_xx + e_yy) - b s.
 STABILISATIONS = ("shear", "unit")
@@ -223,9 +223,9 @@ class Elasticity(_Elastic):
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
 # where nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
-# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. The same strain in x, y, z is eps: e = R eps R^T for tensors, and
-# e = Q eps for vectors with doubled shears. The row of Q for e_ab has (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2 for
-# eps_ij. So the elastic matrix in x, y, z is C = Q^T S^{-1} Q, where S includes the three shear compliances.
+# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Let eps be the same strain in x, y, z. Then e = R eps R^T for
+# tensors, and e = Q eps for vectors with doubled shear strains. The entry of Q for e_ab and eps_ij is
+# (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2. So C = Q^T S^{-1} Q in x, y, z, where S includes the shear compliances.
 #
 # In a plane body, axis 3 is normal to the plane. Plane strain uses the rows xx, yy and xy of C; the row zz gives the
 # out-of-plane stress. In plane stress, S and C have no coupling to axis 3.
@@ -355,7 +355,7 @@ def _is_sequence(given: object) -> TypeGuard[Sequence[Any]]:
 
 
 def _rotate_strains(R: Floats) -> Floats:
-    """Return Q (n_cells, 6, 6), which maps strains in x, y, z to strains in the axes, the rows of R (n_cells, 3, 3)."""
+    """Return Q (n_cells, 6, 6); it maps strains in x, y, z to strains in the axes given by the rows of R (., 3, 3)."""
     Q = np.empty((len(R), 6, 6))
     for k, (a, b) in enumerate(COMPONENTS[3]):
         for m, (i, j) in enumerate(COMPONENTS[3]):
@@ -418,7 +418,7 @@ class ThermalStrain(Effect):
     temperature : number, or callable f(x, t) -> (m,)
         theta, degrees above the stress-free state, at centroids and t_n; positive for expansion (if alpha > 0).
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: cells where one of them is nonzero expand. By default all do.
+        Names of cell data, such as names of bodies. Cells where one of them is nonzero expand; by default, all expand.
 
     Examples
     --------
@@ -461,7 +461,7 @@ class Prestress(Effect):
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
         stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: cells where one of them is nonzero have the stress, by default all.
+        Names of cell data, such as names of bodies. The stress acts where one is nonzero, by default everywhere.
 
     Examples
     --------

@@ -33,9 +33,9 @@ from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
 # A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
-# a half model, where a support holds the tangent); contact holds its normal and a support its tangent; or the node is
-# dragged against friction (`Freedom`). If contact holds the normal, the component of H'R along the normal is a contact
-# force. So is the force of a support that alone holds the normal (a moving obstacle). A, H, P, R: :mod:`.supports`.
+# a half model, where a support holds the tangent); contact holds its normal, and a support holds its tangent; or the
+# node is dragged against friction (`Freedom`). A normal contact force is a reaction along a normal that contact holds,
+# or that one support alone holds (a moving obstacle). :mod:`.supports` defines A, H, P and the reactions R.
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
 
@@ -44,7 +44,7 @@ class Freedom(NamedTuple):
     """The freedom that supports leave to contact rows, as arrays (k,)."""
 
     slides: Bools  # True if some free unknown moves the node along the boundary
-    dragged: Bools  # True if a tangent is held, and supports or the ground move along the boundary
+    dragged: Bools  # True if a tangent is held, and a support or the ground moves along the boundary
     normal_only: Bools  # True if all tangents are held, but there is a pressure: the normal is free or held by contact
 
 
@@ -80,7 +80,7 @@ def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Return a mask (k,) of the rows whose `slip` changes during `times`; without times, of rows that may slip."""
+    """Return a mask (k,) of the rows whose `slip` changes during `times`, or may change if `times` is empty."""
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
         return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
@@ -103,9 +103,9 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return a mask (k,) of contact rows with normals held by contact alone, and matches with rows of the supports' A.
+    """Return a mask (k,) of contact rows whose normal only contact holds, cosines, and pairs (contact row, row of A).
 
-    A match is a cosine and a pair (contact row, row of A): the force of the row of A is a normal contact force.
+    In each pair, the force on the row of A is a normal contact force; the cosine is between the two directions.
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
@@ -132,8 +132,8 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 
 # Friction rows with the same node, normal and kind (`_kinds`) form one term. The weight of a term is the sum of the
 # weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u (orthonormal tangents),
-# and B = B^ P in the free unknowns. Terms that no free unknown moves come last. Such a term is kept if supports or the
-# ground make its node slip, because this slip dissipates, or if it has a pressure, because the pressure is reported.
+# and B = B^ P in the free unknowns. Terms with zero rows in B come last. Such a term is kept if a support or the ground
+# makes its node slip, because this slip dissipates, or if it has a pressure, because the pressure is reported.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
@@ -148,7 +148,7 @@ class Terms(ContactRows):
     dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion in `ground` as a vector
-    press: sp.csr_matrix | None = None  # (rows, r) shares of the limits' forces that laws depend on; None without laws
+    press: sp.csr_matrix | None = None  # (rows, r) fractions of the force of each limit on each row; None without laws
 
     def weights(self, t: float) -> Floats:
         """Return the weights (m,) at the instant `t`, without the weights of laws, which depend on the solution."""
@@ -196,7 +196,7 @@ class Terms(ContactRows):
         )
 
     def law_of(self, some: slice) -> Law | None:
-        """Return the weights of `some` terms as a law of the forces p (r,) of all limits and the slip of these terms.
+        """Return a law: the weights of `some` terms as functions of their slip and of the forces p (r,) on all limits.
 
         Return None if no weight depends on the solution. A row's law uses the row's force and the slip of its term.
         """
@@ -338,15 +338,15 @@ class Surface(ContactRows):
     The normal of this row is the mean normal weighted by length; its length is the sum of both lengths.
     """
 
-    normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, R the forces of supports and contact
+    normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, with reactions R of supports and contact
 
 
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """Return the contact surface, from all m rows of the table; an edge that several parts name counts once.
+    """Return the contact surface, from all m rows of the table; an edge in several parts counts once.
 
-    A node that only supports or the ground (mask `moves`, (m,)) drag belongs to the surface if `terms` has its pair.
+    Dragged nodes that are not free belong to it if `terms` has their pair; `moves` (m,) marks rows on moving ground.
     """
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
@@ -375,7 +375,7 @@ class Obstacles(ContactRows):
     rates: Bools  # (r,) limits on velocities
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # the effects that contribute them, in words
-    prescribed: Obstacles | None = None  # rows at nodes that only supports move: no limits, but checked for penetration
+    prescribed: Obstacles | None = None  # rows without free unknowns: no limits, but checked for penetration
 
     def limits(self, supports: Supports) -> Limits | None:
         """Return the limits over the free unknowns; None if there are none."""
@@ -423,7 +423,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the fractions (rows of all frictions, r) of the forces of r limits that rows get, if their law needs them.
+    """Return the matrix that distributes forces of limits (r,) over the friction rows whose laws depend on pressure.
 
     Return None if no friction has a law. Raise SceneError if a law needs the pressure at a free node without obstacle.
     """

@@ -82,7 +82,7 @@ UNHELD = "the motion of the whole body: nothing holds it and its loads balance, 
 
 @dataclass(frozen=True, kw_only=True)
 class PosedScene:
-    """A scene on a mesh, ready to march: `march(posed.system, times)`, in the free unknowns y of u = P y + u_D(t)."""
+    """A scene on a mesh, ready for `march(posed.system, times)`. The unknowns y determine u = P y + u_D(t)."""
 
     scene: Scene
     space: Space
@@ -102,7 +102,7 @@ class PosedScene:
     laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
     stops: Sequence[Obstacle]  # the obstacles as contributed; their limits are `obstacles`
     causes: Mapping[str, Ints]
-    """For each of the "supports", "frictions" and "obstacles", its effect's number in canonical order; -1 for pins"""
+    """Numbers, in canonical order, of the effects that gave the "supports", "frictions", "obstacles"; -1 for pins."""
     caused_loads: tuple[tuple[int, Load], ...]  # loads, each with the number of its effect
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # springs to the ground, each with its effect's number
     pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
@@ -115,7 +115,7 @@ class PosedScene:
         nodes: K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and dirichlet_force = P'A u_D.
         """
         A, supports, terms = self.A, self.supports, self.terms
-        # The frame subtracts rigid motions, unless they have energy: with springs, or in a body of revolution.
+        # The frame subtracts rigid motions, unless they have energy, as with springs or in a body of revolution.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
@@ -217,7 +217,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
 
 
 def _check_revolution(space: Space, material: Material) -> None:
-    """Raise SceneError unless space, plane and moduli all are, or all are not, those of a body of revolution."""
+    """Raise SceneError if some of space, plane and moduli belong to a body of revolution, and others do not."""
     if len({space.axisymmetric, material.plane == REVOLVED, len(material.moduli) == AXISYMMETRIC}) > 1:
         words = f'a material of a body of revolution has the attribute plane = "{REVOLVED}"'
         raise SceneError(

@@ -88,13 +88,13 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 
 # A piece of the body is a set of cells joined along edges (in space, along faces); without strain it moves as a rigid
 # body. Pieces that share single nodes only are hinged there. Let R_q c_q be the nodal values of a rigid motion of piece
-# q. Their squared distance from the nearest field that has one value per node and obeys the supports (u = P y) is
+# q, and v the nearest field that has one value per node and obeys the supports (v = P y). The squared distance is
 #
-#     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
+#     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node.
 #
-# and the body floats if and only if this vanishes for some c != 0, and v'Fv = 0 for this field v and spring matrix F.
+# The body floats if and only if this is zero for some c != 0, and v'Fv = 0 for the stiffness F of springs.
 FREE_FRACTION = 1e-12
-"""A motion is free if its squared distance is less than this times |R c|^2; one clamped node of 1e6 gives 1e-6."""
+"""A motion is free if its squared distance is less than this times |R c|^2; one clamped node among 1e6 gives 1e-6."""
 
 
 def floating_motions(
@@ -102,7 +102,7 @@ def floating_motions(
 ) -> tuple[Kernel | None, bool]:
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
-    Return also whether all are motions of named bodies: contact at an interface usually holds such bodies. `felt`
+    Return also True if all are motions of named bodies, which contact at an interface usually holds. `felt`
     (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that no such row resists.
     """
     (piece, node), points = space.pieces, space.mesh.points
@@ -149,7 +149,7 @@ def floating_motions(
 
 
 def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding: float) -> None:
-    """Raise SceneError if a combination of the motions `loose` (., j) has no components `felt` (rows, j)."""
+    """Raise SceneError if `felt` (rows, j), the components of the motions `loose` (., j) at contact, has a kernel."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
     # If contact resists no motion, `size` is rounding.
     least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
@@ -166,7 +166,7 @@ def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding:
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return pins at nodes on which none of `parts` acts; none if a part without partners acts against the ground."""
+    """Return pins at nodes on which none of `parts` acts; no pins if one of `parts` joins a node to the ground."""
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
         return ()

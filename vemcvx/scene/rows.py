@@ -2,9 +2,9 @@
 
 A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
 rows along tangents have a tangent in place of n. One effect acts on a *part* of the boundary. The *ends* of a row at
-node i are the sides of its part at i, each with the integral of the basis function of i: half the length of an edge. A
-norm term of rows of several parts has the union of their ends, so a shared side counts once. A force on a row of one
-table is spread over another table: each row gets the fraction (length of common ends) / (length of loaded row).
+node i are the sides of its part at i. The length of an end is the integral of the basis function of i, half the length
+of an edge. If a norm term merges rows of several parts, shared ends count once. A force on a row of one table is spread
+over another table: each row gets the fraction (length of common ends) / (length of loaded row).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
 
 
 def repeat_by_row(parts: Sequence[ContactSurface | Support], numbers: Sequence[int]) -> Ints:
-    """Return for each row of all parts in turn the number of its part; `numbers` has one per part."""
+    """Return the entry of `numbers` (parts,) for each row of all parts in turn."""
     return np.repeat(np.array(numbers, dtype=np.int64), [len(part.nodes) for part in parts])
 
 
@@ -154,7 +154,10 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows of equal pair, kind and normal, up to sign unless `signed`; return first rows, and each row's term."""
+    """Merge rows of equal pair, kind and normal; return the first row of each term, and the term of each row.
+
+    Normals n and -n count as equal, unless `signed` is True.
+    """
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
@@ -174,8 +177,7 @@ def merge_terms(
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
     """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
 
-    Supports that hold a node fully are left out: their directions are coordinate axes, to which a floor that is tilted
-    by half a degree would be turned.
+    Supports that hold a node fully are left out: their coordinate axes would turn a floor tilted by half a degree.
     """
     if not parts:
         return []

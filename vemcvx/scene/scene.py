@@ -68,7 +68,7 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0, and load -sum_K |K| sigma_0 : eps(Pi v).
+    """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0. The load is -sum_K |K| sigma_0 : eps(Pi v).
 
     sigma_0 is the sum of initial stresses minus the stresses that block the eigenstrains.
     """
@@ -157,7 +157,7 @@ def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
 
 
 def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
-    """Yield nodes (m, n) and normals (m, dim) of the m sides with n nodes that supports hold along the normal."""
+    """Yield nodes (m, n) and normals (m, dim) of the sides whose n nodes are all held along the normal of the side."""
     part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
     place[held.nodes] = np.arange(len(held.nodes))
     for rule in part.rules(1):

@@ -2,18 +2,18 @@
 
 Supports prescribe A u = g(t), one row per node (or pair of nodes) and direction. Elimination gives
 
-    u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0:
+    u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-y are the free unknowns, u_D = H g is the prescribed displacement, and H'R are the forces on the rows under reactions R.
+where y are free unknowns, and u_D = H g is prescribed. Nodal reactions R are equivalent to forces H'R on the rows of A.
 
-Supports with patterns M prescribe A u = g(t) + M c, with unknown amplitudes c: the motions of rigid parts. Then
-u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these columns, P'H = 0
-need not hold. Contact rows may depend on c. The load on c is M'H'f, and the forces H'R on rows balance: M'H'R = 0.
+Supports with patterns M, such as the motions of a rigid part, prescribe A u = g(t) + M c with unknown amplitudes c.
+Then u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these columns,
+P'H = 0 need not hold. The load on c is M'H'f, and the forces H'R on rows balance: M'H'R = 0.
 
 Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
 found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
 bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Directions of the
-first two kinds are held, the others are columns of P. So friction terms share no unknowns, and sticking fixes y_i.
+first two kinds are held, all others are columns of P. So no two friction terms share an unknown, and sticking is exact.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Supports:
     H: sp.csr_matrix  # (n_u, s) displacements with one row at 1 and the others at 0; zero for dependent rows
     depends: Bools  # (s,) True for rows that depend on earlier rows
     reach: Floats  # (s,) the length of each row's component orthogonal to earlier rows
-    amplitudes: int = 0  # number of the free unknowns, the last ones, that are amplitudes; they belong to no site
+    amplitudes: int = 0  # number of amplitudes among the free unknowns; they come last and belong to no site
 
     @cached_property
     def still(self) -> bool:
@@ -292,8 +292,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
     """Group sites with equal numbers of nodes, rows and prescribed rows.
 
-    Yield for each group its nodes (S, .), its rows (S, .), and the number of prescribed rows per site. Row i belongs to
-    the site `at_site[i]`; the first `count` rows are prescribed.
+    Yield for each group its nodes (S, .), its rows (S, .), and the number of prescribed rows per site.
     """
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")

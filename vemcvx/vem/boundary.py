@@ -64,7 +64,7 @@ class Part:
     rules : callable
         Returns a tuple of `SideRule` for a number of Gauss points per edge; rules on faces are exact for degree 5.
     ends : SideEnds
-        The nodes of all sides, in the order of the rules.
+        One row for each node of each side; the sides are in the order of `rules`.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """Two numbers (e, 2) for each end of a side: its node, and the other node of the edge (in space, the face)."""
+        """The node of each end of a side, and the other node of the edge (in space, the face number): array (e, 2)."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
@@ -264,21 +264,21 @@ def _curvature(group: FaceGroup) -> Floats:
 # exact for nodes on a circle or a sphere with any spacing. Sides much shorter than their neighbours get almost no
 # weight, because rounding may turn short sides.
 #
-# A curve that ends on a plane of symmetry continues as its mirror image. The mean of the normals of the curve and its
-# image is the normal without its component perpendicular to the plane. If the curve and its image form a corner, like
-# the tip of a wedge, the node keeps the normal of its side; the normal of the image gives the same condition.
+# A curve with the normal n that ends on a plane of symmetry continues as its mirror image. The mean of n and the normal
+# of the image is n without its component perpendicular to the plane. If the curve and its image form a corner, like the
+# tip of a wedge, the node keeps the normal n; the normal of the image gives the same condition.
 #
-# An interface in the plane has the curve of one body; nodes of the other body hang in the sides of this curve. Means
-# are taken over whole sides, which hanging nodes do not divide. The normal at a hanging node is interpolated between
-# the ends of its whole side. So all normals on a circle are radial, and a ring can turn inside another. If each edge
-# had its own normal, friction and pressure in a press fit would oscillate at every h. (Yang, Laursen and Meng, Int. J.
-# Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
+# In a plane body, an interface has the curve of one body, and nodes of the other body hang in the sides of this curve.
+# Means are taken over whole sides, which hanging nodes do not divide. The normal at a hanging node is interpolated
+# between the ends of its whole side. So all normals on a circle are radial, and a ring can turn inside another. If each
+# edge had its own normal, friction and pressure in a press fit would oscillate at every h. (Yang, Laursen and Meng,
+# Int. J. Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance between the unit normals of neighbouring sides of one curve."""
 DIRECTION_TOLERANCE = 1e-2
-"""Largest distance of unit vectors that count as equal: .57 degrees, a corner that no mesh resolves. Sides that turn by
-less at a node of a single cell are one straight side, for example if points are rounded to four digits."""
+"""Largest distance of unit vectors that count as equal, .57 degrees. No mesh resolves such a corner. If sides turn by
+less at a node of a single cell, they are one straight side; points rounded to four digits cause such turns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,12 +327,12 @@ class MirrorPlanes:
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return the components of vectors (m, dim) normal to the planes that nodes share with their partners."""
+        """Project vectors (m, dim) onto the normals of the planes that contain both the node and its partner."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # The planes of two bodies count as one if the angle t of their normals is at most the tolerance. The mean of
+        # The planes of two bodies count as equal if the angle t of their normals is at most the tolerance. The mean of
         # both projections then has an eigenvalue cos(t / 2)^2, about 1 - t^2 / 4, along the bisector of the normals.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
@@ -360,7 +360,7 @@ class BoundaryRows:
     partners : (k,) array of int
         Nodes of other bodies at the same places; -1 where there is no interface.
     cosines : (k,) array
-        Mean of n . n_e over the edges e of each row, with the normals n of the row and n_e of e. If all edges move
+        Mean of n . n_e over the edges e of each row; n and n_e are the normals of the row and of e. If all edges move
         outwards by 1, the node moves by 1 / cosine.
 
     Examples
@@ -439,7 +439,7 @@ class SideEnds:
         np.maximum.at(longest, row, self.sizes)
         np.maximum.at(most, row, self.curvature)
         part = (self.sizes / longest[row]) ** 4
-        # If no face has an angle at a node, because the node hangs in edges, only areas count.
+        # If the node hangs in edges, all curvatures at the node are zero, and only areas count.
         relative = np.divide(self.curvature, most[row], out=np.zeros(len(row)), where=most[row] > 0)
         # Sides shorter than 0.03 of the longest side at their node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part

@@ -18,9 +18,9 @@ tau = 1 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and t
 
 For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
 Displacements in the kernel of Pi (hourglass modes) have mostly deviatoric strains, so tau is a deviatoric modulus. In
-Kelvin's notation, C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3. These keep
-the volumetric direction (1, 1, 0), and map the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), to
-itself. Let p, q, r be the entries of C_k restricted to this plane. Then "shear" means
+Kelvin's notation, the elastic matrix is C_k = D C D with D = diag(1, 1, sqrt 2). Rotations of the plane then act as
+rotations of R^3, which keep the volumetric direction (1, 1, 0). The vectors (1, -1, 0) / sqrt 2 and (0, 0, 1) span the
+deviatoric plane. Let p, q, r be the entries of C_k restricted to this plane. Then "shear" means
 
 $$ \tau = \text{smallest eigenvalue of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}
 = \tfrac{p + q}2 - \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2}. $$
@@ -149,8 +149,8 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     ----------
     space : Space
     lam, mu : (n_cells,) arrays
-        Lame's constants, force per area; `lam` already reduced in plane stress. Both are zero on cells of another
-        material.
+        Lame's constants, force per area; in plane stress, `lam` is the reduced constant. Both are zero on cells of
+        another material.
     stabilisation : {"shear", "unit"}, or Stabilisation
         tau = 2 mu, tau = 1, or a user's stabilisation.
 

@@ -41,8 +41,8 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 # match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell contains
 # (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). A cell is cut
-# into triangles along diagonals if one of its four points is not clearly inside. Each triangle has three inner points;
-# so has a triangular cell, whose sides touch the ellipse.
+# into triangles along diagonals if one of its four points is not clearly inside. Each triangle has three inner points.
+# Triangular cells always have this rule, because their sides touch the ellipse.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -104,8 +104,8 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
     """Return True for cells (c,) whose points (c, p, 2) all lie clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly" means by 1e-6 sqrt(|K|). This excludes points on edges up to rounding (in triangles with hanging nodes);
-    # rectangles of aspect ratio 5e9 pass.
+    # "Clearly" means by 1e-6 sqrt(|K|). This excludes points that are on an edge up to rounding (in triangles with
+    # hanging nodes), but no points of rectangles of aspect ratio 5e9.
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))
@@ -204,7 +204,7 @@ def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
     Returns
     -------
     values : (n_nodes,) array
-        Weights for the integral of Pi u, which over a cell is |K| times the value of Pi u at the centroid.
+        Weights for the integral of Pi u. Over a cell K, this integral is |K| times Pi u at the centroid.
     gradient : (n_nodes, dim) array
 
     Examples

@@ -30,8 +30,8 @@ from vemcvx.vem.tensors import COMPONENTS
 #     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
 #
 # The first condition makes eps(Pi v) the mean of eps(v) over K, and the third makes the rotation the mean rotation.
-# Together: grad Pi v = 1/|K| int_K grad v dx, for each component separately. On the edges e_i = [x_i, x_{i+1}] with the
-# outward normals n_i, |e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1}), v is linear. So by Gauss' theorem,
+# Together: grad Pi v = 1/|K| int_K grad v dx, for each component separately. v is linear on the edges
+# e_i = [x_i, x_{i+1}], whose outward normals n_i satisfy |e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1}). By Gauss' theorem,
 #
 #     grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
 #     G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
@@ -173,7 +173,7 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
 
 
 def _fan(n: int) -> Ints:
-    """Return the triangles (n, 3) of a fan around point n; a triangle stays one triangle."""
+    """Return the triangles (n, 3) of a fan around point n; if n = 3, return the triangle itself, (1, 3)."""
     if n == 3:
         return np.arange(3)[None]
     return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
@@ -310,7 +310,7 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices, also sums over faces: their rounding depends on the numbering."""
+        """The arrays that determine local matrices, with sums over faces, whose rounding depends on the numbering."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:

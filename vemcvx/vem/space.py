@@ -2,7 +2,7 @@
 
 On a polygon, each component is harmonic, with continuous boundary values that are linear on edges. So its vertex values
 determine it. :mod:`vemcvx.vem.projection` describes traces on faces of polyhedra. In dim dimensions, component a of
-node i is the unknown dim i + a. Code that takes cells and parts of the boundary from a space does not depend on dim.
+node i is the unknown dim i + a.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Space:
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Return the matrix (p, n_nodes) that evaluates Pi v at points x (p, dim): at x[point[k]] in cell[k]."""
+        """Return a matrix (p, n_nodes): row point[k] evaluates Pi v of cell[k] at x[point[k]], other rows are zero."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
@@ -176,7 +176,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for ends (m, 2) of edges in one cell only (on interfaces, of the lower-numbered body)."""
+        """Return True for nodes (m, 2) of edges in a single cell (on interfaces, a cell of the lower-numbered body)."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:

@@ -5,9 +5,9 @@ Numbers in parentheses are equations of the paper named in :mod:`vemcvx`. By (3.
     a_K^h(u, v) = (C eps(Pi u), eps(Pi v))_K + S_K(u - Pi u, v - Pi v).
 
 If u or v is linear, the first part is exact, and the second part is zero, because (I - Pi) p = 0 for linear p. So (2.8)
-and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K with the exact form a_K
-and constants that do not depend on K: S_K must be comparable to the true energy of (I - Pi) v. (The default S_K is
-comparable to the shear energy only, so alpha_* decreases as Poisson's ratio grows: on a square alpha_* is at most
+and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K, where a_K is the exact
+form, and the constants do not depend on K. So S_K must be comparable to the true energy of (I - Pi) v. (The default S_K
+is comparable to the shear energy only, so alpha_* decreases as Poisson's ratio grows: on a square alpha_* is at most
 6 mu / (lam + 3 mu), see problems/stabilisation_spectrum.py. With lam in S_K the method would lock.) In vertex values
 S_K is a symmetric matrix S, positive definite on the range of I - Pi; the local matrix contains (I - Pi)' S (I - Pi).
 
@@ -64,8 +64,8 @@ class Stabilisation(ABC):
         Returns
         -------
         (c, n, n) array, or (c, n, n, dim, dim)
-            The symmetric S, in force per area times h^(dim - 2), which is applied to v - Pi v. S (c, n, n) acts on each
-            component alike; else entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+            The symmetric S for vertex values of v - Pi v, force per area times h^(dim - 2). S (c, n, n) acts on each
+            component alike. Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
         """
 
     def describe(self) -> str:

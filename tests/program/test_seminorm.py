@@ -134,7 +134,7 @@ def make_floating_program(rows, limits, push, w):
 
 @mostly_long("block, modes", [(1, 3), (2, 6), (1, 6), (2, 3)], 0, 1)
 def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, modes):
-    """With G = `rows`, w_i G_i c / |G_i c| is the friction under the strongest load along c; two limits stay closed."""
+    """In a motion c, term i slips by G_i c (`rows`) against the friction w_i G_i c / |G_i c|. Two limits are closed."""
     rng = np.random.default_rng(block + 10 * modes)
     beyond = 1e-8 if block == 1 else 1e-7
     for _ in range(10):

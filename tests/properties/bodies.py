@@ -22,8 +22,8 @@ def stiffness_has_the_rigid_motions_as_kernel(mesh, data, kind):
     """A is symmetric to the bit, A R = 0 for rigid motions R, and A is positive on all other motions.
 
     Entries have errors of at most CELL eps M_ij with M = `majorant(A)`; a product with R adds one rounding error per
-    summand. For D^{-1/2} A D^{-1/2}, where D is the diagonal of A, all entries of M are one and its norm is 2N, with N
-    nodes: eigenvalues have errors of at most (CELL + 2N) eps 2N.
+    summand. For D^{-1/2} A D^{-1/2}, where D is the diagonal of A, all entries of M are 1. For N nodes M has the norm
+    2N, so eigenvalues have errors of at most (CELL + 2N) eps 2N.
     """
     material = data.draw(materials(mesh))
     material = vx.Elasticity(material.young, material.poisson, material.plane, kind)

@@ -19,17 +19,17 @@ NEWTON = vx.Newton(accuracy=1e-9)
 def steps_are_stable(case, data, size, seed):
     """Theorem 2.5 of the paper holds for steps under two loads f1, f2 and the same bounds; |.| without index is |.|_K.
 
-    Let p = K^{-1} f, d_n = y_n - y_{n-1} and a = p_n - y_{n-1}. The step minimises 1/2 |d - a|_K^2 + j(d), so
-    d_n = prox_j(a), and r_n = p_n - y_n = a - d_n is the projection of a on a closed convex set, the subdifferential
+    Let p = K^{-1} f, d_n = y_n - y_{n-1} and q = p_n - y_{n-1}. The step minimises 1/2 |d - q|_K^2 + j(d), so
+    d_n = prox_j(q), and r_n = p_n - y_n = q - d_n is the projection of q on a closed convex set, the subdifferential
     of j at zero. In the inner product of K this subdifferential is monotone, (r1 - r2, d1 - d2) >= 0, hence
 
-        |r1_n - r2_n|^2 + |d1_n - d2_n|^2 <= |a1 - a2|^2,   a1 - a2 = (r1 - r2)_{n-1} + ((p1 - p2)_n - (p1 - p2)_{n-1}),
+        |r1_n - r2_n|^2 + |d1_n - d2_n|^2 <= |q1 - q2|^2,   q1 - q2 = (r1 - r2)_{n-1} + ((p1 - p2)_n - (p1 - p2)_{n-1}),
 
     which implies |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)|. Summed from
     equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*  with |f|_* = |K^{-1} f|.
 
-    Errors e of the steps change (r, d) by sqrt(2) e, and r by e. Norms |r|_K are computed as |K r|_{K^{-1}} from the
-    forces K r = f - K y, because the rounding errors of these forces have a known bound.
+    An error e of a step changes the pair (r, d) by at most sqrt(2) e, and r alone by at most e. We compute |r|_K as
+    |K r|_{K^{-1}} from the forces K r = f - K y, because the rounding errors of these forces have a known bound.
     """
     rng, K = np.random.default_rng(seed), case.K
     change = np.outer(data.draw(courses(len(case.times) - 1)), rng.normal(size=len(K)))

@@ -106,9 +106,9 @@ class Marched:
         return self.trajectory.state[n] - self.trajectory.state[n - 1]
 
     def blur_of_objective(self, n, *points):
-        """Return the rounding error of the objective of step n, summed over `points` d: n + 3 roundings per summand.
+        """Return the rounding error of the objective of step n, summed over `points` d: N + 3 roundings per summand.
 
-        The error of g = f - K y_{n-1} is at most (n + 2) eps (|f| + M|y_{n-1}|).
+        With N unknowns, the error of g = f - K y_{n-1} is at most (N + 2) eps (|f| + M|y_{n-1}|).
         """
         case, program = self.case, self.program(n)
         known = np.abs(case.loads[n]) + majorant(case.K) @ np.abs(self.trajectory.state[n - 1])
@@ -121,9 +121,9 @@ class Marched:
     def capped_weights(self, n):
         """Return weights (m,), reduced to the largest possible |lam_i| of step n; the answer stays the same.
 
-        B'lam = K r, where r is a projection of a = K^{-1} g (see `steps_are_stable`), so |r|_K is at most the norm of
-        the part of a in the range of K^{-1} B': lam'C lam <= (B a)'C^{-1} B a, C = B K^{-1} B'. Hence |lam_i|^2 is at
-        most (B a)'C^{-1} B a times the norm of block (i, i) of C^{-1}.
+        Let q = K^{-1} g and C = B K^{-1} B'. Then B'lam = K r, where r is a projection of q (`steps_are_stable`). So
+        |r|_K is at most the norm of the part of q in the range of K^{-1} B', so lam'C lam <= (B q)'C^{-1} B q, and
+        |lam_i|^2 is at most (B q)'C^{-1} B q times the norm of block (i, i) of C^{-1}.
         """
         case, B, terms = self.case, self.case.B.toarray(), len(self.case.weights[n])
         inverse = np.linalg.inv(B @ np.linalg.solve(case.K, B.T))
@@ -135,7 +135,7 @@ class Marched:
     def friction_gap(self, n):
         """Return sum w_i |s_i| - lam_i . s_i of the stored step and its rounding error; weights are `capped_weights`.
 
-        The error of s is at most (n + 1) eps |B| (|y_n| + |y_{n-1}|), and w|s| - lam.s is 2w-Lipschitz in s.
+        With N unknowns, s has errors of (N + 1) eps |B| (|y_n| + |y_{n-1}|). w|s| - lam.s is 2w-Lipschitz in s.
         |lam| = w holds up to 2 eps w.
         """
         case, y, w = self.case, self.trajectory.state, self.capped_weights(n)

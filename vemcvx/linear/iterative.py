@@ -1,8 +1,8 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-PyAMG aggregates unknowns and smooths the prolongations P built from the near-kernel, the rigid motions. A cycle, which
-multiplies by a matrix M close to K^{-1}, sweeps Gauss-Seidel forward before the coarse correction and backward after
-it. The coarse matrix is Galerkin's, P'KP. So M is symmetric and positive definite, and no eigenvalue of MK exceeds one.
+PyAMG aggregates unknowns, and makes smoothed prolongations P from the near-kernel (rigid motions). A multigrid cycle
+multiplies by a matrix M close to K^{-1}. It consists of a forward sweep of Gauss-Seidel, a coarse correction with the
+matrix P'KP, and a backward sweep. So M is symmetric and positive definite, and no eigenvalue of MK exceeds 1.
 If Poisson's ratio exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
 
 Solves are inexact, so certificates use the following bound. For any approximation x of K^{-1}b, with rho = b - K x

@@ -1,4 +1,4 @@
-"""PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, for K beyond one machine's cores.
+"""PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, on one or more machines.
 
 Rank 0 poses the problem, holds K and computes the steps. Each rank holds some rows of K and a part of the multigrid
 hierarchy. Ranks above 0 wait for calls (:func:`serve`) of methods of :class:`Ranks`, which all ranks then execute.
@@ -118,7 +118,7 @@ class Ranks:
             atexit.register(self._tell, None)
 
     def call(self, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
-        """Call a method on all ranks, with `shared` arguments, and on rank 0 with its `own` arguments after these."""
+        """Call a method with the arguments `shared` on all ranks; on rank 0 the arguments `own` follow them."""
         self._tell((name, shared))
         return self.act(name, *shared, *own)
 

@@ -61,8 +61,8 @@ class SuperLUFactor(Factor):
         """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
 
         By Sylvester's law of inertia, the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
-        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K = A + E, with
-        k kernel motions of A and stiffness E on k unknowns, positive pivots prove A semidefinite (Haynsworth 1968).
+        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K is a
+        matrix A with k kernel motions plus the stiffness of k anchors, then A is semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
@@ -119,5 +119,5 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # Separators, with ones as lower bits, follow the parts that they separate. Finer separators go before coarser.
+    # A separator gets the number of the last part that it separates, and follows it. Finer separators come first.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -17,16 +17,16 @@ the primal value is $P(d) = \frac12 d' K d - g' d + \sum w |s| + \sum z_+^2 / 2c
 $g' d = v' K d + \lambda \cdot B d + p \cdot D d$. $P$ is $K$-strongly convex with minimiser $d^*$, so
 $P(d) \ge P(d^*) + \frac12 |d - d^*|_K^2$. Weak duality $P(d^*) \ge G$ completes the proof.  QED
 
-If $K$ has a kernel $N$ (:mod:`vemcvx.program.kernel`), the theorem holds in the seminorm $|\cdot|_K$, with $K^{-1}$ any
-inverse of $K$ on balanced forces; if $N' r$ does not vanish, the gap is infinite.
+If $K$ has a kernel $N$ (:mod:`vemcvx.program.kernel`), the theorem holds in the seminorm $|\cdot|_K$. Then $K^{-1} r$
+is any $x$ with $K x = r$. If $N' r$ does not vanish, there is no such $x$, and the gap is infinite.
 
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 
 The gap is linear in the slip of a sticking term, and the bound on the error is $\sqrt{2 \, \text{gap}}$. So a slip of
 1e-16, which is only rounding, makes a bound of 1e-8. If a move $v$ removes the slip, the bound grows only by $2 |v|_K$:
 
-**Theorem 2.** For every $v$ that leaves $d - v$ within the bounds, with $|r|^2 = r' K^{-1} r$ at $d$, and $T(v)$ the
-parts of norm terms and limits in the gap at $d - v$,
+**Theorem 2.** Let $d - v$ be within the bounds, $|r|^2 = r' K^{-1} r$ for the residual $r$ at $d$, and $T(v)$ the sums
+over norm terms and limits in the gap at $d - v$. Then
 
 $$ |d - d^*|_K \le 2 |v|_K + \sqrt{|r|^2 + 2 T(v)}. $$
 
@@ -36,8 +36,8 @@ $\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
 
 The move $v$ removes slips and excesses $z$ that count as zero (``StepProgram.zero_levels``). We take the smaller bound.
 
-Rounding can change the entries of $r$ by up to ROUNDED $a_i$, with $a$ the sum of the sizes of the terms of $r$. The
-corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$ with $f$ the diagonal of $K^{-1}$.
+Let $a_i$ be the sum of the absolute values of all terms of $r_i$. Rounding can change $r_i$ by up to ROUNDED $a_i$. The
+corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$, where $f_i = (K^{-1})_{ii}$.
 $|d - d^*|_K$ is at most `error + error_floor`, the square roots of twice the gap and of twice the floor.
 """
 
@@ -52,8 +52,7 @@ from vemcvx.base.arrays import EPS, Floats, directions, lengths
 from vemcvx.base.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
-"""Relative rounding error of the length of w lam / |lam|: a root, a quotient, a product, and another root. Multipliers
-with a length this close to w count as on their bound."""
+"""Relative rounding error of the length of w lam / |lam|. If |lam| is this close to w, w - |lam| counts as zero."""
 
 ROUNDED = 8 * EPS
 """Rounding error of a sum of sixteen terms, relative to their sizes. Condensation neglects smaller parts of a load."""
@@ -99,7 +98,7 @@ class Certificate(ArrayRecord):
 
     @cached_property
     def gap(self) -> float:
-        """The bound 1/2 |d - d*|_K^2 <= gap: primal minus dual objective, or less by theorem 2; never NaN."""
+        """The bound 1/2 |d - d*|_K^2 <= gap of theorem 1 or theorem 2; infinite instead of NaN."""
         gap = self.equilibrium + self.terms
         if not gap >= 0:
             return np.inf

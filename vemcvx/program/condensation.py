@@ -3,17 +3,17 @@
 Norm terms and limits act on the retained unknowns c; the others are the interior unknowns i. The Schur complement is
 S = K_cc - K_ci K_ii^{-1} K_ic. If K = L U is ordered with c last, then S = L_cc U_cc, at no extra cost.
 
-A force phi is *reduced* to the interior response xi with fixed retained unknowns, and to the force tau that fixes them:
+A force phi is *reduced* to the interior response xi with fixed retained unknowns, and to the force tau on them:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
-For a state y with retained displacements y_c under the total force f, and for the work of a force phi on it,
+Let y be a state under the force f, with retained displacements y_c; xi_f and tau_f are the xi and tau of f. Then
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
-so that no energies are subtracted from each other. If K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns
-are anchored: the diagonal matrix E of the anchors' stiffness is added to K. The Schur complement of K + E is S + E.
+where phi'y is the work of a force phi. No energies are subtracted from each other. If K has a kernel
+(:mod:`.kernel`), the diagonal matrix E of the anchors' stiffness is added to K; the Schur complement is then S + E.
 
 The loads of a run combine few forces, called shapes. Each costs one solve; the energy of a combination is a sum over
 pairs of shapes.
@@ -121,7 +121,7 @@ class Condensation:
 
     `operators` act on the `retained` (m,) unknowns: the dense S, and the rows of norm terms and limits. `full` are the
     operators on all unknowns. Both are equal if the system is not condensed (`whole`): with ``condense=False``, or if
-    the linear solver cannot eliminate. `factor` is the factor of K plus the stiffness `anchor` (m,) of anchors.
+    the linear solver cannot eliminate. `factor` solves with K; if K has a kernel, with K plus the stiffness `anchor`.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -173,7 +173,7 @@ class Condensation:
         rest = load = phi / unit
         basis, shares = self._bases.setdefault(kind, []), dict[Shape, float]()
         for q, shape in basis:
-            share = float(q @ rest) / float(q @ q)  # Exactly one if the load is the shape itself.
+            share = float(q @ rest) / float(q @ q)  # Exactly 1 if the load is the shape itself.
             rest, shares[shape] = rest - share * q, unit * share
         if np.linalg.norm(rest) <= ROUNDED * np.linalg.norm(load):
             return Reduced(self, shares)
@@ -191,7 +191,7 @@ class Condensation:
         return Shape(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return tau (m,), corrected to do the work of phi (n,) on K's kernel; work by rounding counts as zero."""
+        """Return tau (m,), corrected: on K's kernel it does the work of phi (n,), or none if that is rounding."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau

@@ -2,10 +2,10 @@
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
-with one second-order cone per norm term, and C the diagonal matrix of compliances. v_j = 0 if limit j is a bound, and
-v_j >= (D_j d - e_j)_+ if it is soft. The dual of cone i is (w_i, -lam_i), and the dual of D d - v <= e is p. With
-s = B d - b, absolute values may be written as s <= t and -s <= t; lam is the first dual minus the second. A term that
-always sticks is the equation s_i = 0.
+The unknowns are d, bounds t_i of the norms, and excesses v_j of soft limits; v_j = 0 if limit j is a bound. C is the
+diagonal matrix of compliances. Norm term i has one second-order cone, with the dual (w_i, -lam_i); p is the dual of
+D d - v <= e. With s = B d - b, absolute values may be written as s <= t and -s <= t; lam is the first dual minus the
+second. A term that always sticks is the equation s_i = 0.
 """
 
 from __future__ import annotations

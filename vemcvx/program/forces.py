@@ -1,6 +1,6 @@
 """A step in terms of contact forces: how slips and gaps change when these forces change.
 
-With A = [B; D] the rows of norm terms and limits, and x = (lam, p) their forces, a step (:mod:`.step_program`) is
+Let A = [B; D] be the rows of norm terms and limits, and x = (lam, p) their forces. A step (:mod:`.step_program`) is
 
     K d + A'x = g,    s = B d - b,    z = D d - e,
     |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|;      p >= 0,  z <= c p,  p (c p - z) = 0.
@@ -13,8 +13,8 @@ W = A K^{-1}A'. So the vector off = (s, z - c p) becomes
 and W + C is the only property of the body that a step needs. Rows are scaled by units u such that W + C has a unit
 diagonal, so that tolerances do not depend on the system of units.
 
-If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then also have a component N a, which
-changes s and z by R a, R = A N; we choose N such that R'R = I. Forces balance on the kernel: `rest` = N'g - R'x = 0.
+If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then also have a component N a, with
+coordinates a; it changes s and z by R a, where R = A N and R'R = I. Forces balance on it: `rest` = N'g - R'x = 0.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ formula). Forces of norm terms and limits then balance the load on the kernel (s
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \ne 0 \text{ with } D N c \le 0, \qquad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
-K d* is unique, but d* need not be unique, so that errors are measured in the seminorm |.|_K. K can be factorised after
-stiffness is added on k unknowns (*anchors*) that the motions move.
+K d* is unique, but d* need not be unique, so that errors are measured in the seminorm |.|_K. To factorise K, we add
+stiffness to k unknowns, the *anchors*; every motion moves at least one of them.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        Description of a combination of the motions, given by its coefficients; by default the names of its motions.
+        A function that describes the motion modes @ c, given c; by default the description follows from `names`.
     moved : (n_u, k) or (nodes, components, k) array, optional
         Displacements of all nodes in the motions, if unknowns are not displacements of nodes; by default `modes`.
 

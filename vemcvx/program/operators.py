@@ -44,7 +44,7 @@ SYMMETRY_TOLERANCE = 1e-10
 
 
 def check_symmetric(K: Any, subject: str) -> None:
-    """Raise SceneError unless K is square and Kx = K'x for a random x, in a tenth of the time of K - K'."""
+    """Raise SceneError unless K is square and Kx = K'x for a random x; K - K' would take ten times as long."""
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
@@ -171,7 +171,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def regular(self) -> Matrix:
-        """The matrix K, or if K has a kernel, K with the stiffness of anchors, positive definite."""
+        """The matrix K, plus the stiffness of anchors if K has a kernel; positive definite."""
         return self.K if self.kernel is None else add_anchors(self.K, choose_anchors(self.kernel, self.K.diagonal()))
 
     @cached_property

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     import cvxpy as cp
 
 STILL_TOLERANCE = 1e-9
-"""Fraction of the largest motion of a row below which slips and excesses count as zero."""
+"""Slips and excesses count as zero below this fraction of the largest motion of a row."""
 GAIN_TOLERANCE = 1e-9
 """Smallest gain of a motion, relative to the load, that an interior-point method distinguishes from zero."""
 
@@ -124,7 +124,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm of K^{-1} g, and of the least motions that undo overlaps or move stuck terms by b."""
+        """The largest energy norm of K^{-1} g, of least moves out of an overlap, and of least moves of a stuck term."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -146,8 +146,8 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        The level of a term (limit) is STILL_TOLERANCE times the larger of two motions: the largest motion of all terms
-        (limits) in d, and the largest motion of this term (limit) in a state of the energy norm `size`.
+        The level of a term is STILL_TOLERANCE times the larger of two motions: the largest motion of any term in d, and
+        the largest motion of this term in a state of the energy norm `size`. Limits have analogous levels.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
@@ -185,7 +185,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c of K's kernel, allowed by the limits, with the largest gain; None if none has a gain.
+        """Return the motion N c of K's kernel with the largest gain that limits allow; None if this gain is zero.
 
         The gain is g'N c - sum w_i |B_i N c| with |c| <= 1. Below GAIN_TOLERANCE times the load it counts as zero.
         """
@@ -301,7 +301,7 @@ class StepProgram(ArrayRecord):
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
         """Return the certificate by theorem 2, with a move v that removes slips and excesses that count as zero.
 
-        A slip stays if it contributes less to the duality gap than |v|_K^2 of the least move v that removes it.
+        A slip stays if its part of the duality gap is less than |v|_K^2, where v is the least move that removes it.
         """
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         met, size = operators.compliance * p, lengths(s)
@@ -325,7 +325,7 @@ class StepProgram(ArrayRecord):
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
         """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.
 
-        a = |g| + |B|'|lam| + |D|'p + |K| (|d| + |before|) is the size of the terms of r, and f the diagonal of K^{-1}.
+        Here a is |g| + |B|'|lam| + |D|'p + |K| (|d| + |before|), the size of terms of r; f is the diagonal of K^{-1}.
         Rounding of the entries of K is not included.
         """
         if has_diverged(d):
@@ -517,7 +517,7 @@ class SolvedProgram(StepProgram):
     def bounds(self) -> tuple[float, float]:
         """Lower and upper bound of the minimal objective: the dual and the primal objective at the answer.
 
-        Both bounds allow for rounding: the certificate's floor, and n eps times the sizes of terms in sums of n terms.
+        Both bounds allow for rounding: the certificate's floor, plus n eps times the sum of the absolute terms.
         """
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance

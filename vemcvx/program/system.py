@@ -40,7 +40,7 @@ from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""Largest slip of a support that counts as zero, relative to the positions at the ends of the step."""
+"""A support's slip in a step counts as zero if it is at most this fraction of the support's positions."""
 
 
 class Rows(ArrayRecord):
@@ -264,9 +264,9 @@ class DraggedTerms:
 class Motion:
     """The contributions of moving supports, which prescribe u_D(t): nodal displacements are u = P y + u_D(t).
 
-    Let A be the matrix of a. Then a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure B (y - y_prev)
-    plus the change of `prescribed_slip` in the step. If supports move a body far and strain it little, the terms of
-    a(u, u) cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
+    With the matrix A of the form a(., .), a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure
+    B (y - y_prev) plus the change of `prescribed_slip` in the step. If supports move a body far and strain it little,
+    the terms of a(u, u) cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D

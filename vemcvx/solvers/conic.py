@@ -49,7 +49,7 @@ ALWAYS, SEMIDEFINITE, RETRY = "", "if K is only semidefinite", "in a second atte
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of one solver, with the name that cvxpy passes on and the reason `why`."""
+    """One setting of one solver, under the `name` that it has in cvxpy, with the reason `why`."""
 
     name: str
     value: GapTolerance | float | str
@@ -236,7 +236,7 @@ class ThroughCvxpy(Solver):
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """The tuned settings; later ones, for fewer programs, replace earlier ones of the same name."""
+        """The tuned settings. If a program has two settings of the same name, the later setting holds."""
         return TUNED.get(self.solver, ()) if self.tuned else ()
 
     def choose_options(self, gap: float, *, semidefinite: bool) -> dict[str, Any]:

@@ -120,7 +120,7 @@ class Direct(Solver):
 
 
 PATIENCE = 12
-"""Number of consecutive programs that may fail to halve the least gap before the fixed-point iteration stops."""
+"""The fixed-point iteration stops after this number of consecutive programs that do not halve the least gap."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """The weights w of norm terms in one step: given numbers, or a law w(p, |s|) of limit forces p and slips s.
 
 A law has two derivatives: J = dw/dp if the law defines it, and dw/d|s|, by differences, if the law depends on the slip
-of the step. A step under a law is one set-valued equation. Each of its solutions also solves the program with weights
-fixed at the values that the law has for the pressure and slip of this solution.
+of the step. A step under a law is one set-valued equation. A solution with forces p* of limits and slips s* also solves
+the convex program with the constant weights w(p*, |s*|).
 """
 
 from __future__ import annotations
@@ -105,14 +105,14 @@ class Weights:
 SLIP_FRACTIONS = 0.0, 0.25, 0.5, 0.75, 1.0, 2.0
 """Multiples of the slip of a step at which a law is checked."""
 MOST_EVALUATIONS = 200
-"""Largest number of evaluations of a law in the search for one slip of each term."""
+"""Largest number of evaluations of a law in one call of `resolve_slips`."""
 
 
 def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance: float = 16 * EPS) -> Floats:
     """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law.
 
-    The solution is unique: w(p, r) is the friction of a term that slips by r, and whose predicted force has the length
-    `size`. The search keeps brackets, takes points on secants (Illinois), and ends at errors of `tolerance` * `size`.
+    `size` (m,) are lengths of predicted forces. The solution is unique, because w(p, r) + shift r grows with r. The
+    search keeps brackets, takes points on secants (Illinois), and ends at errors of `tolerance` * `size`.
     """
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size

@@ -1,20 +1,21 @@
 r"""Semismooth Newton on active sets, in contact forces x = (lam, p), with the symbols of :mod:`vemcvx.program.forces`.
 
 The active sets are the sticking terms, the acting limits, and the directions in which the other terms slip. On given
-sets the new x is x_law + Q z. Here x_law is w s/|s| on slipping terms, zero on open limits, else the old x. The
-unknowns z are changes of
+sets, let x_law be w s/|s| on slipping terms, zero on open limits, and otherwise the old x. The new x is x_law + Q z,
+with a column of Q for each unknown in z. The unknowns are changes of
 
 - forces of sticking terms and acting limits (forces p of limits also change friction along slips, by J = dw/dp),
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
-Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. With P, which
-is Q' without J, these conditions are
+Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. Let P be Q'
+for J = 0. Then these conditions are
 
 $$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off} - s \text{ on slipping terms}). $$
 
-This is the Newton step for x = projection of x + SHIFT off onto discs of radius w(p, |s|) and half-lines p >= 0. Rows
-may be linearly dependent: REGULARISATION is added to the diagonal. If K has a kernel, N'A'x = N'g borders the system.
+This is the Newton step for x = Pi(x + SHIFT * off), where Pi projects onto discs of radius w(p, |s|) and half-lines
+p >= 0. Rows may be linearly dependent, so REGULARISATION is added to the diagonal. If K has a kernel, N'A'x = N'g
+borders the system.
 
 We factorise only if sets change, or if the error of the law (`ActiveSets.law_error`) no longer halves. Otherwise we
 correct with the last factors. Rounding may change sets for ever, so we stop by the error of the law. If W is an
@@ -22,9 +23,9 @@ operator (iterative linear solvers, very many rows), GMRES solves the system.
 
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
 Steps of accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a
-solution. In space we take these steps after the first active sets, in the plane when sets recur. Then Newton's method
-continues. A kernel enters by the augmented Lagrangian with multipliers a. For laws that are not monotone, convergence
-is not proven: if sets recur, we first try four points between the last two, and take the point of least error.
+solution. We take these steps if active sets recur, and in space after the first Newton step, too. A kernel enters by
+an augmented Lagrangian with multipliers `a`. For laws that are not monotone, convergence is not proven: if sets recur,
+we first try four points between the last two points of Newton's method, and take the point of least error.
 """
 
 from __future__ import annotations
@@ -47,12 +48,12 @@ from vemcvx.solvers.law import Weights, resolve_slips
 from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
-"""Factor of `off` in the prediction x + SHIFT off of active sets; W has a unit diagonal. With the factor 1 sets cycle
+"""Factor of `off` in x + SHIFT * off, which predicts active sets; W has a unit diagonal. With the factor 1 sets cycle
 more often."""
 REGULARISATION = 1e-11
 """Number added to a unit diagonal: dependent rows then share their force. Corrections remove the error."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Errors of the law, relative to the largest force, at which we stop corrections, a step, and a step that stalls."""
+"""Errors of the law, relative to the largest force, at which corrections, a step, or a stalled step end."""
 MAX_CORRECTIONS = 20
 """Largest number of corrections on one factorisation. With 2,000 unknowns, they take as long as factorising again."""
 FIRST_SWEEPS = 100
@@ -62,9 +63,9 @@ SWEEP_TOLERANCE = 1e-6
 SWEEPS_PER_WEIGHTS = 10
 """Number of projected gradient steps before weights are evaluated again."""
 MAX_SAFEGUARDS = 10
-"""Number of safeguards in a step beyond which the search ends."""
+"""The search ends if a step takes more safeguards than this number."""
 SWEEPS_PER_MULTIPLIER = 20
-"""Number of projected gradient steps between updates of the multipliers a of a kernel."""
+"""Number of projected gradient steps between updates of a kernel's multipliers `a`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ class ActiveSets:
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
-        """Return the sets predicted by q = x + SHIFT off, with weights at slips s (m, block), else at the point."""
+        """Return the sets predicted by q = x + SHIFT * off; weights use slips s (m, block) or the point's slips."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
         size, p = lengths(q), delassus.split(point.x)[1]
@@ -110,7 +111,7 @@ class ActiveSets:
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
-        """Return the error of the law: the largest entry of x_law - x, SHIFT off on held rows, and the imbalance."""
+        """Return the largest entry of x_law - x, of SHIFT * off on held rows, and of the imbalance `rest`."""
         parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
@@ -183,7 +184,7 @@ def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Flo
 
 
 def _with_pressure(P: sp.csr_matrix, sets: ActiveSets, J: sp.csr_matrix) -> sp.csr_matrix:
-    """Return Q' (k, N): P with the change of friction J dp, along slips, added to the rows of acting limits."""
+    """Return Q' (k, N): P plus, in the row of an acting limit, the change of friction that its force causes."""
     block, acting = sets.direction.shape[1], sp.csc_matrix(J)[:, sets.act]
     ways = np.where(sets.stick[:, None], 0.0, sets.direction)[acting.indices] * acting.data[:, None]
     at = acting.indices[:, None] * block + np.arange(block)
@@ -224,7 +225,7 @@ class Search:
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
-        """Return the system of the sets at a guess, at zero slip; on a floating body all terms stick and limits act."""
+        """Return the system of the guessed sets at zero slip. In a floating body all terms stick and all limits act."""
         sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
@@ -238,7 +239,7 @@ class Search:
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
         """Correct with the factors of a system; return the point, its sets and the error of the law.
 
-        If the sets do not hold a floating body, the error is zero for a body without forces, else infinite.
+        If the sets do not hold a floating body, the error is infinite, unless the given point already obeys the law.
         """
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
@@ -274,7 +275,7 @@ class Search:
         """Return a point nearer to the solution, by projected gradients.
 
         If K has a kernel, the penalty `norm` * |rest|^2 / 2 is added, where `norm` is the norm of W. As R is
-        orthonormal, the curvature at most doubles. The multipliers a change every SWEEPS_PER_MULTIPLIER steps.
+        orthonormal, the curvature at most doubles. We update multipliers `a` every SWEEPS_PER_MULTIPLIER steps.
         """
         delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
         most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
@@ -369,7 +370,7 @@ class PreparedNewton:
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = law.in_units(delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)
-        # Discard the last system if one of its slipping terms now always sticks.
+        # Discard the last system if a term that slips in it has an infinite weight in this step.
         last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None
         begin = search.system(ActiveSets.at(delassus, point, own), point) if near else last
         point, system, error = search.find_solution(point, begin)

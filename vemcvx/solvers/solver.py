@@ -1,4 +1,4 @@
-"""The base class of solvers: settings from which `prepare` makes, once for a run, an object that solves each step.
+"""The base class of solvers: settings, and `prepare`, which returns the object that solves the steps of a run.
 
 A solver receives scaled programs (:class:`ScaledSolver`), unless it solves programs in `any_units`. Programs contain no
 mesh and no physics. The caller certifies every answer.
@@ -22,12 +22,12 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of an accuracy or of a gap that we request where other errors are added. It holds for second attempts at a
-step, for programs in the iteration on weights of a law, for interior unknowns of stored steps, and for Clarabel, whose
-gap has another definition."""
+"""Fraction of the requested accuracy or gap that one of several errors may take: in second attempts at a step, in
+fixed-point iterations under a law, for interior unknowns of stored steps, and for Clarabel, whose gap has another
+definition."""
 TARGET_FRACTION = 0.01
-"""Negligible fraction of the requested gap, for tolerances on residuals, which enter the gap by their squares, and for
-tolerances whose meaning differs between solvers."""
+"""Negligible fraction of the requested gap. We use it for tolerances on residuals, because the gap contains their
+squares, and for tolerances whose meaning differs between solvers."""
 
 
 class Prepared(Protocol):
@@ -121,7 +121,7 @@ class Solver(ABC):
         ----------
         operators : Operators
             The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense,
-            norm terms or limits act on every unknown. `operators.factor` solves with K.
+            the programs are condensed: norm terms or limits act on every unknown. `operators.factor` solves with K.
 
         Returns
         -------
@@ -160,7 +160,7 @@ class ScaledSolver:
     """A wrapper that scales programs for a prepared solver, because the tolerances of solvers have no units.
 
     The stiffness `kappa` of a run is the size of diag(K). The length alpha of a step is the size of its data in the
-    energy norm, divided by the root of kappa. With d = alpha d^ the program divided by kappa alpha^2 has
+    energy norm, divided by the root of kappa. With d = alpha d^, where ^ marks scaled data, the program is
 
         K^ = K / kappa,  c^ = c kappa,  (g^, w^) = (g, w) / (kappa alpha),  (b^, e^) = (b, e) / alpha,
 
@@ -178,8 +178,8 @@ class ScaledSolver:
         self.prepared = solver.prepare(self.operators)
 
     def length(self, program: StepProgram) -> float:
-        """Return the length alpha of a step; one if its data vanish."""
-        # If supports or ground impose a slip on a term, the term loads the body by at most its weight.
+        """Return the length alpha of a step; 1.0 if its data vanish."""
+        # Friction loads the body by at most the weight of a term, however far supports or ground move there.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(

@@ -8,9 +8,9 @@
 With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.
 
-Dashpots. With b(u', v) in addition to a(u, v), a step of length k has the matrix K + C/k in place of K, and supports
-that move by u_D add the force -P'A_b (u_D,n - u_D,n-1) / k. C is the matrix of b on y, and A_b the matrix of b on nodal
-displacements u = P y + u_D. Such systems are not condensed. The certificate bounds the error in the norm of K + C/k.
+Dashpots add the form b(u', v) to a(u, v). Nodal displacements are u = P y + u_D, with the motion u_D of supports; b has
+the matrix A_b on u, and C on y. In a step of length k, K + C/k replaces K, and moving supports add the force
+-P'A_b (u_D,n - u_D,n-1) / k. Such systems are not condensed. The certificate bounds the error in the norm of K + C/k.
 
 Errors are relative to the largest energy norm of the states so far. A body that moves without strains has no energy:
 its norm is only rounding. So if all states so far count as zero, the reference is the largest energy norm that the data
@@ -22,7 +22,7 @@ if and only if one step at times[0] from u_0 returns u_0. Otherwise the distance
 at most the jump of this step plus its certified error. This bound is the certificate of step 0. It also bounds the
 change of later states under given weights and without limits, because step maps are then nonexpansive. The projection
 P^h u_0, (3.26), violates (2.1) by O(h), because loads and friction have other quadratures than a(u_0, v). So a run that
-is given P^h u_0 begins after this step, unless settle=False.
+is given P^h u_0 begins after one step at times[0], unless settle=False.
 
 We do not use the midpoint rule: its states at the instants violate (2.1), and its order is also one if slips begin
 inside steps (problems/midpoint_rule.py).
@@ -395,7 +395,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The state y with K y = `force` (n,) and the part of `near` (n,) in K's kernel. If `settle`, a step follows."""
+    """The state y with K y = `force` (n,), equal to `near` (n,) on K's kernel. If `settle`, a step follows."""
 
     force: Floats
     near: Floats
@@ -415,17 +415,17 @@ Beginning = ArrayLike | str | Balanced | Continued | None
 """None (zero), unknowns (n,), "equilibrium", "settled", a balance of forces, or the end of another run."""
 
 START_TOLERANCE = 1e-6
-"""Jump of a step at times[0], relative to the energy norm, above which a given initial state violates (2.1)."""
+"""A given initial state violates (2.1) if a step at times[0] moves it by more than this part of the energy norm."""
 
 WARNING_RATIO = 3.0
-"""Norm of the step from P^h u_0, relative to the distance of P^h u_0 from nodal values of u_0, above which we warn."""
+"""We warn if a step from P^h u_0 exceeds this multiple of the distance between P^h u_0 and nodal values of u_0."""
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
     """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
 
     If a given state violates (2.1) only by rounding of the largest load, the run begins after a step at this instant.
-    With damping every given state is accepted, and under a law of slip rates the end of another run.
+    With damping, every given state is accepted. Under a law of slip rates, the end of another run is accepted.
     """
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)

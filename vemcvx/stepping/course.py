@@ -19,7 +19,7 @@ from vemcvx.base.errors import WARNING_FRACTION
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Smallest change of slope at a bend or turn, times the length of an interval, relative to the largest data."""
+"""Smallest (change of slope) * (length of an interval) at a bend or turn, relative to the largest data."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 

@@ -120,7 +120,7 @@ def refuse_floating_rates(system: System) -> None:
 
 
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
-    """Raise SceneError for a given initial state that a step at the same instant moves by `jump`, a relative norm."""
+    """Raise SceneError because a step at the initial instant moves the given state by the relative norm `jump`."""
     operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""
     gap = state.data.remaining_gap
     inside, size = operators.D @ state.y - gap, abs(operators.D) @ np.abs(state.y) + np.abs(gap)

@@ -3,22 +3,22 @@
 States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
 
 The ledger of a step of backward Euler has the following entries. In them d marks a change in the step, lam are forces
-of norm terms, and p forces of limits with the compliances c:
+of norm terms, and p forces of limits with the compliances c. Along norm terms, h is the motion of supports minus the
+motion of the ground. D^ are the rows of limits on u, and g = e - D^u_D is the gap at y = 0.
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
-work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg,    g = e - D^u_D
-           (forces and reactions at the end of the step; the load excludes the Dirichlet force; h is the motion of
-           supports along norm terms minus the motion of the ground; g is the gap at y = 0; D^: rows of limits on u)
+work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg
+           (forces and reactions at the end of the step; the load excludes the Dirichlet force)
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
 identity   work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2)  in a step with a balanced answer; z = D^u - e.
            For hard limits p . dz = -p . z_prev >= 0. For soft limits p . dz - d(c p^2 / 2) >= c (dp)^2 / 2
 
-Nodes that supports drag along the contact have a given slip s, the change of h, and do not enter the program. They add
-w |s| to the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate
-b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
+If supports prescribe the motion of a contact node, its slip s is the change of h. Such nodes are not in the program.
+They add w |s| to the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v)
+dissipate b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
 
-The sums above are of first order in the length of steps. The following sums are of second order, by the trapezoidal
-rule on slips and by the energy balance of the continuum:
+The sums above are of first order in the length of steps. The trapezoidal rule gives a loss of second order, and the
+energy balance of the continuum gives a work of second order:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
@@ -54,7 +54,7 @@ from vemcvx.solvers.default import RunSolver
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
-"""Rounding error of |u|_a = sqrt(2 E), relative to the square root of the terms of E, which may cancel."""
+"""Rounding error of |u|_a = sqrt(2 E), relative to the root of the largest term of E; terms may cancel."""
 MAX_STEP_LENGTHS = 4
 """Largest number of step lengths for which factors are stored in runs with dashpots."""
 

@@ -417,7 +417,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # The tolerance is relative to the whole run: at t alone the motion of supports may be a rounding error.
+    # The tolerance is relative to the whole run, because the motion of supports at t may be a rounding error.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]

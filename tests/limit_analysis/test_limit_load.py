@@ -1,4 +1,4 @@
-"""Limit loads, against linear programs of hand statics, and beside simulations."""
+"""Limit loads are compared with linear programs of statics, and with simulations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import vemcvx as vx
 STEEL = vx.Elasticity(2e4, 0.3)
 FLOATS = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 GAP = 2e-9
-"""Bound on the gap, relative to the factor. The margin is 1e-10, and the factors here lose a few times the margin."""
+"""Bound on the gap, relative to the factor. The margin 1e-10 of friction reduces these factors by a few 1e-10."""
 
 
 def wrench(points, forces):
@@ -25,8 +25,8 @@ def wrench(points, forces):
 def solve_statics(points, ways, dead, push, friction):
     """Return the largest factor of a body on a floor, by a linear program.
 
-    Pressures act upwards at points (m, dim). Friction is a combination, with coefficients >= 0, of the vectors `ways`
-    (q, dim); the sum of the coefficients is at most friction times the pressure. `dead` and `push` are wrenches.
+    Pressures p act upwards at points (m, dim). With the vectors `ways` (q, dim), the friction at a point is
+    sum_k a_k ways_k, where a_k >= 0 and sum_k a_k <= friction p. `dead` and `push` are wrenches.
     """
     (m, dim), q = points.shape, len(ways)
     columns = [wrench(points, way) for way in (np.eye(dim)[-1], *ways)]

@@ -1,4 +1,4 @@
-"""Shakedown factors, against linear programs, smallest discs and simulations of many cycles."""
+"""Shakedown factors are compared with linear programs, smallest discs and simulations of many cycles."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def held(factor=1.0, bound=1.0):
 
 
 def pushed(factor=1.0, push=0.5, bound=1.0):
-    """Return the scene of a body that friction of the force 2 holds against a constant push, stretched in cycles."""
+    """Return the scene of a body under cyclic tractions and a constant push; only friction, at most 2, holds it."""
     return vx.Scene(STEEL, vx.Traction((push, 0.0), on="bottom"), *stretch(factor), *floor(bound))
 
 
@@ -45,7 +45,7 @@ def plane_mesh():
 
 
 def run(scene, mesh, cycles=40):
-    """Simulate cycles, and return the work of friction in each and the history."""
+    """Simulate cycles; return the work of friction in each cycle, and the history."""
     times = np.append(np.add.outer(np.arange(cycles), CYCLE).ravel(), float(cycles))
     history = vx.simulate(scene, mesh, times, initial="settled", store="last")
     return np.diff(history.trajectory.dissipated[:: len(CYCLE)]), history

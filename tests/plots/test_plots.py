@@ -267,7 +267,7 @@ def test_a_body_is_coloured_by_its_stress_with_arrows_of_contact_forces(history)
 
 
 def test_a_magnified_thin_layer_is_not_inverted():
-    """A layer is pressed by a thousandth of its thickness; for its width alone, a factor of 10,000 would be allowed."""
+    """A layer is pressed by a thousandth of its thickness. Its width alone would allow the magnification 10,000."""
     press = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -1e-6 * t], (len(x), 1)), on="top")
     scene = vx.Scene(vx.Elasticity(210e9, 0.3), vx.Clamp(on="bottom"), press)
     history = vx.simulate(scene, vx.meshes.squares((40, 4), box=((0, 0.1), (0, 0.001))), [0.0, 1.0])
@@ -351,7 +351,7 @@ def draw_stressed_body(history, **options):
     2,
 )
 def test_closed_contact_is_marked_where_magnification_separates_the_bodies(draw, gap, apart):
-    """An interference of .002 pushes the faces apart: magnified tenfold, by .02. The mark fills this drawn gap."""
+    """An interference (gap = -.002) moves the faces apart by .002, in the picture by .02. The mark fills this space."""
     boxes = {"lower": ((0, 2), (0, 1)), "upper": ((0, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4, 2), box) for name, box in boxes.items()})
     down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")

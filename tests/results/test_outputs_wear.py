@@ -53,7 +53,7 @@ def total_wear(history):
 
 @mostly_long("name", SCENES, "two normals")
 def test_wear_is_the_sum_of_weights_times_slips_and_adds_up_to_the_dissipation(name):
-    """The work of weights times slips is computed again from displacements, which include those of moving supports."""
+    """The test computes slips from nodal displacements, also at nodes on moving supports."""
     scene, mesh = SCENES[name], small("voronoi", 5)
     history = vx.simulate(scene, mesh, TIMES)
     assert total_wear(history) == pytest.approx(history.dissipated, abs=ROUNDED * history.dissipated[-1])
@@ -91,7 +91,7 @@ def test_viscous_dissipation_is_no_wear():
 
 
 def test_a_slider_on_a_spring_has_its_closed_form():
-    """In slip at the speed v, k y = F - w sign(v) with k = 2 and w = 3: y = 1 at F = 5, and y = -1 at F = -5."""
+    """Stiffness of the spring 2, friction bound 3: under the loads 5 and -5, 2 y = 5 - 3 and 2 y = -5 + 3."""
     load = lambda t: [5 * np.interp(t, [0, 1, 2], [0, 1, -1])]  # noqa: E731
     run = vx.march(vx.System([[2.0]], load, vx.Norms([[1.0]], 3.0)), [0.0, 0.5, 1.0, 1.5, 2.0])
     assert run.worn[:, 0] == pytest.approx([0.0, 0.0, 3.0, 3.0, 9.0], abs=1e-14)

@@ -1,9 +1,9 @@
-"""Derivatives of random scenes, beside central differences of certified runs, and the adjoint beside the forward sweep.
+"""Derivatives of random scenes equal central differences of certified runs, and the adjoint equals the forward sweep.
 
 The quotients of central differences have the step 1e-4 of the parameter. Their truncation error is about 1e-8 of the
 largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step
 whose active sets differ between the runs, or are about to change, because all later states depend on this step.
-Derivatives by parameters of different units are compared as derivatives by relative changes of the parameters.
+Parameters have different units, so derivatives are compared after multiplication by the parameters.
 """
 
 import warnings

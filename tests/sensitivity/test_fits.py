@@ -42,7 +42,7 @@ def test_a_fit_finds_young_poisson_and_friction_from_a_noisy_loop():
 
 @pytest.mark.slow
 def test_standard_errors_cover_the_truth_in_nineteen_of_twenty_draws():
-    """Of 60 normal errors 57.3 are expected within two standard errors; fewer than 53 have a probability of 1 %."""
+    """Of 60 normal errors, 57.3 are within two standard errors on average, and with 99 % probability 53 or more."""
     assert (np.abs(fit_draws(20)) <= 2.0).sum() >= 53
 
 

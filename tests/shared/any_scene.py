@@ -392,7 +392,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Runs with a kernel are refused from equilibrium or with iterative solvers: one in ten keeps such settings.
+            # Here runs from equilibrium or with iterative solvers are refused: one scene in ten keeps such settings.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 
@@ -424,7 +424,7 @@ def draw_two_bodies(seed):
 
 
 def _has_kernel(effects, mesh):
-    """Return True if only friction and one-sided contact hold the body, and False if nothing holds it."""
+    """Return True if only friction and one-sided contact hold the body; False if supports hold it, or nothing."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:

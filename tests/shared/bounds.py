@@ -135,11 +135,11 @@ def enriched_bound(pair):
 
 
 def beside_refined(coarse, part, most=20_000):
-    """Return three results: |v - v_f - w_f|_a; a bound of |u - v_f - w_f|_a; and the ErrorBound of the finer run.
+    """Return |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run, in a step from rest.
 
-    All results are for a step from rest: u is the solution, v belongs to the coarse run, v_f and its enrichment w_f to
-    the finer run. The finer mesh is refined where the bound is large, until the bound is at most `part` times the error
-    of the coarse run, or the mesh has more than `most` cells.
+    Here u is the exact solution, v the displacement of the coarse run, v_f that of the finer run, w_f the enrichment of
+    v_f. The finer mesh is refined where the bound is large, until the bound is at most `part` times the error of the
+    coarse run, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

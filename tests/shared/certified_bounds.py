@@ -27,13 +27,13 @@ class Bounds:
     """The largest errors that the certificates allow, at all instants."""
 
     state: np.ndarray
-    """(N + 1, n), of |y_j - y_j*|"""
+    """(N + 1, n) bounds of |y_j - y_j*|"""
     multipliers: np.ndarray
-    """(N + 1, m), of |lam_i - lam_i*|"""
+    """(N + 1, m) bounds of |lam_i - lam_i*|"""
     dissipated: np.ndarray
-    """(N + 1,), of the loss"""
+    """(N + 1,) bounds of the error of the loss"""
     energy: np.ndarray
-    """(N + 1,), of the stored energy"""
+    """(N + 1,) bounds of the error of the stored energy"""
 
 
 def bounds(system, trajectory):
@@ -54,7 +54,7 @@ def bounds(system, trajectory):
 
 
 def ledger_bound(system, trajectory):
-    """Return a bound (N + 1,) of the residual of the energy balance; its increments are d.r + sum (lam.s - w|s|)."""
+    """Return a bound (N + 1,) of the energy balance's residual, sum d.r + lam.s - w|s| over steps y -> y + d."""
     d = np.diff(trajectory.state, axis=0)
     size = np.sqrt(np.einsum("ni,ni->n", d, (system.K @ d.T).T))
     gap = trajectory.gap[1:] + trajectory.floor[1:]

@@ -9,7 +9,7 @@ slipping terms with their directions, active limits), the optimality conditions 
 with weights w and compliances c. The solution is refined, with factors in double precision, until the residual is below
 1e-60. Sets change by a primal-dual active set method (by single pivots, Murty 1974, if sets repeat) until every
 inequality holds to 1e-48 in units in which the largest force and the diagonal of K have size one. With given weights,
-the solution is *the* minimiser, unique in the seminorm of K. If weights depend on p (Coulomb), others may exist.
+the solution is *the* minimiser, unique in the seminorm of K. With Coulomb's law, other solutions may exist.
 
 Units are powers of two: d_i = 2^(a - e_i) times the scaled increment, where K_ii 2^(-2 e_i) is of size one. Energies
 are 2^(2a) times the energies of the scaled program.

@@ -18,7 +18,7 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""Assumed inverse of the least eigenvalue of K with unit diagonal and anchors (:mod:`vemcvx.program.kernel`)."""
+"""We assume that no eigenvalue of K, anchored (:mod:`vemcvx.program.kernel`) and scaled, is below 1 / ANCHORED."""
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force: Newton's tolerance of a step."""
 EXACT = 2.0**-160
@@ -112,7 +112,7 @@ def _check_steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # After the multipliers of the program come multipliers of nodes that supports drag along the contact boundary.
+        # The program's multipliers come first. Those of nodes dragged by supports along the contact boundary follow.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -184,7 +184,7 @@ def _requested_accuracy(drawn):
 
 
 def _solve_error(drawn, system):
-    """Return the relative error of energies and work due to solves with K: ROUNDED cond(K), at most the accuracy."""
+    """Return the relative error that solves with K cause in energy and work: min(ROUNDED cond(K), accuracy)."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
@@ -192,7 +192,7 @@ def _solve_error(drawn, system):
 
 
 def _iterative_error(drawn, system):
-    """Return a function of t: the energy error of an iterative solver in the response to loads and supports at t.
+    """Return a function of t: the energy error that an iterative solver causes for the loads and supports at t.
 
     With K x = b, a residual of r |b| causes an error of r cond(K)^(1/2) |x|_K. x may be far larger than the states,
     because contact limits the states.

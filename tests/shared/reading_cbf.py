@@ -1,4 +1,4 @@
-"""A reader of the Conic Benchmark Format, after its specification: minimise c'x with A x + b in cones and x free."""
+"""Read a program in the Conic Benchmark Format: minimise c'x subject to A x + b in cones; x is free of bounds."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ OF_TRIANGLES = ("triangles",)
 
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
-    """Return a parametrisation: the first case, or cases `kept` by place or id, run by default; others are `long`."""
+    """Return a parametrisation: the first case or the cases `kept` (place or id) run by default, the rest is marked."""
     cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
         is_case = isinstance(value, type(pytest.param()))

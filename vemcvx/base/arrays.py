@@ -120,9 +120,9 @@ def scatter(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return the function `value`, with zero arrays where all entries are below 1e-60 min(1, largest entry at `times`).
+    """Return t -> value(t), or zeros if all entries of value(t) are below 1e-60 min(1, largest entry at `times`).
 
-    Otherwise energies would underflow, for example in the tails of a pulse exp(-x^2).
+    Without these zeros, energies would underflow, for example in the tails of a pulse exp(-x^2).
     """
 
     @cache

@@ -228,8 +228,8 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     """Draw and return a colour bar of cells that is as high as the body."""
     from matplotlib.ticker import MaxNLocator
 
-    # The default number of ticks depends on the height of the bar, and this height on the ticks: labels may be cut
-    # off. On flat bodies, six labels would overlap in the font size for narrow screens.
+    # A fixed number of ticks, because with the default number labels may be cut off. On flat bodies, six labels would
+    # overlap in the font size for narrow screens.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
 

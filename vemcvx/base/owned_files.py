@@ -124,7 +124,7 @@ def _lock(file: IO[str]) -> None:
         if sys.platform == "win32":
             import msvcrt
 
-            file.seek(2**30)  # Windows forbids reading a locked byte; the text never reaches this one.
+            file.seek(2**30)  # Windows forbids reading a locked byte: lock a byte beyond the text.
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
         else:
             import fcntl

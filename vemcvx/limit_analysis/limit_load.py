@@ -6,8 +6,8 @@ alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), |lam_i| <= w_i + (J p)_i and p >
 Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1; it gives the
 upper bound sum_i w_i |B_i N c| - f_0'N c.
 
-Solvers meet such conditions up to a tolerance only. We therefore reduce friction by the fraction MARGIN, which leaves
-room to correct the forces, and project the mechanism onto the conditions that are equations at the limit.
+Solvers meet such conditions up to a tolerance only. We reduce friction by the fraction MARGIN, which leaves room to
+correct the forces. The mechanism is projected onto the equations at nodes that stick or remain closed.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
 
     Above the factor there is no equilibrium. With Tresca's law every step below the factor has an equilibrium. With
     Coulomb's law equilibrium may be lost below the factor, depending on the history: slip does not lift the body, so
-    friction is not associated (Drucker, J. Appl. Mech. 21, 1954). The factor may then be far above the load at which a
-    body slips, if supports can press it against its contact. Stiffness, compliances and gaps do not matter.
+    friction is not associated (Drucker, J. Appl. Mech. 21, 1954). If supports can press a body against its contact, the
+    factor may be far above the load at which the body slips. Stiffness, compliances and gaps do not matter.
 
     Parameters
     ----------
@@ -178,13 +178,13 @@ def _read_law(posed: PosedScene, t: float) -> tuple[Floats, sp.csr_matrix]:
 
 
 def sum_work(posed: PosedScene, N: Floats, force: Floats) -> Floats:
-    """Return the work N'f (k,) of nodal forces (n_u,), with exact zeros where it is only rounding."""
+    """Return the work N'f (k,) of nodal forces (n_u,); an entry of the size of rounding becomes zero."""
     f = posed.supports.gather(force)
     return np.where(np.abs(N.T @ f) > ROUNDING * (np.abs(N).T @ np.abs(f)), N.T @ f, 0.0)
 
 
 class Balance(NamedTuple):
-    """The balance B'lam + D'p = dead + alpha push of forces on k motions, in units in which numbers are about 1."""
+    """The equations B'lam + D'p = dead + alpha push for k motions, scaled to numbers of about 1."""
 
     B: Floats  # (m, block, k)
     D: Floats  # (r, k)

@@ -1,12 +1,11 @@
 r"""Shakedown: the largest factor of a cycle for which slip stops (docs/theory/limit_load_and_shakedown.md).
 
-E(t) are the changes of friction forces since the first instant while all contact sticks, g the friction bounds, and f_0
-the loads at the first instant. By Melan's theorem slip stops for alpha if some constant forces s obey N'B's = N'f_0 and
-|s_i + alpha E_i(t)| <= g_i for all i and t (N and B are as in :mod:`.limit_load`). By Koiter's theorem alpha is at most
+Let g be the friction bounds, f_0 the loads at the first instant, and N and B as in :mod:`.limit_load`. If all contact
+sticks, friction forces change by E(t) from the first instant to t. By Melan's theorem slip stops for alpha if some
+constant forces s obey N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i for all i and t. Let v(t) be increments of slip
+that add up to a rigid motion N c over the cycle, sum_t v(t) = B N c. By Koiter's theorem alpha is at most
 
-    (sum_it g_i |v_i(t)| - f_0'N c) / sum_it E_i(t) . v_i(t)
-
-for increments of slip v(t) that add up to a rigid motion over the cycle, sum_t v(t) = B N c.
+    (sum_it g_i |v_i(t)| - f_0'N c) / sum_it E_i(t) . v_i(t).
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class Shakedown(BoundedFactor):
     elastic : (T, m, block) array
         Changes of friction forces since the first instant while all contact sticks; block is 1, in space 2.
     residual : (m, block) array
-        Constant friction forces; with factor times `elastic` added, they obey the bounds at all instants.
+        Constant friction forces: ``residual + factor * elastic`` obeys the bounds at all instants.
     slips : (T, m, block) array
         Increments of slip in a cycle, on which `elastic` does the work 1.
 
@@ -116,7 +115,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         raise SolverFailed(f"shakedown: no verified lower bound: conditions are off by {off:.1e} of the bounds.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
-    # From the slips of all instants, in proportion to their size, subtract the part of `net` that is no rigid motion.
+    # Make the sum of v a rigid motion: subtract the other part of `net`, in proportion to the sizes of v(t).
     size = np.linalg.norm(v, axis=2, keepdims=True) + np.finfo(float).tiny
     v = v - (net - B @ c) * size / size.sum(axis=0)
     work = float((E * v).sum())

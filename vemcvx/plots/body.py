@@ -125,7 +125,7 @@ def stressed_body(
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step with a visible stress within a percent of the largest of all steps.
+        A stored step; by default the last step whose largest visible stress is within 1 % of the maximum over steps.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses of plane bodies are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
@@ -142,10 +142,10 @@ def stressed_body(
     Returns
     -------
     matplotlib Figure
-        The title gives the magnification of displacements and the largest force per length on the body. Arrows beyond
-        1.5 times the 90 % quantile are cut, with a note in the title. Closed contact is bold, or hatched where
+        The title gives the magnification of displacements and the largest force per length on the body. Arrows are
+        cut at 1.5 times the 90 % quantile of forces, with a note in the title. Closed contact is bold, or hatched where
         magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of the colour bar
-        stands for stresses beyond the bar, by default in at most one cell in a hundred.
+        stands for stresses beyond the bar; by default at most 1 % of the cells have such stresses.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
     """Return a colour map for the stresses of all steps and its ends: symmetric about zero, or from zero to one side.
 
-    Colours cover 99 of 100 cells, because stress at the corner of a clamp is unbounded.
+    The map ends at the 99 % quantile of the stresses, because stress at the corner of a clamp is unbounded.
     """
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
@@ -292,7 +292,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces per length at up to 26 nodes; return the largest visible force, and the force where arrows are cut.
+    """Draw forces per length at up to 26 nodes; return the largest visible force, and the force at which arrows end.
 
     `scale` is the magnification, and the size of the visible part. Arrows have the same scale at all steps.
     """

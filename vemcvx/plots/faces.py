@@ -53,7 +53,7 @@ class ContactFace:
 
 
 def contact_faces(history: Results, on: str | None = None, picture: str = "contact_face") -> dict[str, ContactFace]:
-    """Return the faces of contact that are visible in one view: interfaces by name, and all "obstacles" as one.
+    """Return the faces of contact that one view shows: one by the name of each interface, and "obstacles" for the rest.
 
     `on` selects one of these faces, or the obstacles of a boundary. Raise HistoryError if the body is plane, or if the
     selected face has no contact.
@@ -76,7 +76,7 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
 
 
 def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
-    """Return True for contact nodes of obstacles whose normals agree with the adjacent sides of a part."""
+    """Return True for nodes in contact with obstacles whose normal is close to that of an adjacent side of a part."""
     row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
     row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
     met = np.flatnonzero(row[part.ends.nodes] >= 0)
@@ -94,7 +94,7 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
 
 
 def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Return vectors to the right and up, orthogonal to the mean normal (if possible, axes), and their names."""
+    """Return unit vectors to the right and up, normal to `mean` (coordinate axes if possible), and their names."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
     if abs(mean[axis]) > (1 - SAME) * length:

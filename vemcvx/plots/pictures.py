@@ -280,13 +280,13 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "forces_over_time": (forces_over_time, lambda h: _has_steps(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _has_steps),
 }
-"""Name of a picture's file -> the function that draws it, and a test that a history has content for it."""
+"""Name of a picture's file -> the function that draws it, and a function that is True if there is content for it."""
 MARKS = {
     ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
     ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
     ".pdf": ({"Creator": "vemcvx"}, b"/Creator (vemcvx)"),
 }
-"""Suffix -> the mark of files of this package: metadata for matplotlib, and the bytes that matplotlib writes."""
+"""Suffix -> metadata that mark files of this package, and the bytes that matplotlib writes for them."""
 
 
 def omissions(history: Results) -> dict[str, str]:

@@ -18,7 +18,7 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""An edge or face at a contact node belongs to contact if the cosine between both normals is larger than this."""
+"""Least cosine between the normal of a contact node and the normal of an edge or face that belongs to contact."""
 
 
 @dataclass(frozen=True)

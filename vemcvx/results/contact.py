@@ -1,6 +1,6 @@
 """The contact boundary over time, from the results of a march.
 
-Slips are tangential parts (I - n n') u of relative displacements u, with the normal n, minus the motion of the ground.
+A slip is (I - n n') u minus the motion of the ground, with the normal n and the displacement u relative to the partner.
 Forces are given per length: a nodal force is divided by int phi_i over the edges of contact (for tractions, over the
 edges with friction), where phi_i is the hat function of the node. At corners, forces and edges of both sides count.
 
@@ -117,7 +117,7 @@ class Contact(ArrayRecord):
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return for each of the k `rows` its position in `nodes`, in either order of the bodies; -1 if it has none."""
+        """Return for each of k `rows` the position of its pair (node, partner), or of the swapped pair; else -1."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         pairs, joined = pair_numbers(self.nodes, self.partners, largest), rows.partners >= 0
         swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
@@ -188,9 +188,9 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and normal forces (S, m).
+    """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and their normal parts (S, m).
 
-    The normal forces are the normal parts of terms with given directions; the returned multipliers do not contain them.
+    Terms with given directions have normal parts. These are subtracted from the multipliers.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
@@ -232,7 +232,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # If terms have given directions, tractions are not recovered: their lengths differ from the sums below.
+    # With given directions, `length` below is not the length to which tractions refer: we do not recover tractions.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
@@ -253,7 +253,7 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     terms, weights = posed.terms, trajectory.weights
-    # Where other friction acts at a node, terms with given directions are no part of the friction bound.
+    # At a node with terms of both kinds, the friction bound does not include terms with given directions.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():
@@ -267,9 +267,9 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    With friction, the certificate decides. Without friction, slips at both ends of the step are compared if both ends
-    are stored; else the node counts as sliding, unless the step had nothing to solve. If friction acts only along a
-    line, the certificate decides along this line, and the comparison of slips decides across it.
+    Nodes with friction have the state of the certified answer. A node without friction sticks if its slip is the same
+    at both ends of the step; if the state before the step is not stored, it sticks only if the solver had no iteration.
+    If friction acts only along a line, the first rule holds along this line, and the second rule across it.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)

@@ -8,10 +8,10 @@ On every interface on which a cell of either body has several sides, recovered v
 
 The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967);
 Milanfar, SIAM J. Imaging Sci. 6 (2013)). K is symmetric, so sum |phi_i| p_i = sum R_i: every closed piece keeps its
-resultant. K has no negative entry, so compression remains compression. Smooth fields change by O(h^2), and by O(h) at
-the end of contact. h_i is the total length of one cell's sides on the surface at x_i (in space, the root of their
-area), the larger value of both bodies. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more. Nodes at
-corners (in space, also edges) of the body keep R_i / |phi_i|.
+resultant. K has no negative entry, so compression remains compression. Means of smooth fields have an error of O(h^2),
+and of O(h) at the end of contact. The size of a cell is the total length of its sides on the surface (in space, the
+root of their area), and h_i is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at i and j
+differ by `CURVE_ANGLE` or more. Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CELLS = 1.5
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The contact nodes, and which of them share a side (in space, a face); nodes at corners share none."""
+    """The contact nodes, and the pairs of nodes that share a side (in space, a face); nodes at corners share none."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
@@ -84,7 +84,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The next off is sqrt(off) times a mean of 1 / sqrt(off). So the largest |log off| grows by rounding only.
+            # The next `off` is sqrt(off) times a mean of 1 / sqrt(off), so max |log(off)| grows by rounding only.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break
@@ -96,7 +96,7 @@ class ContactTiles:
 
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         _, piece = connected_components(chosen @ self.beside @ chosen)
-        # The larger reach of two nodes is at least 1.5 sqrt(h_i h_j), beyond which k_ij is 0.
+        # If k_ij > 0, j is within reach of i or i within reach of j: 1.5 sqrt(h_i h_j) <= max(1.5 h_i, 1.5 h_j).
         near = cKDTree(self.points).query_ball_point(self.points, self.reach)
         i, j = np.repeat(np.arange(m), list(map(len, near))), np.concatenate(near).astype(int)
         apart = self.points[i] - self.points[j]
@@ -119,7 +119,7 @@ def find_unmatched(mesh: Mesh) -> Bools:
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """Return, at each of the nodes (m,), the largest size of its cells on the surface; 0 for the node -1.
+    """Return, for each of the nodes (m,), the size of its largest cell; 0 where the node is -1 (no partner).
 
     The size of a cell is the total length (in space, the root of the total area) of its sides between these nodes.
     """

@@ -37,7 +37,7 @@ LEAST = np.pi / 4
 """Least angle at which a corner of a held and a free side may be singular: the limit for incompressible bodies."""
 WITHOUT_LIMIT = "without limit as the mesh is refined"
 SUPPORTED = "free side", "roller", "clamp"
-"""Names of sides that supports hold in no, one or two directions."""
+"""Names of sides by the number of directions (0, 1, 2) in which supports hold the side."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -114,7 +114,7 @@ class Corners:
         """Describe the corner at a node; "" if stress is bounded there."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # Edges on interfaces do not count; at a crack's tip, a single node, they do.
+        if len(nodes) > 1:  # Edges on interfaces count only at the tip of a crack, a single node.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""
@@ -142,7 +142,7 @@ class Corners:
         return are_among(np.sort(edges, axis=1), np.sort(np.concatenate(joined), axis=1))
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return the number of held directions of a side, and its name; contact is judged away from the corner."""
+        """Return the number of held directions of a side, and its name, from contact at its end outside `nodes`."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

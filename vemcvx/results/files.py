@@ -9,8 +9,8 @@
 - ``probes.csv``: displacements at points, if points were given
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. Away from contact, these arrays
-are zero; only `sticking` and `closed`, which are 1 or 0 at contact nodes, are NaN there. At an interface, both sides
+At nodes, a VTU file has the displacement and all contact arrays that change in time. At contact nodes, `sticking` and
+`closed` are 1 or 0. At other nodes they are NaN, and all other contact arrays are zero. At an interface, both sides
 have values; slip and traction of the second body have the opposite sign. On cells, the file has the fields of
 `History.on_cells`.
 

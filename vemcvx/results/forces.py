@@ -5,9 +5,9 @@ multipliers lam, and D^ the rows of obstacles with the forces p. The forces on t
 
     R = A u - f  (with a viscosity matrix A_1, A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
 
-where A_s are the rows of supports and bilateral contact, and mu their forces. Free unknowns are in balance, so that
-mu = H'(R + B^' lam + D^' p), with H as in :mod:`vemcvx.scene.supports`. A includes the stiffness K_s of springs to the
-ground, whose forces are -K_s u. If two supports hold the same direction of a node, the first support has the force.
+where A_s are the rows of supports and bilateral contact, and mu their forces. With the matrix H of
+:mod:`vemcvx.scene.supports`, A_s H = I, we have mu = H'(R + B^' lam + D^' p). A includes the stiffness K_s of springs
+to the ground; their forces are -K_s u. If two supports hold the same direction of a node, the first has the force.
 
 An effect exerts its force on a node through those of its sides (in space, faces) that meet at the node. The force of a
 contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to their lengths. The force of
@@ -41,7 +41,7 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""Numbers in place of a side: the node is on no side of its effect, or belongs to the other body of an interface."""
+"""Numbers in place of a side. NOWHERE: no side of the effect has the node. ACROSS: the node is on the other body."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -51,11 +51,11 @@ class BoundaryForces(ArrayRecord):
     Attributes
     ----------
     causes : (q, 2) int
-        The number in `History.effects` of the effect of each row, and of a second effect if both act on the same side
-        and their forces cannot be separated; -1 stands for no effect.
+        Numbers of effects in `History.effects`. A row has two effects if both act on the same side, and their forces
+        cannot be separated; otherwise the second number is -1.
     ends : (q, 2) int
-        The node, and the other node of the side, or in space the number of the face. The second number is -1 without
-        a side, and -2 for forces on the other body of an interface.
+        The node, and the other node of the side, or in space the number of the face. The second number is -1 if the
+        force belongs to no side, and -2 for forces on the other body of an interface.
     held : (q,) bool
         True for forces of supports, False for forces of contact, friction and springs.
     force : (S, q, dim)
@@ -74,7 +74,7 @@ class BoundaryForces(ArrayRecord):
     load_causes: Annotated[Ints, "loads", ""]
 
     def through(self, names: Ints) -> Bools:
-        """Return True (q,) for rows that act through sides with these ends (e, 2)."""
+        """Return True (q,) for the rows of `ends` that are among the `names` (e, 2)."""
         return are_among(self.ends, names)
 
 
@@ -131,7 +131,7 @@ def _list_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return for each end of contact rows the first two effects (k, 2) whose rows have this end; -1 for no effect."""
+    """Return the first two effects (k, 2) that act at each end (node and side) of contact rows; -1 for no effect."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -154,7 +154,7 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        # Pins take no force. A material holds the axis of a body of revolution; the force of the axis vanishes with h.
+        # Left out: pins, which bear no force, and the axis of a body of revolution, whose force tends to zero with h.
         if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions
@@ -188,13 +188,13 @@ def _list_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows
 def _distribute(
     posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
-    """Spread forces (S, k, dim) on nodes over the sides of their effect, or over its sides normal to `directions`."""
+    """Divide forces (S, k, dim) of an effect on nodes among the sides of the effect, as `_shares` does."""
     row, names, share = _shares(posed, cause, nodes, directions)
     return _Rows(np.tile([cause, -1], (len(names), 1)), names, held, force[:, row] * share[:, None])
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
-    """Return how an effect spreads forces on `nodes` (k,) over sides: positions in `nodes`, ends, and fractions."""
+    """Return, for each part of an effect's forces on `nodes` (k,), its position in `nodes`, ends and fraction."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -213,7 +213,7 @@ def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | Non
 
 
 def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
-    """Return, for each row (s,) of the supports, its component along an axis times its share in a boundary's reaction.
+    """Return d (s,): the reaction of a boundary along an axis is d . mu, with the forces mu of the rows of supports.
 
     Raise SceneError if no support acts on the boundary along this axis.
     """
@@ -235,7 +235,7 @@ Cause = str | Effect | type[Effect]
 
 
 class ActingForces:
-    """The part of a history that computes forces on boundaries, and of effects."""
+    """The methods of a history that return the forces of effects, and the forces on boundaries."""
 
     mesh: Mesh
     scene: Scene | None

@@ -25,7 +25,7 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of a boundary along the axis on which its path, to and fro, is longest.
+    """Return the loop of a boundary along the axis on which the boundary has the longest path, to and fro.
 
     By default this is the boundary whose prescribed displacement has the longest path, or else the boundary of the load
     whose total changes most. Return None if nothing is driven. The loads of a history without a scene are not known.

@@ -2,7 +2,7 @@
 
 The computed displacement u_h is linear on edges between their nodes, and piecewise linear on faces of polyhedra. Inside
 a cell u_h is unknown, and its projection Pi u_h of (3.11) replaces it. Fields that are constant on cells are averaged
-over all cells that contain the point. In the plane, a point at a distance of rounding from a side lies on this side.
+over all cells that contain the point. In the plane, a point lies on a side if their distance is a rounding error.
 """
 
 from __future__ import annotations

@@ -53,8 +53,8 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
 
-    `values` and the `sizes` of cells at their places are given from the coarsest to the finest mesh. The last value has
-    grown if it increased faster than h^-.05 since the finest mesh with cells of at least 1.5 times the last size.
+    `values` and the `sizes` h of cells at their places begin with the coarsest mesh. We compare the last value with the
+    value on the finest mesh whose h is at least 1.5 times the last h. It has grown if it rose faster than h^-.05.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:

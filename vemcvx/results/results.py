@@ -101,7 +101,7 @@ class Results(ActingForces):
 
     @property
     def work(self) -> Floats:
-        """The work (S,) since the initial instant: displacement increments times forces and reactions at ends of steps.
+        """The work (S,): displacement increments times forces and reactions at ends of steps, summed over all steps.
 
         The work of moving obstacles and ground is included. `work` minus the change of `energy` minus `dissipated` is
         the loss of time stepping, which is never negative.
@@ -130,7 +130,7 @@ class Results(ActingForces):
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction" if it is for the friction of the answer."""
+        """The kind of `certificate`: "bound", or "for the given friction", which is fixed at that of the answer."""
         return self.trajectory.certificate_kind
 
     @property
@@ -266,8 +266,8 @@ class Results(ActingForces):
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
         Displacements are taken at nodes, stresses at centroids of cells, and slip, friction and pressure at contact
-        nodes. `Extreme.unbounded` warns of values at corners and point loads that may grow without limit as the mesh is
-        refined (:mod:`vemcvx.results.corners`), unless half of the field is within a percent of the extreme.
+        nodes. `Extreme.unbounded` warns that a value at a corner or point load may grow without limit as the mesh is
+        refined (:mod:`vemcvx.results.corners`). There is no warning if half of the field is within 1 % of the extreme.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()

@@ -20,7 +20,7 @@ from vemcvx.results.results import Results
 COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"
 """Arrays of contact that a run counts from its own initial instant."""
 PER_EFFECT = "acting", "loads"
-"""Names of array dimensions with an entry for each effect, or for each effect and side."""
+"""Names of the array dimensions whose entries belong to effects."""
 
 
 def join(stages: Sequence[Results]) -> Results:
@@ -94,8 +94,8 @@ def _difference(before: Results, after: Results) -> str:
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
     """Return the arrays of records (all, or `names`), joined in time without the initial rows of later stages.
 
-    Columns of effects are placed side by side, with zeros outside the stage of the effect. If a stage lacks an array,
-    the rows of this stage are zero. If its array has fewer columns (unknowns), the missing columns are NaN, 0 or False.
+    Columns of effects are placed side by side, with zeros outside the stage of the effect. The rows of a stage without
+    an array are zero. If the array has fewer columns in one stage than in another, NaN, 0 or False fills these columns.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

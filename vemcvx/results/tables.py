@@ -27,7 +27,7 @@ DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_
 """Scalars of every step that a trajectory computes from its arrays."""
 ERRORS = "dissipated_error", "work_error"  # Further columns of every step, if a history has estimated errors.
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
-"""Names of sizes in datasets; other sizes keep their name, and a number such as 2 becomes "of_2"."""
+"""Size of an array -> name of the dimension in datasets. Other names are unchanged; the number 2 becomes "of_2"."""
 
 
 def table(history: Results, name: object, points: ArrayLike | None = None) -> Columns:

@@ -1,23 +1,23 @@
 r"""Derivatives of a run with respect to parameters: the answer of each step is differentiated on its active sets.
 
 A run has the stiffness K, the damping C, loads f, rows A = [B; D] of friction and limits with forces x = (lam, p),
-friction bounds w, gaps e and compliances c of limits. In a step of duration k, ground and supports have the relative
-motion b along friction. The states y_n obey
+friction bounds w, gaps e and compliances c of limits. In step n, of duration k, the ground and supports alone cause
+the slips -b_n. The states y_n obey
 
     K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - c p_n),
 
 with off_n = 0 on sticking terms and acting limits, lam = w(p) s/|s| on terms that slip by s, and p = 0 on open limits.
-All data may depend on a parameter. For data, d is a central difference at fixed states, which needs no factorisation.
-Let K_k = K + C / k, let P, Q, z and compliance be as in Newton's method (:mod:`vemcvx.solvers.newton`) on the active
-sets of the answer, and let H have the directions of slip as columns. The derivatives dy and dx = (dlam, dp) obey
+All data may depend on a parameter; d marks derivatives by the parameter. Derivatives of data are central differences at
+fixed states, without a factorisation. Let K_k = K + C / k and y_prev = y_{n-1}. On the active sets of the answer, let H
+have the directions of slip as columns, and let P, Q, z and compliance be those of Newton's method
+(:mod:`vemcvx.solvers.newton`). Then dy and dx = (dlam, dp) obey
 
     K_k dy + A'dx = push,    dx = H dw + Q z,    P (A dy - (0; c dp) + off) = compliance z,
     push = -d(K y + C (y - y_prev) / k + A'x - f) + C dy_prev / k,    off = d off_n - (B; 0) dy_prev.
 
-Any solver may have solved the run. The *forward* sweep solves these equations for each parameter, step by step. The
-transposed equations are the same, with P and Q exchanged. The *adjoint* sweep solves them backwards in time, once for a
-weighted sum of quantities, whatever the number of parameters (for adjoints in time see Giles and Pierce, Flow,
-Turbulence and Combustion 65 (2000)).
+The *forward* sweep solves these equations for each parameter, step by step. The transposed equations are the same, with
+P and Q exchanged. The *adjoint* sweep solves them backwards in time, once for a weighted sum of quantities, whatever
+the number of parameters (Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
 
 Without dashpots, a step needs only the unknowns of contact: forces f are condensed to E'f, where the columns of E are
 the states (n, m) of unit displacements of these unknowns (:mod:`vemcvx.program.condensation`).
@@ -72,7 +72,7 @@ class LinearStep:
     compliance: Floats
     H: sp.csr_matrix  # (rows, m) directions of slipping terms
     memory: Any  # C / k; 0 without dashpots
-    recalls: Floats  # (rows, 1) one for rows of increments (friction, dashpots), else zero
+    recalls: Floats  # (rows, 1) 1.0 for rows of increments (friction, dashpots), else 0.0
 
     def forward(self, change: Change, before: Floats) -> tuple[Floats, Floats]:
         """Return dy (unknowns, P) and dx (rows, P) of this step; `before` is dy of the previous step."""
@@ -83,7 +83,7 @@ class LinearStep:
         return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the derivatives of a sum of quantities by push, off, w and y_prev, from its derivatives by y and x."""
+        """Return dJ/dpush, dJ/doff, dJ/dw and dJ/dy_prev from dJ/dy and dJ/dx, for a sum J of quantities."""
         A = self.delassus.operators.A
         y, x = self._solve(by_y, -by_x, self.Qt, self.P)
         return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)
@@ -132,7 +132,7 @@ class Sensitivities:
     _rows: Gradients = field(repr=False)
     _changes: Sequence[Change] = field(repr=False)
     _explicit: Floats = field(repr=False)
-    """The derivatives (Q, N + 1, P) of values at fixed unknowns of the steps."""
+    """The explicit part (Q, N + 1, P) of the derivatives: at fixed unknowns of the steps."""
 
     @cached_property
     def jacobian(self) -> Floats:
@@ -169,7 +169,7 @@ class Sensitivities:
         return found
 
     def _sum_losses(self, rows: Floats) -> Floats:
-        """Return sums over the instants for "dissipated", of which `_rows` are increments; other rows stay the same."""
+        """Return `rows` with increments of "dissipated" replaced by their sums over the steps so far."""
         names = zip(self.of, rows, strict=True)
         return np.array([np.cumsum(row, axis=0) if name == "dissipated" else row for name, row in names])
 
@@ -217,15 +217,15 @@ def sensitivities(
     Raises
     ------
     SceneError
-        A quantity does not fit the scene, friction depends on slips or on their direction, nothing holds the body, the
-        scene has other unknowns for neighbouring parameters, or `scene_of` does not return a scene.
+        A quantity does not fit the scene, friction depends on slips or on their direction, nothing holds the body, a
+        small change of `theta` changes the unknowns of the scene, or `scene_of` does not return a scene.
     NotCertified
         As for :func:`vemcvx.simulate`.
 
     Notes
     -----
-    If a step of central differences (3e-5 of the parameter) is not small for the data, as for Poisson's ratio near 0.5,
-    derivatives have a relative error of about (h / d)^2, with the step h and the distance d to the singularity.
+    Central differences have the step h = 3e-5 times the parameter. If data are singular at a distance d, such as the
+    moduli at Poisson's ratio 0.5, derivatives have a relative error of about (h / d)^2.
 
     Examples
     --------
@@ -295,14 +295,14 @@ def _refuse(posed: PosedScene) -> None:
         "nothing holds the body": bool(posed.pins),
         "its friction depends on slips, or its law has no slope": law is not None and (law.slips or law.slope is None),
         "its friction depends on the direction of slip": bool(terms.elliptic.any()),
-        "its friction depends on pressure at nodes that supports drag": law is not None and drags,
+        "its friction depends on pressure at nodes dragged by supports": law is not None and drags,
     }
     for words in (words for words, found in reasons.items() if found):
         raise SceneError(f"sensitivities: found a scene without derivatives: {words}.")
 
 
 def _unit_states(run: PreparedRun) -> Any:
-    """Return the states E (n, m) of unit displacements of the unknowns of steps; the identity without condensation."""
+    """Return E (n, m): column j is the state if unknown j of the steps is 1, and all others are 0."""
     condensation, n, m = run.condensation, run.system.n, len(run.condensation.retained)
     if condensation.whole:
         return sp.eye_array(n, format="csr")
@@ -343,7 +343,7 @@ def _differences(
 def _field_changes(
     posed: PosedScene, p: Floats, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
-    """Return the derivatives of data by field coefficients: w sums field times length, or field times normal force."""
+    """Return the derivatives of data by theta: w is S theta times lengths (or normal forces), where S = shapes(x)."""
     terms, points = posed.terms, posed.space.mesh.points
     for effect in (posed.scene.canonical[i] for i in posed.causes["frictions"]):
         given = isinstance(effect, TrescaFriction) and effect.quadrature == "nodes" and not effect.while_closed
@@ -364,8 +364,8 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
     """Return the linearised steps by number, and a mask of the steps whose active sets are about to change.
 
     A step may change its sets if, within the error of its certificate, a multiplier may reach its bound, a slip may end
-    or an open gap may close. For the error 1 in the energy norm, scaled slips and gaps have errors of about 1, and
-    scaled forces have errors of at most the roots of the diagonal of the inverse Delassus matrix.
+    or an open gap may close. In units in which W (:mod:`vemcvx.program.forces`) has a unit diagonal, an error E in the
+    energy norm causes errors of about E in slips and gaps, and of at most E (W^{-1})_jj^{1/2} in the force of row j.
     """
     system, found = run.system, history.trajectory
     count, block, unknowns = system.B.shape[0], system.block, len(run.condensation.retained)

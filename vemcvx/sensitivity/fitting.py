@@ -1,14 +1,14 @@
 """Parameters of a scene that explain measurements, by least squares with the derivatives of the run.
 
-With measurements m and values q(theta) of quantities, and standard deviations sigma of their noise, we minimise
+With measurements m and values q(theta) of quantities, we minimise
 
     |r|^2 + |L theta|^2,    r = (q - m) / sigma,
 
 by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). The caller states the
-regularisation L. With J = dr/dtheta and H = J'J + L'L, the covariance of the result is s^2 H^{-1}. If sigma is given,
-s = 1. If it is unknown, sigma is the largest measured value of each quantity, and the residuals estimate
-s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). Standard errors hold for the linearised model and
-independent noise. They do not include the bias that the regularisation causes.
+regularisation L. The noise of m has the standard deviation s sigma. If the caller gives sigma, s = 1. Otherwise sigma
+is the largest |m| of each quantity, and s is estimated. With J = dr/dtheta and H = J'J + L'L, the estimate is
+s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). The covariance of the result is s^2 H^{-1}. Standard
+errors hold for the linearised model and independent noise, without the bias that the regularisation causes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ log = logging.getLogger("vemcvx")
 TOLERANCE = 1e-10
 """Relative change of the sum of squares, and of the parameters, at which a fit ends."""
 UNDETERMINED = 1e-8
-"""Fraction of the largest effect on the residuals below which a combination of parameters is undetermined."""
+"""A combination of parameters is undetermined if it changes r by at most this fraction of the largest change."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -131,12 +131,12 @@ def fit(
         Measured values of quantities at all instants, by the names that :func:`vemcvx.sensitivities` takes; NaN where
         nothing was measured.
     noise : number, or dict of str to number, optional
-        The standard deviation of the noise, in the unit of the quantity. By default the residuals estimate it, as one
-        fraction of the largest measured value of each quantity. If the fractions differ, give `noise`.
+        The standard deviation of the noise, in the unit of the quantity. By default it is s times the largest measured
+        value of the quantity; the residuals determine s, one number for all quantities. If s differs, give `noise`.
     bounds : pair of numbers or (P,) arrays
         The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
     penalty : (k, P) array, optional
-        The regularisation L of a field: |L theta|^2 is added to the sum of squares of residuals in units of the noise.
+        The regularisation L of a field: |L theta|^2 is added to the sum of (residual / noise)^2.
     names : sequence of str, optional
         Names of the parameters for the summary; by default theta[0], theta[1], ...
 
@@ -231,7 +231,7 @@ def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) ->
 
 
 def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m: Floats) -> Floats:
-    """Return the given standard deviations (Q,); without them, the largest of the measured values m (Q, N + 1)."""
+    """Return sigma (Q,): the given standard deviations, or else the largest |m| of each row of m (Q, N + 1)."""
     if noise is None:
         largest = np.nan_to_num(np.abs(m)).max(axis=1)
         return np.where(largest > 0, largest, 1.0)
@@ -243,7 +243,7 @@ def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m:
 
 
 def _invert(J: Floats, scale: Floats) -> tuple[Floats, Bools]:
-    """Return (J'J)^{-1} on the directions that J determines, and a mask of the parameters that it does not."""
+    """Return (J'J)^{-1} on the directions that J determines, and a mask of the undetermined parameters."""
     size, V = np.linalg.svd(np.vstack([J * scale, np.zeros((len(scale),) * 2)]))[1:]
     known = size > UNDETERMINED * size.max()
     each = scale * V[known] / size[known, None]

@@ -1,9 +1,9 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
-With the symbols of :mod:`vemcvx.results.forces`, but R for supports alone, the forces of supports are
+Symbols are those of :mod:`vemcvx.results.forces`, except that R is now the force of the supports without contact,
 R = A u + A_1 u' - f + B^'lam + D^'p. Here u = P y + u_D(t) for free unknowns y, and P'R = 0. A quantity is a'u + h'R,
-the energy, or the losses. A reaction has h = H d; for each row of the supports, d is the component of the row along an
-axis times its share in the boundary. Without A_1, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
+the energy, or the losses. A reaction d . mu has h = H d, because mu = H'R (for d see `support_shares`). Without A_1,
+the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Observed:
     u: Floats  # (T, n_u)
     elastic: Floats  # (T, n_u) A u
     forces: Floats  # (T, n_u) R
-    lam: Floats  # (T, terms, block); friction on dragged nodes, which are last, follows its bound
+    lam: Floats  # (T, terms, block); on dragged nodes, which are last, computed from the friction bound
     slips: Floats  # (T, terms * block) in the step to the instant
     p: Floats  # (T, r)
     excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
@@ -94,7 +94,7 @@ class Gradients:
     y: Floats  # (Q, T, m) by the contact unknowns
     before: Floats  # (Q, T, m) by the contact unknowns one instant before
     x: Floats  # (Q, T, rows) by lam and p
-    inner: Floats  # (Q, T or 1, n) by forces that move the interior while the contact unknowns are fixed
+    inner: Floats  # (Q, T or 1, n) by forces on the interior, while the contact unknowns are fixed
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,7 @@
 r"""A ball in a socket, pressed from all sides and then pushed aside: the joint opens behind the ball.
 
-Both bodies lie below the plane x_3 = 0. They are meshed by tetrahedra: the lower halves of meshed cubes, inflated to
-half balls. Cells of both bodies have the same width at the joint, so that both approximate the sphere by the same
-polyhedron.
+Both bodies lie below the plane x_3 = 0. Their meshes are lower halves of cubes of tetrahedra, inflated to half balls.
+Cells of both bodies have the same width at the joint, so that both approximate the sphere by the same polyhedron.
 
 Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p I in both
 bodies, whatever the shape of the joint. Then the grip, the middle of the flat top of the ball, moves aside. The

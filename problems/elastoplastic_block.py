@@ -8,7 +8,7 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-where N_2 has the component zz, which is zero in strains eps. Let s = 2 mu (dev eps - P) be the deviator of the stress,
+where only N_2 has a component zz; strains eps have none. Let s = 2 mu (dev eps - P) be the deviator of the stress,
 C the elasticity tensor, H the hardening modulus and sigma_y the yield stress. Stored energy and loss per volume are
 
 $$

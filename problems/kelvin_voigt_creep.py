@@ -34,7 +34,7 @@ def creep_fraction(instants):
 
 
 def course(t):
-    """Return the pull at the instant t over the largest pull: one, because it acts from the start."""
+    """Return 1.0, the pull at the instant t over the largest pull: the pull is constant from the start."""
     return np.ones_like(t)
 
 

@@ -24,7 +24,7 @@ The midpoint rule maps z by 2 P_C - 1, which is nonexpansive like P_C: errors of
 
 1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
    fails at the beginning of the next step.
-2. Oscillations do not decay. P_C is firmly nonexpansive, |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2, but a
+2. Oscillations do not decay. P_C is firmly nonexpansive: |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2. But a
    reflection may keep all distances. Suppose that a place begins to slip inside a step of length k. At the end of this
    step z is beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step z is below its bound by eta, and
    so on forever. From then on the order is one.

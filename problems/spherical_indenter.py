@@ -16,9 +16,9 @@ widens when it is pressed. Friction therefore acts only after pressing, from t =
 computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The top is pressed
 down and then dragged without rotation; P and Q are measured.
 
-With n = 8 the radius is 3 % below Hertz' and the peak 4 % above it. Both agree within 2 % if the cells near the contact
-are cubes (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick radius, from
-the second moment of mu p - |traction|, is .94 of the closed form.
+With n = 8 the radius is 3 % smaller and the peak 4 % larger than Hertz' values. Both agree within 2 % if the cells near
+the contact are cubes (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick
+radius, from the second moment of mu p - |traction|, is .94 of the closed form.
 
     vemcvx run problems/spherical_indenter.py --n 8 --steps 8 --plot
 """

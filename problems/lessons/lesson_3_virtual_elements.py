@@ -69,8 +69,8 @@ def functionals(x):
 
 # %% [markdown]
 # Linear fields are combinations of two translations, one rotation and three fields of constant strain. Their vertex
-# values are the columns of a matrix $V$. Consider the linear field for which the six functionals have the same values
-# as for $v$. Its coefficients solve a system with the matrix $FV$, so
+# values are the columns of a matrix $V$. If $\Pi v$ has the coefficients $p$, its six functionals are $FVp$. They must
+# equal the functionals $Fv$ of $v$, so
 #
 # $$\begin{aligned} \Pi_* &= (FV)^{-1} F && (\text{vertex values to coefficients}), \\
 #   \Pi &= V\,\Pi_* && (\text{vertex values to vertex values}). \end{aligned}$$

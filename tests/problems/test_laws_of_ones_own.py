@@ -12,7 +12,7 @@ from vemcvx.scene import pose_scene
 
 
 def bound_errors(history, scene, rho, turns=3):
-    """Return bounds, from the certificates, of the errors of slips and of forces per length at nodes.
+    """Return error bounds of nodal slips and of nodal forces per length, which follow from the certificates.
 
     With rho = softening / stiffness, each reversal multiplies errors of slips by at most (1 + rho) / (1 - rho).
     """

@@ -65,7 +65,7 @@ def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """Friction at a node opposes the step of the plate minus the change of the node's lag behind the plate."""
+    """Friction opposes the step of a node: the step of the plate minus the change of the node's lag behind it."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()

@@ -32,7 +32,7 @@ PACKAGES = (
         "__main__",
     ),
 )
-"""Packages and modules in the order of CONTRIBUTING.md: each may import earlier ones only; all may import `base`."""
+"""Packages and modules in the order of CONTRIBUTING.md: each imports only earlier packages and modules, or `base`."""
 APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 """Packages of programs, and packages of meshes: neither group imports the other; `scene` imports both."""
 HEAVY = {
@@ -114,7 +114,7 @@ def list_imports(path, checking=True, late=True):
 
 @cache
 def imports():
-    """Return module -> modules of the package that it imports; for modules in `LATE`, imports at the file's top."""
+    """Return module -> modules of the package that it imports; for modules in `LATE`, only at the top of their file."""
     found = {name: list_imports(path, name not in LATE, name not in LATE) for name, path in modules().items()}
     return {name: set(others) & set(modules()) - {name} for name, others in found.items()}
 

@@ -162,7 +162,7 @@ def error_bounds(run: Trajectory) -> Floats:
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
     """Return the relative distance of two answers, its bound by their certificates, and True if the bound holds.
 
-    Distance and bound are taken at the instant of the largest distance, or of the largest excess if the bound fails.
+    If the bound holds, both numbers are from the instant of the largest distance; else from that of the largest excess.
     """
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))

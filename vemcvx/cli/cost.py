@@ -75,7 +75,7 @@ class Cost:
         str | None,
         typer.Option(
             metavar="X,X,...",
-            help="Target errors of adaptive runs and of the advice, relative. (default: 0.05,0.02,0.01, in space "
+            help="Relative target errors of adaptive runs and of the advice. (default: 0.05,0.02,0.01, in space "
             "0.2,0.1; none with --n)",
         ),
     ] = None

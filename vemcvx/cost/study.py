@@ -64,7 +64,7 @@ def table(rows: Sequence[Row], chosen: Sequence[str], labels: Mapping[str, str])
 
 
 def remarks(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a line per failure, per result that may grow without limit and per warning, with the runs concerned."""
+    """Yield lines on failures, on results that may grow without limit, and on warnings; each line names its runs."""
     runs_of: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         found = [("warning", words) for words in row.get("warnings", ())]

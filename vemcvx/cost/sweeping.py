@@ -141,7 +141,7 @@ def run_to_row(key: str, point: Point, run: Callable[[], Row]) -> Row:
 
 
 def read_journal(path: Path) -> dict[str, Row]:
-    """Read the rows of a journal by key, without incomplete lines and crashed points, which are run again."""
+    """Return key -> row of a journal. Incomplete lines and crashed points are left out, so that they run again."""
     rows = {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
         with suppress(ValueError, KeyError, TypeError):
@@ -162,7 +162,7 @@ def append(path: Path, row: Row) -> None:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The rows of points and reference, the instants of measured errors, and the number of rows of earlier sweeps."""
+    """Rows of the points and of the reference, and the instants of comparison; `kept` rows are from earlier sweeps."""
 
     rows: list[Row]
     reference: Row

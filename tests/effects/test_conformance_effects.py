@@ -275,7 +275,7 @@ OF_PROBLEMS = {
 ONE_OF_EACH_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
 """One material, one load, one contact and one friction run by default; the other effects are long tests."""
 SLOW = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
-"""Slow properties, which run by default for one of these effects only."""
+"""Slow properties: each runs by default for only one of the effects in ONE_OF_EACH_KIND."""
 test_effects = long_cases(
     effect_suite({name: SAMPLES[name] for name in ONE_OF_EACH_KIND}),
     lambda case: case.endswith(SLOW) and not case.startswith("Traction" if "infinity" in case else "CoulombFriction"),

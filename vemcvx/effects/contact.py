@@ -186,7 +186,7 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, > 0, evaluated at t = 0: force per length^2 (and unit thickness), in space length^3.
+        Pressure per penetration, > 0, at t = 0: force per length^2 (and unit thickness), in space per length^3.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
@@ -227,7 +227,7 @@ class VelocityContact(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     damping : number or callable f(x) -> (m,), optional
-        Pressure per velocity, > 0, pressure times time per length. By default the body cannot approach.
+        Pressure per velocity, > 0, in units of pressure times time per length. By default the body cannot approach.
 
     Examples
     --------

@@ -107,7 +107,7 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, of: Ints) -> Ints:
-        """Return for each end (e,) the entry in `of` (m,) of the row with this end; -1 if no row has it."""
+        """Return for each end (e,) the entry in `of` (m,) for the row that has this end; -1 if no row has it."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = of[each.row]
         return found

@@ -308,7 +308,7 @@ def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
     """Build orthonormal frames (S, D, D) from rows (S, k, D) by Gram-Schmidt.
 
     Return also two arrays (S, k): the axis that each row gave (-1 if the row depends on earlier rows), and the length
-    of its component orthogonal to earlier rows. Coordinate axes complete a frame: axis-aligned frames stay exact.
+    of the row's component orthogonal to earlier rows. Coordinate axes complete a frame: axis-aligned frames stay exact.
     """
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)

@@ -49,7 +49,7 @@ def friction(t, growth=GROWTH):
 
 
 def evaluate_saw():
-    """Return least friction, largest friction and period of the sawtooth of falling friction, in short steps."""
+    """Return the least friction, the largest friction and the period of the sawtooth, all for short steps."""
     low, high = SLIDING * PRESSURE, AT_REST * PRESSURE
     return low, high, (high - low) * HEIGHT / (G * SPEED)
 

@@ -54,7 +54,7 @@ from dataclasses import astuple, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
-# This must precede the import of numpy: processor time would count all threads of BLAS, and solvers here have one.
+# BLAS reads its number of threads when numpy is imported. Processor time would count all threads, so we allow one.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np

@@ -16,8 +16,8 @@ That form does not lock. The last column is the least S / (a_mu + a_lam), at nu 
 ratio goes to zero like 1 / lam *because* S does not contain lam: S does not penalise variations of the dilatation
 within a cell.
 
-On a rectangle 2a x 2b, Pi v = 0 for the combinations of (xy, 0) and (0, xy) only. These two fields have the ratios S /
-a_mu 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a
+On a rectangle 2a x 2b, Pi v = 0 for the combinations of (xy, 0) and (0, xy) only. For these two fields S / a_mu is
+6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a
 square both ratios are 2. On other cells, v is computed by linear finite elements on a mesh graded towards the vertices.
 The computed energies are a few per cent too high.
 

@@ -56,7 +56,7 @@ def test_uniform_strain_leaves_no_residual(scene):
 
 @pytest.mark.long
 def test_uniform_pressure_leaves_no_residual_where_three_bodies_meet():
-    """The node of the lower body below the joint of the upper bodies has two partners along one normal."""
+    """Where the upper bodies meet, the node of the lower body has two partners along one normal."""
     boxes = {"lower": ((0, 2), (0, 1)), "left": ((0, 1), (1, 2)), "right": ((1, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(2, box=box) for name, box in boxes.items()})
     scene = vx.Scene(

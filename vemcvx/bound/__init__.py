@@ -24,8 +24,8 @@ bounded from below. Let r = tau - sigma_0 - C eps(v), A = |r|, b = h(v) - inf h 
 
 *Proof.* |e|^2 = (sigma - sigma_0 - C eps(v), eps(e)) <= l(e) + j(v) - j(u) - (sigma_0 + C eps(v), eps(e)) by (1). With
 (2) for w = e, l(e) = (tau, eps(e)) + int (q e_t + p e_n), and j(v) - j(u) + int (q e_t + p e_n) = h(v) - h(u). This
-proves the first inequality. Since h(u) >= inf h, the second follows from x^2 <= A x + b. For X = tau - sigma,
-r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
+proves the first inequality. Since h(u) >= inf h, the second follows from x^2 <= A x + b. Let X = tau - sigma.
+Then r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 = |X|^2 + |e|^2 + 2 (X, eps(e))
 proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (1)). As in the first step, J(v) - J(u) =
 (r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
@@ -46,7 +46,7 @@ of Tresca's law in step n for the friction of tau and the slip of v. Then
 Proof, and the assumptions on the start: :mod:`.whole_history`.
 
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
-estimate, which its `kind` names (:mod:`.reading`).
+estimate, and its `kind` names this estimate (:mod:`.reading`).
 
 **In space** there is no bound yet. The theorems hold in any dimension. Stresses could be constructed on tetrahedra that
 are split at their centroids (M. Krizek, Apl. Mat. 27 (1982)). There is no displacement inside polyhedra yet that does

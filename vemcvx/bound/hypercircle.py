@@ -4,9 +4,9 @@ The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quar
 
     j(v) = int (g |v_t - d| + phi(v_n - gap)),
 
-with v_t - d the slip in the step. For a rigid obstacle, phi is zero up to the gap and infinite beyond; for a compliant
-obstacle, phi(z) = k z_+^2 / 2. The defect b is computed in :mod:`.surface`. The edge motions m of :mod:`.equilibrium`
-determine tau. Springs to the ground with the stiffness k exert the tractions -k m; they add int k |m - v|^2 to A^2.
+with the friction bound g, and the slip v_t - d in the step. For a rigid obstacle, phi(z) is zero up to z = 0, and
+infinite beyond; for a compliant obstacle, phi(z) = k z_+^2 / 2. For the defect b see :mod:`.surface`. The stress
+tau is due to edge motions m (:mod:`.equilibrium`). Springs to the ground (stiffness k) add int k |m - v|^2 to A^2.
 
 **The defect r.** Let L v be the edge motions on which linear tractions do the same work as on v (`to_edges`). In a cell
 let x = m - L v, let y be the outline of v minus a linear displacement, and f the coefficients of the body force. With
@@ -16,8 +16,8 @@ the forms G of stresses (:mod:`.stress`) and S of displacements (:mod:`.displace
 
 *Proof.* Without prestress, let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Then
 r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the same work on L v as on v, and the stress due
-to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v does not change r_0. In |r_0|_K^2 =
-|tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, the middle term is the work of f and of the tractions of tau_0 on v.
+to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v does not change r_0. In the square
+|tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2 of r_0, the middle term is the work of f and of the tractions of tau_0 on v.
 
 **The lower bound** is R(w) / |w| with the residual R of v. We use displacements w that are quadratic on edges, have
 least energy inside cells, and vanish on supports and on edges with friction, obstacles, springs or bonds. The best w

@@ -20,10 +20,10 @@ by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r
 contribute to A and A_z. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
 The proof uses two conditions: of the tractions of tau_z, only the loads of q work on e; and sigma does the work T(z_h)
-on z_h. Both are met if only supports hold the body. With friction and contact, both are met if z_h
-vanishes on contact, and tau_z has no traction there, except normal tractions where contact cannot open. In that case,
-r_z does not decrease with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with
-friction, friction work there is bounded by its largest value.
+on z_h. Both are met if only supports hold the body. With friction and contact, both are met if z_h vanishes on contact,
+and tau_z has no traction there, except normal tractions where contact cannot open. In that case, r_z does not decrease
+with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with friction, friction work there
+is bounded by its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 

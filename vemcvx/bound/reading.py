@@ -7,7 +7,7 @@ they are theorems for the fits, the data *as read*. The load minus its fit is th
 functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
     SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
-    plus the root of the sum over cells of the energies (given below) of the remainders.
+    plus the root of the sum over cells of the energies (see below) of the remainders (data minus fits).
 
 The solutions for the data and for their fits differ by at most eta, also with friction and contact. The minima of a
 step differ by at most |l_0(v)| + eta |u - v| + eta^2 / 2, plus SAFETY times the work of the pressure on the remainders

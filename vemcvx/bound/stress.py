@@ -4,11 +4,11 @@ On a triangle split at its centroid, consider symmetric stresses that are linear
 tractions across inner edges. They are determined by the linear tractions on the three edges (12 numbers) and the
 divergences on the parts (6), in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Because of
 
-    tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B
+    tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B       (B: see :mod:`.fan`)
 
 one reference triangle (marked by ^) serves all. A linear traction t is given by int t phi, with the linear function
-phi of each end of the edge, and a body force f by F_k = int f lambda_k. f is the sum of constants on the parts, with
-the same F_k, and a remainder. The stress due to the remainder has degree 2 and no tractions on edges: div tau = -f.
+phi of each end of the edge, and a body force f by F_k = int f lambda_k. f is split into a force that is constant on
+each part, with the same F_k, and a rest. The stress due to the rest has degree 2, and no tractions on edges.
 
 Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
 maximiser of

@@ -5,8 +5,8 @@ u). Let g be the friction bound, and q = -tau_t the friction of tau. Green's for
 
     d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
 
-with the slip rate s' of v, and norm and product <., .> in C^-1. D_n is the increase of D in step n, and all fields are
-linear in time in a step. So Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
+with the slip rate s' of v; |.| and <., .> are norm and product in C^-1. In step n all fields are linear in time, and D
+increases by D_n. So Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
 

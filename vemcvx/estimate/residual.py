@@ -31,8 +31,8 @@ edges is the energy of a bar with the modulus E and a strain that is linear betw
 
 In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices, because the stabilisation there
 is much larger than the energy of u - Pi u. The pressure q is constant in cells, and minimises the sum of the squares
-that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most
-the C^{-1} norm of q I times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
+that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most the C^{-1} norm of q I
+times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
 d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.

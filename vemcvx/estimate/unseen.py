@@ -2,7 +2,7 @@
 
 In the plane, data are evaluated at many points of edges and cells (:mod:`vemcvx.bound.reading` lists the energies). The
 differences are tractions minus their assembled mean t_e, body forces minus the assembled f_K, and given friction bounds
-g minus g_h, which is linear between nodes. g - g_h counts where friction is at its bound, where a node has slipped, or
+g minus their linear interpolation g_h. g - g_h counts where friction is at its bound, where a node has slipped, or
 where g is less than the friction. The means of these differences act as forces on the whole body.
 
 In space, tractions are evaluated at quadrature points, body forces and stresses at vertices. The estimate ignores how

@@ -4,7 +4,7 @@ This module does not use the package. A step of backward Euler is the convex pro
 
     minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w_i |s_i|,   s_i = t_i.(u - u_prev),
               + sum_j c_j/2 (n_j.u - gap_j)_+^2  over compliant obstacles with the stiffness c_j
-    subject to  E u = h,   n_j.u <= gap_j  at rigid obstacles,
+    subject to  E u = h  at supports,   n_j.u <= gap_j  at rigid obstacles,
 
 in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program to 1e-13 if
 possible. On the active sets of Clarabel's answer (slipping rows, pressing obstacles), the optimality conditions are

@@ -6,10 +6,10 @@ step then solves a convex program whose weights are evaluated at the pressure an
 holds for this program; its kind is called "for the given friction".
 
 If weights do not depend on p, and do not fall as the slip of the step grows (`softening` = 0), the step itself is a
-convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w(q) dq. Then the certificate is a
-bound, because the duality gap for the given friction is at least the gap of this program. Proof. Consider one term with
-the weight w = w(|s|) and the multiplier lam, |lam| <= w. As w(q) does not decrease, the conjugate phi*(|lam|) =
-sup_r (|lam| r - phi(r)) is attained at some r <= |s|, so that
+convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w(q) dq and the weight w(q) at a slip of
+length q. Then the certificate is a bound, because the duality gap for the given friction is at least the gap of this
+program. Proof. Consider one term with the weight w = w(|s|) and the multiplier lam, |lam| <= w. As w(q) does not
+decrease, the conjugate phi*(|lam|) = sup_r (|lam| r - phi(r)) is attained at some r <= |s|, so that
 
     phi(|s|) + phi*(|lam|) - lam . s = int_r^|s| (w(q) - |lam|) dq + |lam||s| - lam . s <= w |s| - lam . s.  QED
 """

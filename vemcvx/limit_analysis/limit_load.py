@@ -2,9 +2,9 @@ r"""The limit load of bodies that friction and one-sided contact alone hold (doc
 
 The columns of N are the rigid motions that no support holds, f_0 the loads of the scene, f the load to multiply, lam
 the friction and p the pressures. A motion N c has the slips B N c and the approaches D N c. The factor is the largest
-alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), |lam_i| <= w_i + (J p)_i and p >= 0. Tresca's law has J = 0;
-Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1; it gives the
-upper bound sum_i w_i |B_i N c| - f_0'N c.
+alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), p >= 0 and |lam_i| <= w_i + (J p)_i, the friction bound. Tresca's law
+has J = 0; Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1; it
+gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
 
 Solvers meet such conditions up to a tolerance only. We reduce friction by the fraction MARGIN, which leaves room to
 correct the forces. The mechanism is projected onto the equations at nodes that stick or remain closed.

@@ -1,9 +1,9 @@
 """Energies and forces over a run, and all pictures of a history as files or as frames of a film.
 
-Backward Euler loses more energy than friction and dashpots dissipate. This excess vanishes with the step. With the
-bilinear form a of the elastic energy and the displacement increments du of steps, the excess on rigid obstacles is
+Backward Euler loses more energy than friction and dashpots dissipate. With displacement increments du of steps, gaps z
+before them, pressures p after them, and the bilinear form a of the elastic energy, the excess on rigid obstacles is
 
-    work - change of energy - dissipated = sum over steps of (1/2 a(du, du) + final pressures . initial gaps) >= 0.
+    work - change of energy - dissipated = sum over steps of (1/2 a(du, du) + p . z) >= 0.
 """
 
 from __future__ import annotations

@@ -68,8 +68,8 @@ def active_sets(program, gamma, rounds=40):
 # equations hold. The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
 #
 # **A body.** We take the paper's Section 4 on squares, with 32 nodes on the ground. The package keeps the program of
-# every step. All other nodes are eliminated from this program, so its matrix $K$ is a full matrix for 32 nodes. Its
-# unknowns are the slips of these nodes in the step. So `b`, the package's name for $u_{prev}$, is zero here. The
+# every step. All other nodes are eliminated from this program, so its matrix $K$ is a full matrix for 32 nodes. The
+# unknowns are the slips of these nodes in the step. So `b`, which takes the place of $u_{prev}$, is zero here. The
 # package calls the load `g`.
 
 

@@ -92,8 +92,8 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). It changes
 
     - forces A u and f by kappa eps (M|u| + |f|), and u, in the energy norm, by the dual norm of this change of forces;
-    - weights w by kappa eps w. In the program of one history, the answer of the other history, with multipliers times
-      1 - kappa eps, has the additional gap 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
+    - weights w by kappa eps w. Take the program of one history, and the other answer with multipliers times
+      1 - kappa eps. Its gap grows by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
 
     Steps do not enlarge earlier errors, so these errors and the certified errors add up.
     """

@@ -93,9 +93,9 @@ def no_competitor_is_better(case, size, seed):
 def certificates_bound_the_true_error(case, poor, size, seed):
     """A poor answer differs from a sharp answer, in a step from the same state, by at most the sum of both errors.
 
-    The sharp answer is Newton's. Random increments with its multipliers are certified, too: where no term changes
-    between stick and slip, their gap is exactly 1/2 |c - d*|_K^2, so that a certificate that is slightly too small
-    fails. `known` bounds the rounding error of the residual in the energy norm.
+    The sharp answer is Newton's. Random increments c with Newton's multipliers are certified, too. If no term changes
+    between stick and slip, their gap is exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails.
+    `known` bounds the rounding error of the residual in the energy norm.
     """
     run, rng = marched(case, poor), np.random.default_rng(seed)
     shape = (len(case.weights[0]), case.block)

@@ -122,7 +122,7 @@ class Marched:
         """Return weights (m,), reduced to the largest possible |lam_i| of step n; the answer stays the same.
 
         Let q = K^{-1} g and C = B K^{-1} B'. Then B'lam = K r, where r is a projection of q (`steps_are_stable`). So
-        |r|_K is at most the norm of the part of q in the range of K^{-1} B', so lam'C lam <= (B q)'C^{-1} B q, and
+        |r|_K is at most the norm of the part of q in the range of K^{-1} B': lam'C lam <= (B q)'C^{-1} B q. Therefore,
         |lam_i|^2 is at most (B q)'C^{-1} B q times the norm of block (i, i) of C^{-1}.
         """
         case, B, terms = self.case, self.case.B.toarray(), len(self.case.weights[n])

@@ -47,7 +47,7 @@ def test_the_ledger_closes(family, moving, condense):
     energy, steps = (0.5 * np.einsum("ni,ni->n", v, (A @ v.T).T) for v in (u, np.diff(u, axis=0)))
     assert np.abs(history.energy - energy).max() < 1e-12 * energy.max()
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
-    # Each entry is a sum of at most 16 differences of numbers of the size of the energies.
+    # Each entry sums at most 16 differences of numbers that are as large as the energies.
     size = np.abs(history.work).max() + history.energy.max()
     assert np.abs(remainder - np.append(0.0, np.cumsum(steps))).max() < 1e-12 * size
     assert steps.sum() > 1e-6 * size

@@ -102,7 +102,7 @@ class LinearSolver(ABC):
         Parameters
         ----------
         near_kernel : (n, k) array, optional
-            Motions of little energy, such as rigid ones. Iterative solvers need them.
+            Motions of little energy, such as rigid motions. Iterative solvers need them.
 
         Returns
         -------

@@ -140,8 +140,8 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
 
     Take a positive semidefinite matrix of size n, and k steps from a uniformly distributed direction. The largest Ritz
     value is below (1 - eps) times the largest eigenvalue with probability less than
-    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). For the
-    matrix 1 - MK, with xi the smallest Ritz value of MK, this gives lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
+    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). Apply
+    this to 1 - MK. If xi is the smallest Ritz value of MK, then lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
 
     Our random force is uniform in the Euclidean inner product, not in that of M. This multiplies the probability by at
     most the root of the condition number of M; this root is at most 1e8. We choose eps such that the product is < 1e-9.

@@ -39,7 +39,7 @@ class Pardiso(LinearSolver):
     Attributes
     ----------
     largest_in_space : int
-        Largest number of unknowns in space for which it is the default; its factors then take 8 GB.
+        In space, this solver is the default up to this number of unknowns; its factors then take 8 GB.
 
     Examples
     --------

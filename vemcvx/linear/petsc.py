@@ -4,7 +4,7 @@ Rank 0 poses the problem, holds K and computes the steps. Each rank holds some r
 hierarchy. Ranks above 0 wait for calls (:func:`serve`) of methods of :class:`Ranks`, which all ranks then execute.
 
 GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both smoothers are
-self-adjoint in the energy, with eigenvalues of at most one, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
+self-adjoint in the energy, with eigenvalues of at most 1, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ OPTIONS = {
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
-"""Number of unknowns below which K is also factorised: GAMG may then have a single level, and factors take 5 ms."""
+"""Below this number of unknowns K is also factorised: GAMG may then have a single level, and factors take 5 ms."""
 CALL, BLOCK = 1, 2
 """Tags of MPI messages: a method call, and a block of rows."""
 log = logging.getLogger("vemcvx")
@@ -50,7 +50,7 @@ class PETSc(Iterative):
 
     One rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes the hierarchy and the
     solves over eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead of
-    simulating. Rank 0 also holds all of K. Parameters, certificates and suitable bodies are those of ``Iterative``.
+    simulating. Rank 0 also holds all of K. Parameters, certificates and suitable bodies are as for ``Iterative``.
 
     Examples
     --------
@@ -123,7 +123,7 @@ class Ranks:
         return self.act(name, *shared, *own)
 
     def act(self, name: str, *arguments: Any) -> Any:
-        """Call a method on this rank. If it fails, end all ranks, because the others may be waiting for this one."""
+        """Call a method on this rank. If it fails, end all ranks, because other ranks may be waiting for this rank."""
         try:
             return getattr(self, name)(*arguments)
         except Exception as error:

@@ -20,7 +20,7 @@ class SuperLU(LinearSolver):
     Attributes
     ----------
     largest_in_space : int
-        Largest number of unknowns in space for which it is the default; its factors then take 8 GB.
+        In space, this solver is the default up to this number of unknowns; its factors then take 8 GB.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     """Return an order (n,), separators last, for a symmetric `graph` (n, n) with its vertices at `points` (n, dim).
 
     On each level, each part is halved along its longest axis; `part` has one bit per level. The separator of a level
-    contains the vertices of upper halves with neighbours in lower halves, except those of earlier separators.
+    contains the vertices of upper halves with neighbours in lower halves, except vertices of earlier separators.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)

@@ -47,7 +47,7 @@ class Delassus:
     """The scaled Delassus operator of the rows of norm terms and limits.
 
     Forces are divided by u (N,), which is constant in a block; slips and gaps are multiplied by u. The attribute `W`
-    (N, N), an array or a LinearOperator, is u (A K^{-1}A' + C) u; its diagonal is close to one. `N` (n, k) is a basis
+    (N, N), an array or a LinearOperator, is u (A K^{-1}A' + C) u; its diagonal is close to 1. `N` (n, k) is a basis
     of K's kernel such that `R` = u A N (N, k) is orthonormal.
     """
 

@@ -279,7 +279,7 @@ class StepProgram(ArrayRecord):
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
         """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
 
-        The floor includes the rounding of the unknowns `before` the step (n,), to which d is added.
+        The unknowns `before` (n,) are those to which d is added; the floor includes their rounding.
         """
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
@@ -423,7 +423,7 @@ class Answer(ArrayRecord):
     safeguards : int
         Number of calls of a globally convergent method that replaced a faster one.
     p : (r,) array
-        Multipliers of the limits. The caller replaces negative ones by zero.
+        Multipliers of the limits. The caller replaces negative multipliers by zero.
 
     Examples
     --------
@@ -471,7 +471,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 class SolvedProgram(StepProgram):
     """The program of one step of a run, with its answer, in the units of the scene.
 
-    If weights depend on pressures (Coulomb), `w` are the weights at the answer. Signs and methods are those of
+    If weights depend on pressures (Coulomb), `w` are the weights at the answer. Signs and methods are as in
     :class:`vemcvx.program.step_program.StepProgram`.
 
     Parameters

@@ -326,10 +326,10 @@ class System(ArrayRecord):
     motion : Motion, optional
         Energy, slip and gaps of moving supports.
     order : (n,) permutation, or callable () -> (n,) permutation, optional
-        An order of elimination with little fill, for linear solvers that do not compute one; by default it is computed
+        An order of elimination with little fill, for linear solvers that compute no order; by default it is computed
         from K.
     near_kernel : (n, k) array, optional
-        Motions of little energy, such as rigid ones, for iterative linear solvers.
+        Motions of little energy, such as rigid motions, for iterative linear solvers.
     kernel : Kernel, optional
         The motions without energy; norm terms or limits must resist each of them. Answers are then unique, and
         certified, in the seminorm of K only.

@@ -240,7 +240,7 @@ class ThroughCvxpy(Solver):
         return TUNED.get(self.solver, ()) if self.tuned else ()
 
     def choose_options(self, gap: float, *, semidefinite: bool) -> dict[str, Any]:
-        """Return the solver's options for a duality gap of a scaled program; options of the user replace tuned ones."""
+        """Return the solver's options for the gap of a scaled program; the user's options replace tuned options."""
         now = (ALWAYS, SEMIDEFINITE) if semidefinite else (ALWAYS,)
         return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
 

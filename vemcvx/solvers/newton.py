@@ -362,7 +362,7 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, lam, p))
 
     def solve_from(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
-        """Solve a step, starting on the active sets of an answer; if `most` is one, take one Newton step."""
+        """Solve a step, starting on the active sets of an answer; if `most` is 1, take one Newton step."""
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
@@ -406,8 +406,8 @@ def correct_answer(
 ) -> tuple[Floats, Point]:
     """Correct increments and forces once, and return the increments and the point.
 
-    The correction removes the residual, motions of held rows, slips across their forces, and (if weights depend on
-    slips) the difference between slips and the slips for which weights were computed.
+    The correction removes the residual, motions of held rows, and slips across their forces. If weights depend on
+    slips, the slips are also corrected to those for which the weights were computed.
     """
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)

@@ -18,7 +18,7 @@ from vemcvx.program.system import Norms, System
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
 STABLE_RATIO = 0.999
-"""Ratio of softening to stiffness at which a warning is issued: steps amplify rounding a thousandfold there."""
+"""Ratio of softening to stiffness at which a warning is issued: steps then amplify rounding a thousandfold."""
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:

@@ -141,7 +141,7 @@ class PreparedRun:
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """Return the frame of steps of length k: K + C / k replaces K, and compliances of dashpots are those for k."""
+        """Return the frame of steps of length k: K + C / k replaces K, and compliances of dashpots depend on k."""
         system, key = self.system, f"{k:.11e}"
         if not system.is_viscous or k == 0.0:
             return self.elastic
@@ -352,7 +352,7 @@ def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float
 
 
 def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """Return the state y (n,) without friction; slips and losses so far are those of `past`, by default zero."""
+    """Return the state y (n,) without friction; slips and losses so far come from `past`, by default zero."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
     past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)

@@ -266,7 +266,7 @@ def relative(error: Floats, scale: Floats) -> Floats:
 
 
 def choose_stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
-    """Return the numbers of the steps to store: "all", "last", every n-th and the last, or given ones and the last."""
+    """Return the numbers of the steps to store: "all", "last", every n-th and the last, or given steps and the last."""
     if isinstance(store, str) and store in ("all", "last"):
         return np.arange(steps + 1) if store == "all" else np.array([steps])
     if is_whole(store) and store >= 1:

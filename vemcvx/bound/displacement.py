@@ -6,8 +6,8 @@ work of the body force over continuous functions of degree 2 on the split fan (:
 
 A triangle has ten nodes in this order: three corners, the middles of the three edges (edge k goes from corner k to
 corner k + 1), the centroid, and the middles between corners and centroid. The last four are inside, and are condensed.
-Then the nodes at the centre of the fan and on edges to the centre are condensed. The outline remains: the vertices and
-the middles of the polygon's edges. Half of a cell's form (:mod:`.fan`) is the minimum of energy minus work.
+Then the centre of the fan and the middles of spokes (edges to the centre) are condensed. The outline remains: vertices
+and middles of the polygon's edges. Half of a cell's form (:mod:`.fan`) is the minimum of energy minus work.
 """
 
 from __future__ import annotations
@@ -74,14 +74,14 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of outer unknowns of triangles in the vector of hub and outline of a cell."""
+    """Return positions (n, 12) of outer unknowns of triangles in a cell's vector: centre and spokes, then outline."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
 
 
 def displacement_form(fans: Fans) -> Floats:
-    """Return the form (k, 4 n + 6, 4 n + 6) of each shape, in the values on its outline and its body force."""
+    """Return the forms (k, 4 n + 6, 4 n + 6) of the k shapes, for vectors of outline values and body force."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, condense(triangle_forms(shapes), 8), _slots(fans.n))
 

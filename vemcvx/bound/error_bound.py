@@ -230,7 +230,7 @@ def _kind(supposed: Mapping[str, bool | np.bool]) -> str:
 
 
 def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Return bounds on the energy of displacements within the distance `upper` of a displacement of this norm."""
+    """Return bounds on the energy of u, given the energy norm of v, and the bound `upper` on the distance |u - v|_a."""
     return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
 
 

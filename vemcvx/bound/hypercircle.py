@@ -126,7 +126,7 @@ class Pair:
         return float(self.circle.squares(self.richer).sum() + self.springs.sum())
 
     def work_of(self, load: Pair) -> float:
-        """Return the work of loads and prestress of another pair on v + w."""
+        """Return the work that the loads and the prestress of the pair `load` do on v + w."""
         return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.prestress, self.richer)
 
     def work(self, forces: Floats, body: Floats) -> float:
@@ -253,7 +253,7 @@ class Hypercircle:
         return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
 
     def _inner(self, one: Forms, v: Floats, w: Floats) -> Floats:
-        """Return a(v, w), (c,), in a chunk of cells, for displacements given by outlines, without body forces."""
+        """Return a(v, w) in each cell of a chunk, (c,), for displacements with these outlines and no body force."""
         n = 4 * one.fans.n
         (of_v, bent_v), (of_w, bent_w) = (split_outline(one.fans, each[one.outlines]) for each in (v, w))
         linear = np.einsum("ck,ckl,cl->c", of_v, one.fans.C, of_w)

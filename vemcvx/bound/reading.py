@@ -93,7 +93,7 @@ class LocalFit:
 
     @cached_property
     def second(self) -> LocalFit:
-        """A fit with triple weights on every other point: half-way between this fit and a fit to these points only."""
+        """The fit with triple weights on every other point, half-way to the fit to every other point alone."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property
@@ -245,7 +245,7 @@ class Reader:
 
     @cached_property
     def pieces(self) -> LocalFit:
-        """The fit of means on pieces of boundary edges by linear functions."""
+        """The fit by linear functions on boundary edges, for mean values on pieces."""
         owner, counts = self.fine.piece_owner, np.bincount(self.fine.piece_owner)
         place = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]
         s = (place + 0.5) / counts[owner]
@@ -253,7 +253,7 @@ class Reader:
 
     @cached_property
     def cells(self) -> LocalFit:
-        """The fit of values at points of cells by linear functions."""
+        """The fit by linear functions in cells, for values at the sample points."""
         return self._about_centres(self.inside)
 
     @cached_property
@@ -351,7 +351,7 @@ class Reader:
     def between_nodes(self, now: Instant, compliant: bool = False) -> Floats:
         """Return the energies (b,) of gaps and ground motions that are not linear between nodes.
 
-        With `compliant`, add the energies of the nonlinear pressure of compliant obstacles with linear gaps.
+        With `compliant`, include compliant obstacles whose gap is linear, but whose pressure is not.
         """
         squares = np.zeros(len(self.edges.outer))
         for friction in (one for one in self.frictions if one.ground is not None):
@@ -423,7 +423,7 @@ class Reader:
         return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
 
     def body_energies(self, on_edges: Floats, in_cells: Floats) -> Floats:
-        """Return r'K^-1 r, distributed over cells (n_cells,), of forces on edges (b, 2) and in cells (n_cells, 2)."""
+        """Return parts (n_cells,) of r'K^-1 r, for the forces r on edges (b, 2) and in cells (n_cells, 2)."""
         posed, edges = self.posed, self.edges
         none, P = np.zeros(len(in_cells)), posed.supports.P
         if posed.system.n == 0 or not (on_edges.any() or in_cells.any()):

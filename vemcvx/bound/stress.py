@@ -122,7 +122,7 @@ def _balance_data() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """Return the integrals (9, 225) of products of components of the stresses of the balanced data."""
+    """Return integrals (9, 225) of products of two components, for two of the stresses due to `_balance_data`."""
     parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)
@@ -159,6 +159,6 @@ def _slots(n: int) -> Ints:
 
 
 def stress_form(fans: Fans) -> Floats:
-    """Return the form (k, 4 n + 6, 4 n + 6) of each shape, in the motions of its outer edges and its body force."""
+    """Return the forms (k, 4 n + 6, 4 n + 6) of the k shapes, for vectors of edge motions and body force."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, triangle_forms(shapes), _slots(fans.n))

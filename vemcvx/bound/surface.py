@@ -41,7 +41,7 @@ def products(a: Floats, b: Floats) -> Floats:
 
 
 def along(ends: Floats, ways: Floats) -> Floats:
-    """Return the components (b, 2) along directions `ways` (b, 2) of motions (b, 2, 2) of the ends of edges."""
+    """Return the components (b, 2) of `ends` (b, 2, 2), motions of both ends of edges, along `ways` (b, 2)."""
     return np.asarray(np.einsum("bed,bd->be", ends, ways))
 
 
@@ -116,7 +116,7 @@ class Boundary:
     # Supports.
 
     def _project_prescribed(self, joined: bool) -> Floats:
-        """Return projectors (b, 2, 2) on directions in which supports prescribe motions, or, if `joined`, jumps."""
+        """Return projectors (b, 2, 2) on the directions in which supports prescribe motions (if `joined`: jumps)."""
         squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
         for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
@@ -200,7 +200,7 @@ class Boundary:
         return springs.reshape(count, 4, 4)
 
     def _check_along_boundary(self, felt: Floats) -> None:
-        """Raise SceneError unless all stiffness in addition to the material's is due to springs along edges.
+        """Raise SceneError if effects other than the material and springs along edges contribute stiffness.
 
         `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations.
         """
@@ -285,7 +285,7 @@ class Boundary:
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
     def _friction_bound(self, now: Instant, read: Reading) -> Floats:
-        """Return the friction bound g (b, 2) at the ends of edges; with a law of friction, at the computed pressure."""
+        """Return the friction bound g (b, 2) at the ends of edges; a law gives g for the computed pressure."""
         terms, g = self.posed.terms, read.friction
         if self.follows_pressure:
             g = self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0]
@@ -387,7 +387,7 @@ class Boundary:
 
 
 def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
-    """Return projectors (nodes, 2, 2) on directions in which nodes move independently, given orthonormal columns P."""
+    """Return projectors (nodes, 2, 2) on the directions in which a node can move alone; P is an orthonormal basis."""
     # They are the eigenvectors with eigenvalue one of the diagonal blocks of P P'.
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))

@@ -25,7 +25,7 @@ FINER, TO_EXACT = 4, 1.25
 
 @dataclass(frozen=True)
 class Finer:
-    """The comparison of a run with a run in finer steps; bends and jumps are those of the :class:`Course` of data."""
+    """The comparison of a run with a run in finer steps; `bends` and `jumps` are as in the :class:`Course` of data."""
 
     errors: Floats
     """(N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT"""
@@ -40,7 +40,7 @@ class Finer:
 
 
 def compare_finer_steps(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
-    """Compare a run from a state (n,) at times[0] with a run in finer steps; `known` is the course of its data."""
+    """Compare a run from a state (n,) at times[0] with a run in finer steps; `known` is the course of the data."""
     known = sample_course(run.system, times) if known is None else known
     if run.operators.count == 0 or len(times) == 1:
         none = np.zeros(len(times))

@@ -70,7 +70,7 @@ SPATIAL_FACTOR = 7.0
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSides:
-    """The geometry of the f inner and b outer sides of a mesh, edges or faces, and of its cells."""
+    """The geometry of cells, and of sides (edges or faces): f inner sides and b outer sides."""
 
     inner: Ints
     """(f, 2) the cells of inner sides"""

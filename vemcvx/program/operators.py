@@ -193,13 +193,18 @@ class Operators(ArrayRecord):
         return sp.csr_matrix(sp.vstack([self.B, self.D], format="csr"))
 
     @cached_property
+    def _transposed(self) -> sp.csr_matrix:
+        """The transpose A' (n, N)."""
+        return sp.csr_matrix(self.A.T)
+
+    @cached_property
     def absolute(self) -> tuple[Matrix, sp.csr_matrix]:
         """The matrices |K| and |A|, entry by entry, for bounds on rounding."""
         return abs(self.K), abs(self.A)
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """Return B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return np.asarray(self.A.T @ np.append(lam, p))
+        return np.asarray(self._transposed @ np.append(lam, p))
 
     def force(self, d: Floats) -> Floats:
         """Return K d (n,), without its part in K's kernel, which is rounding."""

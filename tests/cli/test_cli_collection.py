@@ -25,7 +25,7 @@ GRADES = {instance.grade for instance in INSTANCES}
 
 
 def choose_small():
-    """Return a small condensed instance of each grade; of the grade without optima, return one of each status."""
+    """Return a small condensed instance of each grade, but of the grade "no optimum" one instance of each status."""
     large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
     small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
     first = {(one.grade, one.without): one for one in reversed(small)}
@@ -105,7 +105,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
         other = vx.read_program(tmp_path / f"{row['name']}.mtx")
         assert len(program.g) == len(other.g) == row["unknowns"]
         optimum = row["optimum"]
-        # If K has a kernel, springs are added to K. Reading chooses them anew, so the bounds differ by rounding.
+        # If K has a kernel, springs are added to K. A program from a file has other springs, and other rounding.
         bounds = optimum["low"], optimum["high"]
         assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm

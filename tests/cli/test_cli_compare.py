@@ -290,6 +290,6 @@ def test_the_page_of_solvers_shows_the_table_of_its_command():
     assert set(found) >= set(shown)
     for key, line in shown.items():
         if key[0] not in ("Newton", "HIGHS") and line[1] != "-":
-            # Here the certified error is within a factor 20 of the page, unless both values are rounding errors.
+            # Certified errors here and on the page differ by a factor of at most 20, unless both are rounding errors.
             one, two = float(found[key][1]), float(line[1])
             assert max(one, two) < 1e-10 or 0.05 < one / two < 20

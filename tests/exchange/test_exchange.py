@@ -93,7 +93,7 @@ def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     assert found.gap <= 4 * (program.certificate.gap + program.certificate.floor) + found.floor
     if form == "npz":
         assert isinstance(back, vx.SolvedProgram)
-        # If K has a kernel, springs are added to K. Reading chooses them anew, so the bounds differ by rounding.
+        # If K has a kernel, springs are added to K. A program from a file has other springs, and other rounding.
         floor = program.certificate.floor
         assert back.bounds == (
             program.bounds if ours.kernel is None else pytest.approx(program.bounds, rel=0, abs=floor)
@@ -118,7 +118,7 @@ def test_each_row_of_the_root_of_K_belongs_to_one_cell(family):
     scene = vx.Scene(material, vx.Clamp(on="right"), vx.BilateralContact(on="bottom"))
     program = next(vx.programs(scene, mesh, [0.0, 1.0], condense=False))
     F, K = program.energy_rows(), program.operators.K
-    # Each cell adds at most 24 products to an entry of F'F: one for each row of its root.
+    # The root of a cell has at most 24 rows, so that each cell adds at most 24 products to an entry of F'F.
     assert abs(F.T @ F - K).max() <= 24 * 24 * EPS * abs(K).max()
     most = max(group.nodes.shape[1] for group in Space(mesh).groups)
     assert np.diff(F.indptr).max() <= most * mesh.points.shape[1]
@@ -191,7 +191,7 @@ def test_clarabel_solves_cbf_files_through_an_independent_reader(tmp_path, name,
     kinds = {"Q": clarabel.SecondOrderConeT, "L+": clarabel.NonnegativeConeT}
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    # In Clarabel, b - A x is in the cones; in CBF files, A x + b is.
+    # Clarabel requires that the cones contain b - A x; a CBF file requires that they contain A x + b.
     zero, kinds = sp.csc_matrix((len(cost),) * 2), [kinds[kind](size) for kind, size in cones]
     found = clarabel.DefaultSolver(zero, cost, sp.csc_matrix(-A), b, kinds, settings).solve()
     assert str(found.status) == "Solved"

@@ -27,7 +27,7 @@ NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# 
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["mine.py"]}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
 ROBIN_SAMPLE, ROBIN_GIVEN = (block for block in blocks(TEXT, "text") if "vx.Robin" in block or '"support"' in block)
-"""The page of a recipe shows a file, whose first line is its path, and then the line of code that adds it to the
+"""The page of a recipe shows a file, which begins with its path, and then the line of code that adds the file to the
 package. CONTRIBUTING.md shows the two entries that a new effect needs in tables of tests."""
 
 

@@ -106,7 +106,7 @@ def join(rng, soft, joint, other, *, free, coulomb):
 
 
 def contact_forces(result, other):
-    """Return the nodal forces (S, n, 2) of contact and friction; at joints, on the first of the two bodies."""
+    """Return nodal forces (instants, nodes, 2) of contact and friction; at a joint, forces on its first body only."""
     found = np.zeros_like(result.forces)
     for parts, values, sign in (
         ([wall[0] for wall in other.obstacles], result.pressures, -1.0),

@@ -219,7 +219,7 @@ SLOW = ("soft floor", "guided")
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):
-    """Return nodal vectors (S, n, 2): the sum over rows of value * direction, or of value * direction / length."""
+    """Return nodal vectors (instants, n, 2): sums over rows of value * direction, divided by length if `per_length`."""
     out, column = np.zeros((len(values), n, 2)), 0
     for rows, *_ in rows_of:
         part = values[:, column : column + len(rows.nodes)] / (rows.lengths if per_length else 1.0)

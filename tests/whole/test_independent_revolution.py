@@ -52,7 +52,7 @@ def bound(x, y, t, inner=0.0):
 
 
 def press(mesh, inner, lift, *more, plane="axisymmetric"):
-    """Simulate a body on a rough floor, from which its rim lifts."""
+    """Simulate a body whose rim lifts from a rough floor."""
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane),
         vx.Traction(vector(partial(load, inner=inner, lift=lift)), on="top"),

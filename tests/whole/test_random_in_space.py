@@ -77,7 +77,7 @@ def draw(seed):
 
 
 def compare(seed):
-    """Return the distances of two solvers in two steps, divided by the sums of their certificates; loads reverse."""
+    """Return the distances of two solvers in two steps, divided by the sums of both certificates."""
     scene, mesh = draw(seed)
     ratios, start = [], None
     for times in ([0.0, 1.0], [1.0, 2.5]):

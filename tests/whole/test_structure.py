@@ -97,7 +97,7 @@ def parse(path):
 
 
 def list_imports(path, checking=True, late=True):
-    """Yield the modules that a file imports; `checking` includes imports for types, `late` imports in functions."""
+    """Yield the modules that a file imports; `checking` and `late` add imports for types and imports in functions."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}

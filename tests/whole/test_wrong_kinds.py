@@ -211,7 +211,7 @@ EVERY = len(WRONG)
 @pytest.mark.long
 def test_the_arguments_in_given_are_valid():
     for called, given in {called: given for called, given, _ in PLACES.values()}.items():
-        # These callables need a file, an interface between bodies, and more than one cell.
+        # The first needs a file, the second an interface between bodies, the third more than one cell.
         if called not in (vx.read_program, vx.Pretension, vx.Rigid):
             use(called, called(**given))
 

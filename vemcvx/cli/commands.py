@@ -74,7 +74,7 @@ class Problems:
     """The command `vemcvx problems`."""
 
     def __call__(self) -> None:
-        """List the problem files of the package; run, show, compare, cost, fit and export take their names."""
+        """List the problem files of the package. Commands such as `run` and `show` take a name from this list."""
         typer.echo(Table((), [(name, file.sentence) for name, file in problem_files().items()]).text())
         say(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
 

@@ -3,12 +3,12 @@
 If friction bounds do not depend on the answer, a step does not enlarge the difference of two states in the energy norm
 |.|_K. So the states y, z of two solvers obey
 
-    |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m),
+    |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of (sqrt(2 gap_m) + sqrt(2 floor_m)),
 
 where gap_m and floor_m are the duality gap and the rounding floor of step m. All answers are compared with the most
-certain one, which has the smallest E_n at the end. Certificates that satisfy the inequality are *honest*. A certificate
-is *good* if it is as small as requested, apart from its rounding floor. The sum is no bound if one-sided limits meet
-friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
+certain answer: its E_n at the end is the smallest. Certificates that satisfy the inequality are *honest*. A certificate
+is *good* if it is as small as requested, apart from its rounding floor. The inequality may fail if one-sided limits
+meet friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
 
 Every solver has a row, even if it refuses the program, misses its accuracy, or fails. With a time limit, each solver
 runs in a separate process, which is stopped at the limit.
@@ -154,15 +154,15 @@ def _is_answer(run: Trajectory) -> bool:
 
 
 def error_bounds(run: Trajectory) -> Floats:
-    """Return the bounds (N + 1,) by certificates on the errors of all states, in energy norm."""
+    """Return the certified bounds (N + 1,) on the errors of all states, in energy norm."""
     total: Floats = np.cumsum(np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor))
     return total
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """Return the relative distance of two answers, its bound by their certificates, and True if the bound holds.
+    """Return the relative distance of two answers, the sum of both certified errors, and True if this sum is a bound.
 
-    If the bound holds, both numbers are from the instant of the largest distance; else from that of the largest excess.
+    Both numbers are for the instant with the largest distance or, if this sum is no bound, the largest distance - sum.
     """
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
@@ -176,7 +176,7 @@ def bounds_distance(system: System) -> bool:
     """Return True if the sum of the certificates of all steps bounds the distance of two answers."""
     if system.limits is None:
         return not system.follows_answer
-    # Without norm terms and damping, a step does not depend on the step before; only its own certificate counts.
+    # With neither norm terms nor damping, a step does not depend on the step before, and errors do not add up.
     return system.norms is None and system.damping is None and not system.limits.rates.any()
 
 
@@ -258,7 +258,7 @@ class Compare:
 
 def entrants(command: Compare) -> list[tuple[Solver, str]]:
     """Return pairs (solver, settings): "own", or for a solver of cvxpy "tuned" (if vemcvx tunes it) and "default"."""
-    # This imports cvxpy, so that the import is not in the time of the first solver.
+    # The import of cvxpy must not be in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
     typed = parse_list("--solvers", command.solvers, str, "names such as newton,clarabel,SCS, or all")
     spelt = [name if ":" in name else name.lower() for name in typed]
@@ -286,7 +286,7 @@ def _list_settings(solver: Solver) -> str:
 def attempt(
     path: Path, command: Compare, i: int, row: Row, progress: Callable[[int, int], None] | bool = False
 ) -> Attempt:
-    """Solve the problem by solver `i`; its errors become an outcome."""
+    """Solve the problem by solver `i`; an exception becomes an outcome."""
     posed = replace(command.pose(read_problem(path)), solver=entrants(command)[i][0])
     try:
         history = posed.simulate(check=False, progress=progress)
@@ -313,7 +313,7 @@ COLUMNS = {
     "iter.\na step": ("iterations", "d"),
     "total\ns": ("seconds", ".3f"),
 }
-"""Heading -> field of `Row`, and the format of its number; for a field True or False, the word for False."""
+"""Heading -> field of `Row`, and a format if the field is a number, or the word for False if it is a boolean."""
 
 
 def _cell(value: object, form: str) -> str:

@@ -38,7 +38,7 @@ TABLE, PICTURE = "cost.csv", "cost.png"
 
 
 def pose_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
-    """Read a problem file and return the arguments of `simulate`, in two steps if the point has no number of steps."""
+    """Return the arguments of `simulate` for a problem file; if `point.steps` is None, for two time steps."""
     problem, solver = read_problem(path), make_solver(point.solver, point.accuracy)
     return problem.pose(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 

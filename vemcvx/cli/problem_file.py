@@ -84,7 +84,7 @@ def split_values(text: str) -> list[str]:
     try:
         body = ast.parse(text, mode="eval").body
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        # The text is no Python expression: split 2mm,3mm at commas, but keep a text with brackets or quotes whole.
+        # The text is no Python expression: 2mm,3mm is split at the comma; a text with brackets or quotes stays whole.
         return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
     if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
         return [text]
@@ -92,7 +92,7 @@ def split_values(text: str) -> list[str]:
 
 
 SPACE_N = 8  # Default number of cells across the shortest side in space.
-# Functions of a problem file: their signatures, the types of their results, and these results in words.
+# For each function of a problem file: its signature, the type of its result, and words that describe the result.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
 RETURNS = {
@@ -183,7 +183,7 @@ class Problem:
 
     @property
     def has_stages(self) -> bool:
-        """True if the file defines stages, which `run` and `show` use instead of scene and times."""
+        """True if the file defines `stages`, which `run` and `show` use instead of `scene` and `times`."""
         return callable(getattr(self.module, "stages", None))
 
     def stages(self, settings: Sequence[str] = ()) -> list[tuple[Scene, Floats]]:
@@ -253,7 +253,7 @@ class Problem:
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """Return the parameters of the function `part`; the default is the function stages if it exists, else scene."""
+        """Return the parameters of the function `part`; by default, of `stages` if the file has it, else of `scene`."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 

@@ -76,7 +76,7 @@ def write_report(
 
 
 def _prose(text: str) -> str:
-    """Return paragraphs as HTML; indented ones, which are formulas or commands, keep their line breaks."""
+    """Return paragraphs as HTML; indented paragraphs (formulas or commands) keep their line breaks."""
     parts = [part.strip("\n") for part in text.split("\n\n")]
     kinds = [("pre" if part.startswith(" ") else "p", textwrap.dedent(part)) for part in parts if part.strip()]
     return "".join(f"<{kind}>{escape(part)}</{kind}>" for kind, part in kinds)

@@ -83,7 +83,7 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
     """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings.
 
-    `fits` tests the class of the solver; `has` names, for messages, the members that this class must have.
+    `fits` tests the class of the solver. The text `has` is for messages: it lists the members that the class needs.
     """
     file, _, name = typed.rpartition(":")
     path = Path(file)

@@ -162,7 +162,7 @@ def append(path: Path, row: Row) -> None:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Rows of the points and of the reference, and the instants of comparison; `kept` rows are from earlier sweeps."""
+    """Rows of the points and of the reference, and the instants of comparison; `kept` counts rows of earlier sweeps."""
 
     rows: list[Row]
     reference: Row

@@ -11,7 +11,7 @@ the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds all array
     step, t         number and instant of the step
 
 Only norm terms and limits restrain the motions N z. The program has an optimum if z'N'g < sum_i w_i |B_i N z| for all
-z != 0 (k,) with D N z <= 0. At an optimum, N'g = N'B'lam + N'D'p. K d and the least value are unique; d need not be.
+nonzero z (k,) with D N z <= 0. At an optimum, N'g = N'B'lam + N'D'p. K d and the least value are unique; d need not be.
 
 A sequence holds the programs of successive steps with the same K, B, D, c and N. All other arrays (CHANGING) have one
 more axis, the first, which numbers the steps.
@@ -121,7 +121,7 @@ def sequence_from_npz(path: Path) -> list[StepProgram]:
 
 
 def _read_compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
-    """Return a matrix of compressed rows, checked: with damaged indices SciPy accesses memory outside the arrays."""
+    """Return a matrix of compressed rows; refuse wrong indices, with which SciPy would leave its arrays."""
     data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
     return as_sparse_matrix(sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist())), name)
 

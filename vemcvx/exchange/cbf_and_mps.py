@@ -21,7 +21,7 @@ QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam is the dual o
 dual of Z. HiGHS returns duals <= 0: first reverse their signs. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
-In either file the first n variables are d. The first line is a comment with n, the number m of norm terms, the number
+In both formats, the first n variables are d. The first line is a comment with n, the number m of norm terms, the number
 of components of each term, and the numbers of limits, of soft limits, and of motions in the kernel of K.
 """
 
@@ -123,7 +123,7 @@ def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats,
     ]
     A: sp.csr_matrix = sp.csr_matrix(sp.block_array(blocks))
     b = np.concatenate([[0.0, 1.0], np.zeros(energy - 2 + m), -program.b, program.e])
-    # The first row of a cone is t_i, the others are B_i.
+    # The first row of a cone contains t_i, the next rows B_i d.
     terms = np.concatenate([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)], axis=1).ravel()
     order = np.concatenate([np.arange(energy), energy + terms, np.arange(len(b) - len(c), len(b))])
     return A[order], b[order], _cones(energy, m, block, len(c))
@@ -142,7 +142,7 @@ def from_cbf(path: Path) -> StepProgram:
         raise ProgramError("its cones do not fit the sizes in the first line.")
 
     def entries(name: str, rows: int, columns: int) -> sp.csr_matrix:
-        # Sections without row numbers state one row.
+        # The sections OBJACOORD and BCOORD have no row numbers, because each holds a single row.
         width = 2 if name != "ACOORD" else 3
         numbers = np.array(sections[name].split()[1:], dtype=float).reshape(-1, width).T
         places = numbers[:-1].astype(np.int64)

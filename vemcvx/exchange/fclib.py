@@ -8,7 +8,7 @@ displacements u. At each contact, r and u have a normal component (N) first, the
 
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-A contact has a limit j and a norm term i. With its rows h_N = -D_j and h_T = B_i of h, K d = g - B'lam - D'p gives
+A contact has a limit j and a norm term i. Its rows of h are h_N = -D_j and h_T = B_i. From K d = g - B'lam - D'p follow
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
     v = d,  M = K,  f = g,  H = h',  w = (e; -b).
@@ -82,7 +82,7 @@ def from_fclib(_: Path) -> StepProgram:
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
-    """Return the norm term of every limit, (r,), and its coefficient of friction, (r,)."""
+    """Return two arrays (r,): the index of the norm term, and the coefficient of friction, for each of r limits."""
     operators, slope = program.operators, program.slope
     words = "FCLIB's model is Coulomb's friction on rigid obstacles: "
     if slope is None or operators.block > 2:

@@ -184,7 +184,7 @@ def _at_places(thing: Any, dim: int) -> Any:
 
 
 def nameless(thing: Any) -> Any:
-    """Return content without the name of its subject."""
+    """Return content without the entries named "subject"."""
     if isinstance(thing, dict):
         return {name: nameless(value) for name, value in thing.items() if name != "subject"}
     return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing

@@ -53,7 +53,7 @@ def _random(*shape: int) -> Floats:
 
 
 def solves(linear: LinearSolver) -> None:
-    """Check one and several right-hand sides, and energies b'K^{-1}b, which are upper bounds for an inexact solver."""
+    """Check solutions for one and several right-hand sides b, and energies: b'K^{-1}b or an upper bound of it."""
     K, factor = _factor(linear)
     x = _random(K.shape[0], 2)
     # Inexact solvers stop at relative residuals of 1e-12.
@@ -93,9 +93,9 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check the Schur complement S of unknowns c, S (K^{-1})_cc = I, and solutions, for two elimination orders.
+    """Check solutions, and S (K^{-1})_cc = I for the Schur complement S of a set c, for two elimination orders.
 
-    The set c has none, some or all unknowns. In a chain of 20 unknowns, c lacks 0, 1 or 10 uncoupled unknowns.
+    The set c has none, some or all unknowns. In a chain of 20 unknowns, 0, 1 or 10 uncoupled unknowns are not in c.
     """
     system, chain = KINDS["friction"](), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)

@@ -206,7 +206,7 @@ def record_requests(instance: Instance) -> tuple[Request, Request]:
             seen.append(Request(program, target, lam.copy(), p.copy()))
             return Newton().prepare(program.operators).solve(program, target, lam, p)
 
-    # Without terms, a condensed program has no unknowns.
+    # If there are no terms, a condensed program has no unknowns.
     march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
     return seen[0], seen[-1]
 
@@ -258,7 +258,7 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check f'K^{-1}f / 2 <= target, where f is the force of multipliers minus the force of admissible multipliers."""
+    """Check f'K^{-1}f / 2 <= target for the force f of the differences between the multipliers and admissible ones."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
@@ -275,7 +275,7 @@ def agrees_with_itself_warm_and_cold(case: Case) -> None:
 
 
 def remembers_no_other_step(case: Case) -> None:
-    """Check that a solver that is prepared once, for steps in reverse order, agrees with newly prepared solvers."""
+    """Prepare a solver once, solve the last step and then the first, and compare with newly prepared solvers."""
     steps = record_requests(case.instance)
     prepared = case.solver.prepare(steps[0].program.operators)
     for request, fresh in zip(reversed(steps), reversed(case.answers), strict=True):

@@ -12,14 +12,14 @@ trial with a true error of at most E. The benchmark computes from these times
 - the performance profile (Dolan and Moré 2002): the fraction of instances on which a solver takes at most x times as
   long as the fastest solver.
 
-An instance counts at E if its optimum is certified to E/10. If there is no optimum, only the solver's status counts.
+An instance is left out at E unless its optimum is certified to E/10. If no optimum exists, only the status is judged.
 
 A solver that cvxpy calls receives the scaled program, as in a run. Its settings are the defaults of its library, except
 for tolerances and limits on iterations. Any other solver receives the duality gap 1/2 (tolerance |d*|_K)^2 as its
 target. Each step of a sequence starts from the answer to the previous step if the solver can use it. The error of a
 sequence is the largest error of its steps, in units of the largest |d*|_K; its time is the sum over steps. Seconds are
-processor time: the minimum of up to five calls within a tenth of a second. Each call of a library includes its set-up.
-Other solvers may keep data between calls, such as the Delassus matrix of `newton`; later calls are then shorter.
+processor time. A call is repeated up to five times, until a tenth of a second has passed; the shortest call counts.
+Each call of a library includes its set-up. Other solvers may keep data between calls: `newton` keeps a Delassus matrix.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Solver in cvxpy -> (names of its tolerances, limit on iterations, smallest accepted tolerance). The time limit ends a
-trial before the limit on iterations does. Other solvers in cvxpy run once, with default settings."""
+"""Solver in cvxpy -> (names of its tolerances, largest number of iterations, smallest accepted tolerance). The time
+limit ends a trial before this number is reached. Other solvers in cvxpy run once, with default settings."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Solver in cvxpy -> its package, if the two names differ.
 REPEATS, LONG_ENOUGH = 5, 0.1  # Largest number of calls in a trial, and seconds after which no further call begins.
 BATCH = 10  # Number of instances for which one process runs a solver.
@@ -273,9 +273,9 @@ def _note(path: Path, trial: Trial) -> None:
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
     """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
 
-    A message is a trial and a limit: the next message must arrive within so many seconds. None means no limit.
+    A message is a pair: a trial, and a number of seconds within which the next message must arrive (None: no limit).
     """
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries cannot be silenced otherwise.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries print, and have no option against it.
     use_one_thread()
     for trial, ladder in work:
         programs = sequence_from_npz(folder / f"{trial.instance}.npz")
@@ -392,7 +392,7 @@ def measure(
 ) -> dict[str, Any]:
     """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
 
-    If the program has no optimum, `status` is the right status. An answer with a wrong status has an infinite error.
+    If no optimum exists, the argument `status` is the right status. A wrong status of an answer is an infinite error.
     Raise SolverFailed if the answer is missing or not finite.
     """
     memory: Memory = {}
@@ -474,11 +474,11 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[
             text += f"{heading}\n{table.text()}\n\n"
             markdown += f"## {heading}\n\n{table.markdown()}\n"
     remark = (
-        "Column to: the instances solved to this error, out of the instances that the solver accepts and whose optimum "
-        "is certified to a tenth of this error. Column s to: processor time to this error with the cheapest tolerance, "
-        "a shifted geometric mean over the instances that all solvers of the table accept; an unsolved instance counts "
-        f"as {limit:g} s. sure: instances whose certified error, with rounding, also reaches this error. miss, fail, "
-        f"late: outcomes of the other instances at {ERRORS[1]:g}. A status, infeasible or unbounded, is right or wrong."
+        'Columns "to": instances solved to this error / instances that the solver accepts and whose optimum is '
+        'certified to a tenth of this error. Columns "s to": processor time with the cheapest tolerance, as a shifted '
+        "geometric mean over the instances that all solvers of the table accept; an unsolved instance counts as "
+        f'{limit:g} s. Column "sure": instances with a certified error, rounding included, of at most {ERRORS[1]:g}. '
+        'Columns "miss", "fail", "late": instances not solved to it. Without optimum, only the status is judged.'
     )
     return f"{text}{remark}", f"{markdown}{remark}\n"
 

@@ -6,12 +6,12 @@ The script needs numpy, scipy and clarabel only. An instance is a program, or a 
 
     minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e.
 
-A limit j with c_j > 0 is soft: (D_j d - e_j)_+^2 / (2 c_j) is minimised instead. If d_1 and d_2 are two answers to one
+If c_j > 0, the term (D_j d - e_j)_+^2 / (2 c_j) replaces the limit D_j d <= e_j. If d_1 and d_2 are two answers to one
 program, with duality gaps gap_1 and gap_2, then, with |d|_K = (d'Kd)^(1/2),
 
     |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2).
 
-The minimum is in the interval [v - gap, v] of each answer, where v is its objective. The script computes the gaps from
+If v is the objective at an answer, the minimum is in the interval [v - gap, v]. The script computes the gaps from
 the numbers in the file, and tests both statements in every step. An instance without optimum has a vector as its proof:
 p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d = 0, D d <= 0 and g'd > sum w_i |B_i d| (unbounded).
 """
@@ -111,7 +111,7 @@ class Program:
         cones, one = block > 1, sp.eye(m)
         rows: Any = [[None, -one], [-self.B, None]] if cones else [[self.B, -one], [-self.B, -one]]
         terms, right = sp.csr_matrix(sp.bmat(rows)), np.r_[np.zeros(m) if cones else self.b, -self.b]
-        if cones:  # The first row of a cone is t_i, the others are B_i.
+        if cones:  # The first row of a cone contains t_i, the next rows B_i d.
             order = np.hstack([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)]).ravel()
             terms, right = terms[order], right[order]
         limits = sp.hstack([self.D, sp.csr_matrix((r, m)), -sp.diags(self.c)])

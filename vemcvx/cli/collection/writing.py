@@ -39,11 +39,11 @@ from vemcvx.results import programs_of_steps
 from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
-VERSION = 5  # The version of the list below: it changes whenever instances change, even under the same names.
+VERSION = 5  # Version of the list below: a new number whenever an instance changes, even if no name changes.
 MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files in this folder that are copied into a collection, with its version numbers filled in."""
-ACCURACY = 1e-14  # The requested accuracy of optima, below what rounding permits.
+ACCURACY = 1e-14  # The requested accuracy of optima, smaller than rounding errors.
 INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
 
@@ -58,7 +58,7 @@ class CollectionInstance:
     step: int
     settings: tuple[str, ...] = ()  # parameters of the scene, "name=value"
     condense: bool = True
-    degenerate: bool = False  # weights of sticking terms are lowered to the norm of their multipliers
+    degenerate: bool = False  # the weight of each sticking term is lowered to the norm of its multiplier
     without: str = ""  # reason why there is no optimum: INFEASIBLE or UNBOUNDED
     steps: int = 1  # number of steps of a sequence that ends with `step`
 
@@ -275,8 +275,8 @@ def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a sentence for each difference of the instances from OPTIMA, the published table of this version.
 
     Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
-    the last digits of condensed matrices and of states before a step depend on the machine. For Poisson's ratio nu near
-    1/2, they are larger by 1 / (1 - 2 nu) = 5e6; there the tolerance is 40 roundings of this size.
+    rounding errors of condensed matrices and of states before a step depend on the machine. If Poisson's ratio nu is
+    near 1/2, these errors are larger by a factor 1 / (1 - 2 nu) = 5e6, and the tolerance is 40 * EPS * 5e6.
     """
     with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
         published = {row["name"]: row for row in csv.DictReader(file)}

@@ -7,9 +7,9 @@ L-shaped bracket also has a singular re-entrant corner. The true error is the di
 reference run, in the energy norm. The mesh of the reference is the finest adaptive mesh, refined until it is nowhere
 coarser than the finest uniform mesh. Then the cells that the estimator marks are refined, twice.
 
-An adaptive run starts from a coarse mesh and one time step; its seconds are the time of all passes. Several targets are
-tried for each uniform run: the table has the adaptive run with the fewest unknowns whose true error is no larger than
-the error of the uniform run. The column "limit" has the number of cells of the best mesh without stretched cells,
+An adaptive run starts from a coarse mesh and one time step; its seconds are the time of all passes. We try several
+targets for each uniform run. Of the adaptive runs that are at least as accurate as the uniform run, the table has the
+run with the fewest unknowns. The column "limit" has the number of cells of the best mesh without stretched cells,
 divided by the number of uniform cells. Suppose that the error e_K of a cell of the area |K| satisfies e_K^2 = c |K|^2,
 where c is a function of the place. The sum of all e_K is then the integral of sqrt(c), the same on every mesh. The best
 mesh has equal e_K, so that sides are proportional to c^(-1/4). If its error is E, it has (sum e_K)^2 / E^2 cells.

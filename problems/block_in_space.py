@@ -45,7 +45,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw which nodes of the bottom stick and slip, and the friction vectors of all nodes in the disc of radius g."""
+    """Draw which nodes of the bottom stick and slip, and all friction vectors, which end in the disc of radius g."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

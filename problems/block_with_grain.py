@@ -32,7 +32,7 @@ SMALL = {"n": 8, "steps": 48}
 
 
 def elastic_matrix(grain=GRAIN):
-    """Return C (3, 3) in the axes x and y: Q rotates strains into the axes of the grain."""
+    """Return the elastic matrix C (3, 3) in the axes x and y."""
     (E1, E2), nu = YOUNG, POISSON
     C = np.zeros((3, 3))
     C[:2, :2] = np.linalg.inv([[1 / E1, -nu / E1], [-nu / E1, 1 / E2]])

@@ -83,7 +83,7 @@ def plate(n, side, heights):
 
 
 def bolt(n, x):
-    """Return a bolt: shank, head and nut, and a collar in each hole, the only part that can touch the wall."""
+    """Return a bolt: shank, head, nut, and a collar in each hole. Only the collars can touch the walls."""
     head, collar = (1.0, 1.6), (1 / 3, 2 / 3)
     parts = [tube([0.0, SHANK], n, [-1.6, -1.0, -2 / 3, -1 / 3, 0.0, 1 / 3, 2 / 3, 1.0, 1.6])]
     for radii, heights in (([SHANK, HOLE, HEAD], head), ([SHANK, HOLE], collar)):

@@ -64,7 +64,7 @@ def times(steps):
 
 
 def fit_half_ellipse(x, p):
-    """Fit a, p0 and m in p^2 = p0^2 (1 - (x - m)^2 / a^2) where p > .35 max p, by least squares; return a and p0."""
+    """Fit p^2 = p0^2 (1 - (x - m)^2 / a^2) to the points with p > .35 max p, by least squares; return (a, p0)."""
     inner = p > 0.35 * p.max()
     curve, tilt, level = np.polyfit(x[inner], p[inner] ** 2, 2)
     top = level - tilt**2 / (4 * curve)

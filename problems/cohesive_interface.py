@@ -106,7 +106,7 @@ def scene(way=WAY):
 
 
 def mesh(n, family="hexagons"):
-    """Return the lower block in cells of `family` and the upper one in squares, n + 3 across its height."""
+    """Return the lower block in cells of `family`, the upper block in squares, n + 3 across its height."""
     lower = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHTS[0])))
     upper = vx.meshes.squares(n + 3, box=((0, LENGTH), (HEIGHTS[0], sum(HEIGHTS))))
     return vx.meshes.bodies({"lower": lower, "upper": upper})

@@ -44,7 +44,7 @@ def relaxation():
 
 
 def sinking(t, spring=SPRING):
-    """Return the sinking a of the base at the instants t up to `REST`, and at later instants with springs."""
+    """Return the sinking a of the base at the instants t; without springs, for t <= `REST` only."""
     if spring == 0.0:
         return WEIGHT * HEIGHT / DAMPING * t
     tau, most = relaxation()

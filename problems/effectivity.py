@@ -37,7 +37,7 @@ NEARLY = 0.4999995
 
 @dataclass(frozen=True)
 class Found:
-    """One run: its true relative error, and the largest of its error budgets over time."""
+    """One run: its true relative error, and its largest error budget over time."""
 
     case: str
     family: str

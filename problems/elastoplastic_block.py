@@ -100,7 +100,7 @@ def _support_unknowns(mesh):
 
 
 def spiral():
-    """Return stresses (N + 1, 3) with S_yy = -S_xx whose deviator makes two turns while it grows."""
+    """Return stresses (N + 1, 3) with S_yy = -S_xx whose deviator grows and makes two turns."""
     size = 2.5 * RADIUS * SPIRAL / SPIRAL[-1]
     x, xy = size * np.cos(SPIRAL) / np.sqrt(2), size * np.sin(SPIRAL) / np.sqrt(2)
     return np.column_stack([x, -x, xy])

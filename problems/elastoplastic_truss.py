@@ -103,7 +103,7 @@ def stresses(truss, state):
 
 
 def three_bars():
-    """Return the node at the origin, attached to three supports at height 1; bar 0 is the middle one."""
+    """Return the node at the origin, attached to three supports at height 1; bar 0 is in the middle."""
     reach = np.sqrt(1 - COSINE**2) / COSINE
     points = np.array([[0.0, 0.0], [0.0, 1.0], [-reach, 1.0], [reach, 1.0]])
     return Truss(points, np.array([[0, 1], [0, 2], [0, 3]]), held=np.arange(2, 8))

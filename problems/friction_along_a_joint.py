@@ -59,7 +59,7 @@ def times(steps):
 
 
 def measure(history, seed=0):
-    """Return a dict of noisy displacements at all instants, with a key for each point, and the size of the noise."""
+    """Return (displacements, noise): noisy displacements at all instants, a dict by points; the size of the noise."""
     exact = history.probe(np.column_stack([POINTS, np.full(len(POINTS), HEIGHT)]))[:, :, 0]
     noise = NOISE * float(np.abs(exact).max())
     rows = (exact + noise * np.random.default_rng(seed).standard_normal(exact.shape)).T

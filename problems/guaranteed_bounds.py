@@ -124,7 +124,7 @@ def exact():
 
 
 def intervals_over_meshes(history, counts):
-    """Return intervals (k, 2) of the energy and of the mean, on meshes with these numbers of cells across."""
+    """Return intervals (k, 2) of the energy and of the mean, on meshes with `counts` cells across."""
     energies, means = [], []
     for n in counts:
         run = vx.simulate(scene(), mesh(n), history.trajectory.times)
@@ -135,7 +135,7 @@ def intervals_over_meshes(history, counts):
 
 
 def bounds_over_steps(n, counts):
-    """Return bounds at the end of histories of `turning_scene`, for these numbers of steps on n x n squares."""
+    """Return the bounds at the end of runs of `turning_scene` with `counts` steps, on n x n squares."""
     runs = [vx.simulate(turning_scene(), mesh(n), times(count)) for count in counts]
     return np.array([vx.error_bound(run).upper[-1] for run in runs])
 

@@ -17,7 +17,8 @@ the sum of the computed contact forces. The radius is computed from the mean of 
 2/5 a^2 in Hertz' solution. For the peak pressure, a half-ellipsoid of Hertz' radius is fitted to all nodal pressures
 (least squares). With n = 8 radius and peak agree with Hertz within 2 %, and so does the largest nodal pressure. If the
 upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate by O(h), and the
-largest is 8 % too high. Radius and peak then agree with Hertz within 3.1 %, and with n = 12 and `upper=9` within 2 %.
+largest nodal pressure is 8 % too high. Radius and peak then agree with Hertz within 3.1 %, and with n = 12 and
+`upper=9` within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """

@@ -2,7 +2,7 @@
 
     vemcvx app [FILE]
 
-It is a marimo app: `marimo edit live_page.py` opens it as a notebook. It takes any problem file. Every parameter of the
+This marimo app takes any problem file; `marimo edit live_page.py` opens the app as a notebook. Every parameter of the
 function `scene` that is a positive number has a slider. If `scene` has the parameter `course` (the load in time), the
 page offers load paths.
 """

@@ -6,9 +6,9 @@ once about the axis, and the contact turns with the load. At each instant, to ro
 
 $$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin \phi), $$
 
-with the area A of the end of the pin. The mesh has 8n equal sectors. If the load starts rotated by a multiple of their
-angle, the solution is rotated by the same angle. Only friction prevents the pin from rotating about its axis. While the
-load turns, the pin creeps a little in the lug, and friction dissipates energy.
+with the area A of the end of the pin. The mesh has 8n equal sectors. If the load starts rotated by a multiple of the
+angle of a sector, the solution is rotated by the same angle. Only friction prevents the pin from rotating about its
+axis. While the load turns, the pin creeps a little in the lug, and friction dissipates energy.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """

@@ -7,9 +7,9 @@ $$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)) . $$
 The divergence of u is about lambda times smaller than its gradient, so that stresses stay bounded as lambda grows. On
 y = 0 the normal displacement vanishes, and the whole contact slips to the right against friction at its bound
 t mu x^2 (lambda + 2) / (6 (lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other three sides.
-All data are proportional to t, so that backward Euler makes no error: only the mesh does. With any increasing phi(t) in
-place of t the same holds, in any number of steps. (At t = 1 strains are of the order of one, and a run warns about
-them. In a linear theory their size does not matter. The picture shows a tenth of the displacements.)
+All data are proportional to t, so that only the mesh causes errors: backward Euler is exact. The same holds with any
+increasing phi(t) in place of t, in any number of steps. (At t = 1 strains are of the order of 1, and a run warns about
+these strains. In a linear theory the size of strains does not matter. The picture shows a tenth of the displacements.)
 
 The nodal values of u on the three sides prescribe a change of volume. This change differs from the integral of div u by
 O(h^2). If the nodes on the right are spaced like the nodes on top, the errors of these two sides cancel, except for a

@@ -138,7 +138,7 @@ def pose_on_table(mesh, pull):
 
 
 def solve_table_exactly(x, turns=TURNS, bound=BOUND):
-    """Return u and lambda (len(turns), len(x)) at the turning points; no slip zone may exceed the zone before it."""
+    """Return u and lambda (len(turns), len(x)) at turning points, if no slip zone exceeds the zone before it."""
     u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
     for n, swing in enumerate(np.diff(turns), start=1):
         # Friction rises from 0 to g in the first loading, and from -g to g after a reversal.
@@ -160,7 +160,7 @@ def solve_on_table(mesh, increment=0.5, solver=None):
     """Return the membrane, its trajectory, and the steps of the turning points."""
     pull = course(TURNS, increment)
     posed = pose_on_table(mesh, pull)
-    # Friction acts on nearly every unknown: eliminating the other unknowns would leave a dense matrix of that size.
+    # Friction acts on nearly every unknown: eliminating the few others would leave a dense matrix of nearly full size.
     trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver, condense=False)
     return posed, trajectory, turning_instants(pull, TURNS)
 

@@ -27,11 +27,11 @@ The midpoint rule maps z by 2 P_C - 1, which is nonexpansive like P_C: errors of
 2. Oscillations do not decay. P_C is firmly nonexpansive: |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2. But a
    reflection may keep all distances. Suppose that a place begins to slip inside a step of length k. At the end of this
    step z is beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step z is below its bound by eta, and
-   so on forever. From then on the order is one.
-3. The order of the midpoint rule is two only where slips are smooth: where they change their direction, but neither
-   begin nor end.
+   so on forever. From then on the order is 1.
+3. The midpoint rule has the order 2 only where slips are smooth: where they change their direction, but neither begin
+   nor end.
 
-The order of backward Euler is one where slips turn gradually. Slips of plane bodies can only stop or reverse. For these
+Backward Euler has the order 1 where slips turn gradually. Slips of plane bodies can only stop or reverse. For these
 bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if no slip stops or
 reverses inside a step: then the slip of the whole step obeys the law of friction at the end of the step. The reversals
 of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation (`dissipated_second_order`) is then

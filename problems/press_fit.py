@@ -8,12 +8,12 @@ and Goodier, *Theory of Elasticity*, 28):
 
 $$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2). $$
 
-The sum of both is delta. The surfaces slide freely. The meshes do not match: with 2n cells along the inner ring, the
-polygons that replace the circle r = b are up to b (pi / 4n)^2 / 8 apart. The outer ring takes over the outline of the
-inner ring (`tolerance=`). Nodes of the outer ring then lie on chords of the inner ring. Errors of nodal pressures are
-therefore O(h), and errors of the mean pressure O(h^2). The errors of `contact.pressure_recovered` are at most a quarter
-of the errors of nodal pressures (in the root mean square). Meshes with equal numbers of cells along the circle
-(`outer=n`) match, and all errors are O(h^2).
+The sum of both lengths is delta. The surfaces slide freely. The meshes do not match: with 2n cells along the inner
+ring, the polygons that replace the circle r = b are up to b (pi / 4n)^2 / 8 apart. The outer ring takes over the
+outline of the inner ring (`tolerance=`). Nodes of the outer ring then lie on chords of the inner ring. Errors of nodal
+pressures are therefore O(h), and errors of the mean pressure O(h^2). The errors of `contact.pressure_recovered` are at
+most a quarter of the errors of nodal pressures (in the root mean square). Meshes with equal numbers of cells along the
+circle (`outer=n`) match, and all errors are O(h^2).
 
     vemcvx run problems/press_fit.py --n 8 --steps 4 --plot
 """

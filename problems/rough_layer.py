@@ -65,7 +65,7 @@ def mesh(n, family="hexagons"):
 
 
 def punch_mesh(n):
-    """Return rectangles up to the distance 20 a. Their widths are a/n within the distance 1.6 a, and grow beyond it."""
+    """Return rectangles over 0 <= x, y <= 20 `HALF_WIDTH`; their sides are HALF_WIDTH / n near 0, then they grow."""
     line, step = list(np.arange(0.0, 1.6 * HALF_WIDTH, HALF_WIDTH / n)), HALF_WIDTH / n
     while line[-1] < 20 * HALF_WIDTH:
         step *= 1.15

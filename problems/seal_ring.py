@@ -1,9 +1,10 @@
 r"""A soft seal ring in its groove: the contact pressure exceeds the sealed pressure by the pressure of the squeeze.
 
 A rubber ring of rectangular section, a < r < b, is a body of revolution: x_1 is the radius r, x_2 the axial coordinate,
-and all forces are those of the full turn. The rod r = a and the bottom of the groove r = b - delta squeeze the ring by
-delta. Then the sealed pressure q acts on the lower side, and pushes the ring over a small clearance to the upper wall
-of the groove. Friction acts on all walls. Rubber is almost incompressible, nu = .4999; square cells do not lock.
+and all forces are integrals over the full turn. The rod r = a and the bottom of the groove r = b - delta squeeze the
+ring by delta. Then the sealed pressure q acts on the lower side, and pushes the ring over a small clearance to the
+upper wall of the groove. Friction acts on all walls. Rubber is almost incompressible, nu = .4999; square cells do not
+lock.
 
 Without friction the stresses do not depend on x_2. With Lame's constants lambda and G, the radial displacement u_r, the
 axial strain e_z and the contact pressure p are

@@ -15,9 +15,9 @@ radius G R / H, which must fit into the disc of the radius g. The factor is g H 
 *The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so that the added forces
 balance each other. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the factor of the limit load.
 
-Melan's theorem bounds the factor from below by the added forces, Koiter's theorem from above by a cycle of slips. The
-run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a positive limit.
-With .98 times the factor slip stops, although the first cycles slip.
+By Melan's theorem, added forces give a lower bound of the factor. By Koiter's theorem, a cycle of slips gives an upper
+bound. The run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a positive
+limit. With .98 times the factor slip stops, although the first cycles slip.
 
     vemcvx run problems/shakedown.py --n 4 --steps 200 --plot
 """
@@ -40,7 +40,7 @@ SMALL = {"n": 4, "steps": 200}
 
 
 def there_and_back(t):
-    """Return the part of the motion at t: 0 at whole numbers, 1 at .5, 1.5 and so on."""
+    """Return the fraction of the motion at t: 0 at whole numbers, 1 at .5, 1.5 and so on."""
     return 1.0 - abs(2.0 * (t % 1.0) - 1.0)
 
 

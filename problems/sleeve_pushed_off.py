@@ -1,10 +1,10 @@
 r"""A sleeve is shrunk on a tube and pushed off: friction holds it, and Poisson's effect relieves the pressure.
 
 Tube (a < r < b) and sleeve (b < r < c) are bodies of revolution of the length L: x_1 is the radius r, x_2 the axial
-coordinate z, and all forces are those of the full turn. Until t = 1 the hot sleeve cools on the tube, without friction,
-and the interference grows to delta: the gap is -delta t. Both bodies are then in plane stress. With Young's moduli E_1
-and E_2 and Poisson's ratios nu_1 and nu_2 of tube and sleeve, the pressure on the joint is (Lame, 1852; Timoshenko and
-Goodier, *Theory of Elasticity*, article 28)
+coordinate z, and all forces are integrals over the full turn. Until t = 1 the hot sleeve cools on the tube, without
+friction, and the interference grows to delta: the gap is -delta t. Both bodies are then in plane stress. With Young's
+moduli E_1 and E_2 and Poisson's ratios nu_1 and nu_2 of tube and sleeve, the pressure on the joint is (Lame, 1852;
+Timoshenko and Goodier, *Theory of Elasticity*, article 28)
 
 $$
 p_0 = \frac{\delta}{b C}, \qquad C = \frac{1}{E_1} \Big( \frac{b^2 + a^2}{b^2 - a^2} - \nu_1 \Big)
@@ -13,8 +13,8 @@ $$
 
 From t = 1 on the joint has the friction coefficient mu. The bottom of the tube is held, and the bottom of the sleeve is
 pushed upwards until all of the joint slips. Above the height z, friction transfers the force F(z) from the sleeve to
-the tube. At z this force compresses the sleeve, which widens, and stretches the tube, which becomes narrower. With the
-cross-section areas A_1 and A_2 of tube and sleeve,
+the tube. At z this force compresses the sleeve and stretches the tube: the sleeve widens, and the tube becomes
+narrower. With the cross-section areas A_1 and A_2 of tube and sleeve,
 
 $$
 p = p_0 - \kappa F, \qquad \kappa = \Big( \frac{\nu_1}{E_1 A_1} + \frac{\nu_2}{E_2 A_2} \Big) / C, \qquad

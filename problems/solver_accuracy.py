@@ -137,7 +137,7 @@ class Reference:
 
 
 def solvers():
-    """Return for each name a function that makes the solver for an accuracy: ours, and all others that cvxpy finds."""
+    """Return functions that make a solver for an accuracy, by name: `OURS`, and the other solvers that cvxpy finds."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 

@@ -1,9 +1,9 @@
 r"""A rigid sphere pressed on an elastic half space: Hertz' contact as a body of revolution.
 
 The half space is a body of revolution: x_1 is the distance r from the axis, x_2 the axial coordinate, and all forces
-are those of the full turn. Near the contact the sphere of radius R is a paraboloid: the gap is r^2 / 2R, and decreases
-by the approach delta. This is Hertz' own model. There is no friction. Under the force P the contact has the radius a
-and the pressure p(r) with the peak p_0:
+are integrals over the full turn. Near the contact the sphere of radius R is a paraboloid: the gap is r^2 / 2R, and
+decreases by the approach delta. This is Hertz' own model. There is no friction. Under the force P the contact has the
+radius a and the pressure p(r) with the peak p_0:
 
 $$
 E^* = E / (1 - \nu^2), \qquad a^3 = 3 P R / (4 E^*), \qquad p(r) = p_0 \sqrt{1 - r^2/a^2},
@@ -17,8 +17,8 @@ The stresses are given on the axis, at the depth zeta a (Johnson, *Contact Mecha
 A cylinder of radius and height 24 a replaces the half space. It is clamped at its bottom and free at its side. The
 cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
 Therefore the approach is prescribed, P is measured, and Hertz' formulas are compared for this P. Then the missing far
-field hardly matters, because it would move the contact almost uniformly: with 12 a or 48 a in place of 24 a, radius and
-peak change by at most .1 %.
+field hardly matters, because it would move the contact almost uniformly: with cylinders half or twice as large, radius
+and peak change by at most .1 %.
 
 Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
 is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces, which is 2/5 a^2. The peak

@@ -58,7 +58,7 @@ def scene(friction=FRICTION, press=PRESS, drag=DRAG):
 
 
 def lines(n, growth=1.6, even=1.2):
-    """Return coordinates from 0 to `REACH`: steps of a/n up to `even` a, then growing steps."""
+    """Return coordinates from 0 to `REACH`: steps of a/n up to `even` times a, then growing steps."""
     line, step = list(CONTACT / n * np.arange(even * n)), CONTACT / n
     while line[-1] < REACH:
         step *= growth

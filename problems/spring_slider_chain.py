@@ -85,7 +85,7 @@ def turning_instants(force, turns=TURNS):
 
 
 def play(r, x):
-    """Return the plays of half widths r (m,) of the samples x (N + 1,) or (N + 1, m), from zero: (N + 1, m)."""
+    """Return plays (N + 1, m) that start at zero, with half widths r (m,) and inputs x, (N + 1, m) or (N + 1,)."""
     r = np.atleast_1d(r)
     p = np.zeros((len(x), len(r)))
     for n in range(1, len(x)):

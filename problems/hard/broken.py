@@ -1,4 +1,4 @@
-"""Broken meshes, data and files: each is refused in one sentence that names the fault (unused nodes: a warning)."""
+"""Broken meshes, data and files: each is refused in a sentence that names the fault. Unused nodes cause a warning."""
 
 from __future__ import annotations
 

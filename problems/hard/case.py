@@ -60,7 +60,7 @@ class Case:
     says: str = ""
     """Words in the warning or the error."""
     holds: Callable[[Setting, vx.History], str] = lambda setting, history: ""
-    """A further claim: returns an empty string if it holds, else the fault."""
+    """A further check, which returns the fault, or an empty string if there is none."""
     solvers: tuple[vx.Solver, ...] = SOLVERS
     beyond: bool = False
     """True if double precision cannot certify the case: then Newton, too, may report that it cannot solve the case."""

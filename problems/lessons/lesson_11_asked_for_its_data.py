@@ -90,8 +90,8 @@ _sides = [derivative(2.0, 1.0 + side, 1.0) for side in (-1e-9, 1e-9)]
 assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1e-8
 
 # %% [markdown]
-# **Question:** A program computes the derivative by $w$ with a *central* difference quotient, and its interval contains
-# the kink. Which values can the quotient have, and how would you notice the error?
+# **Question:** A program computes the derivative by $w$ with a *central* difference quotient, over an interval that
+# contains the kink. Which values can the quotient have, and how would you notice the error?
 #
 # <details><summary>Answer</summary>
 #
@@ -261,9 +261,9 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 # We measure the displacement of the left end during the 32 steps, with noise of one per cent. We look for Young's
 # modulus and the friction bound that minimise the sum of squared residuals
 #
-# $$\sum_n r_n(\theta)^2, \qquad r_n = Q_n(\theta) - \text{measured}_n ,$$
+# $$\sum_n r_n(\theta)^2, \qquad r_n = Q_n(\theta) - \text{measured}_n .$$
 #
-# and the Jacobian $J = dr/d\theta$ also provides standard errors. If the noise has the standard deviation $\sigma$, the
+# The Jacobian $J = dr/d\theta$ also provides standard errors. If the noise has the standard deviation $\sigma$, the
 # covariance of the fitted parameters is, to first order,
 #
 # $$\sigma^2 (J^T J)^{-1} .$$

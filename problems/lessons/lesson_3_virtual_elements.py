@@ -117,8 +117,8 @@ print(f"Pi is a projection of rank 6 on the {len(Pi)} vertex values of a pentago
 # ten unknowns, and three independent motions are rigid. So four deformations would cost no energy: the fields with
 # $\Pi v = 0$, called *hourglass modes*.
 #
-# The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This energy need not be the true one,
-# but it must be of the same size (*stability*, (2.9)). In vertex values,
+# The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This energy need not equal the exact
+# energy, but it must be of the same size (*stability*, (2.9)). In vertex values,
 #
 # $$S_\omega = \eta\,(I - \Pi)^T (I - \Pi), \qquad \eta = 2\mu .$$
 #

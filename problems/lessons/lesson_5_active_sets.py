@@ -376,8 +376,8 @@ safeguard_picture()
 
 # %% [markdown]
 # The package's `vx.Newton` works in this way, with the small shift and faster sure steps (accelerated projected
-# gradients for the forces). It also treats cones, bounds and springs. **Question:** the last round of the blue curve
-# falls by many orders of magnitude at once. Which section of this lesson explains this?
+# gradients for the forces). It also treats cones, bounds and springs. **Question:** in its last round the blue curve
+# falls by many orders of magnitude. Which section of this lesson explains this?
 #
 # <details><summary>Answer</summary>
 #

@@ -193,7 +193,7 @@ print(refused)
 
 # %% [markdown]
 # The package ignored the status and computed the gap, which was too large. With `check=False` it returns the answer
-# anyway, with its certificate. So we can compare the true error with the certified one.
+# anyway, with its certificate. So we can compare the true error with the certified error.
 #
 # The error of one step affects the next step, which begins where this step ended. But the error is not *amplified*: the
 # map from $u_{prev}$ to $u$ is nonexpansive in $|\cdot|_K$ (exercise 3). So

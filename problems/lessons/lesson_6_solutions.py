@@ -20,7 +20,7 @@ def gap(s, lam, w=w):
 
 
 def step_from(u_prev, load):
-    """Return the position after a step: `u_prev` plus the slip of a chain from rest under `load - K @ u_prev`."""
+    """Return `u_prev` plus the slip of a step; a chain with u_prev = 0 has this slip under `load - K @ u_prev`."""
     system = vx.System(K, lambda t: t * (load - K @ u_prev), vx.Norms(np.eye(size), w))
     return u_prev + vx.march(system, [0.0, 1.0]).state[-1]
 
@@ -40,7 +40,7 @@ for _s in rng.normal(size=(20, size)):
 # **2.** The multipliers computed from $s$ balance the forces at every node whose friction bound allows this. If $s$ has
 # an error $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms
 # $w_i |s_i| - \lambda_i s_i$ of the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the
-# same order. Neither choice is always better. Both are certificates, and a check may take the smaller one.
+# same order. Neither choice is always better. Both are certificates, and a check can take the smaller gap.
 
 # %%
 exact = step_from(np.zeros(size), f)

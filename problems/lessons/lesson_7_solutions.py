@@ -49,8 +49,8 @@ assert 0.08 < measured <= 0.1
 assert cells_across(0.01) ** 2 > 862 * 3.3**2
 
 # %% [markdown]
-# **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps that have the reversals in the middle:
-# the instants next to a peak are $k/2$ away, so the run misses $4 \cdot k/2$ of the peak: order 1.
+# **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps that have the reversals in the middle.
+# Then the instants next to a peak are $k/2$ away, and the run misses $4 \cdot k/2$ of the peak. So the order is 1.
 
 
 # %%

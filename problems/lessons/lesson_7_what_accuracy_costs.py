@@ -45,7 +45,7 @@ ramp, eight = block(lambda t: t), np.linspace(0.0, 1.0, 9)
 # ## 1. The mesh
 #
 # There is no closed form, so we compare with a finer mesh, 96 cells across. The orders of convergence, computed below,
-# show its error: between a third and a half of the error for 32 cells across.
+# show the error of this finer mesh. It is between a third and a half of the error of a mesh with 32 cells across.
 
 # %%
 reference = vx.simulate(ramp, vx.meshes.squares(96), eight, store="last")

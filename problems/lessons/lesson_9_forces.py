@@ -88,7 +88,7 @@ def below(lam):
 rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 10 times the rounding of P and D
 best = above(step.answer.d)
 print(f"P of the best slips  {best:.12f}\nD of the best forces {below(lam):.12f}")
-# Some slips are nothing but rounding. The certificate sets them to zero, so its gap may be smaller.
+# Some slips are nothing but rounding. The certificate sets such slips to zero, so its gap may be smaller than P - D.
 assert certificate.gap <= above(s) - below(lam) + rounding
 assert below(lam) <= best + rounding
 assert best <= above(s) + rounding

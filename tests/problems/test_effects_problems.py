@@ -12,7 +12,7 @@ import vemcvx as vx
 
 @pytest.mark.long
 def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
-    """For the slip length l, rod theory has an error O(H / l): here .31 % in the motion of the end, .5 % in work."""
+    """Rod theory has an error O(height / slip length): here .31 % in the motion of the end, .5 % in the work."""
     history = vx.simulate(bar.scene(), bar.mesh(4), bar.times(24))
     mesh = history.mesh
     end = history.displacement[:, mesh.points[:, 0] == bar.LENGTH, 0].mean(axis=1)
@@ -51,7 +51,7 @@ def test_a_bimetallic_strip_has_timoshenkos_deflection():
 
 @pytest.mark.long
 def test_a_wooden_strip_bends_according_to_its_modulus_along_the_strip():
-    """The error is .04 % with the grain at 0 rad, 1 % at 1.5, and 3 % at .5, where rollers at x = 0 prevent shear."""
+    """The error is .04 % with the grain at 0 rad, 1 % at 1.5, and 3 % at .5: the rollers at x = 0 prevent shear."""
     for grain, tolerance in {0.0: 0.001, 0.5: 0.04, 1.5: 0.02}.items():
         assert deflect(16, grain)[0] == pytest.approx(strip.deflection(grain), rel=tolerance)
     assert strip.deflection(1.5) < 0.9 * strip.deflection(0.5)

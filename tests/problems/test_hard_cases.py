@@ -1,4 +1,4 @@
-"""The table of hard cases: every case has the required behaviour, and true errors are within certified errors."""
+"""The table of hard cases: every case has the required behaviour, and no true error exceeds its certified error."""
 
 from __future__ import annotations
 

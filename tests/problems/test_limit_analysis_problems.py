@@ -76,7 +76,7 @@ def test_melan_and_koiter_meet_at_the_closed_forms():
 
 
 def test_a_free_top_has_its_shakedown_factor_at_the_limit_load():
-    """The mean of both bounds is less than twice the weak bound, so the limit load determines the factor."""
+    """Here (g_0 + g_1) / (2 T) < 2 g_0 / T (symbols of shakedown.py), so the factor is the factor of the limit load."""
     mesh, load = shakedown.mesh(3), vx.Traction((shakedown.SHEAR, 0.0), on="top")
     limit = vx.limit_load(shakedown.free_scene(0.0).without(vx.Traction), mesh, load)
     assert limit.factor == pytest.approx(shakedown.free_factor(), rel=1e-8)

@@ -56,7 +56,7 @@ def test_the_stiffness_reproduces_linear_functions(family):
 
 
 def test_the_closed_form_on_a_rough_table_is_an_integral_of_play_operators():
-    """The integral of the plays is the closed form of u; loops between pulls q and q + dq lose H dq^3 / (12 g)."""
+    """The integral of the plays is u. A closed loop whose pulls differ by dq loses height dq^3 / (12 bound)."""
     x = np.linspace(0, lesson.LENGTH, 2001)
     pull = lesson.course(lesson.TURNS, 0.25)
     u, _ = lesson.solve_table_exactly(x)

@@ -44,7 +44,7 @@ def test_one_command_draws_all_figures_and_prints_the_tables(tmp_path):
 
 @pytest.mark.long
 def test_the_errors_of_table_1_come_from_the_mesh_and_not_from_the_steps():
-    """The reference is h = 1/32, not 1/256. Steps cause no error; errors "nodal" are below errors "exact"."""
+    """The reference has h = 1/32, not 1/256. Steps cause no error; "nodal" errors are below "exact" errors."""
     found = figures.errors((4, 8), 32, "shear")
     relative = {kind: [one.relative for one in found[kind]] for kind in found}
     assert relative["exact"] == pytest.approx([0.189838, 0.103589], rel=1e-5)

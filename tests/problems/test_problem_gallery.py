@@ -115,7 +115,7 @@ def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
 
 
 def test_the_slip_of_a_fault_causes_the_given_stress_drop():
-    """On the part |x| < .6 a of the fault |x| < a, the stress drop is within 2 % for cells of a / 8."""
+    """On the middle six tenths of the fault, with 16 cells along the fault, the stress drop is within 2 %."""
     x, lost = fault.stress_drop(run_small(fault))
     assert lost[-1, np.abs(x) < 0.6] == pytest.approx(fault.DROP, rel=0.02)
 
@@ -165,7 +165,7 @@ def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
 
 @pytest.mark.long
 def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
-    """For height H and slip length l, rod theory has an error O(H / l); it is exact if all nodes slip."""
+    """Rod theory has an error O(height / slip length), and is exact if all nodes slip."""
     history, contact = run_small(belt), run_small(belt).contact
     most, fifth = belt.BOUND * belt.LENGTH, history.steps // 5
     found, exact = -history.reaction("left")[:, 0], belt.hold(history.times)
@@ -187,12 +187,12 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
 
 @pytest.mark.long
 def test_a_silo_hangs_on_its_walls():
-    """For width B and decay length l, the theory of slices has an error O((B / l)^2): .9 % at mu = .4, .3 % at .2."""
+    """The theory of slices has an error O((width / decay length)^2): .9 % for mu = .4, .3 % for mu = .2."""
     errors = []
     for friction in (0.2, 0.4):
         history = simulate(silo, 4, steps=2, friction=friction)
         depth, sigma = silo.HEIGHT - history.mesh.centroids[:, 1], -history.stress(-1)[:, 1]
-        levels = np.unique(depth.round(9))[: -2 * 4]  # leave out the lowest two widths
+        levels = np.unique(depth.round(9))[: -2 * 4]  # without the lowest part, two widths high
         mean = np.array([sigma[np.abs(depth - level) < 1e-6].mean() for level in levels])
         exact = silo.vertical_stress(levels, friction)
         errors.append(np.abs(mean - exact).max() / exact.max())
@@ -217,7 +217,7 @@ def test_a_beam_meets_its_stop():
     force = beam.FORCE * history.times
     end = (history.mesh.points == [beam.LENGTH, 0.0]).all(axis=1)
     found, R = -history.displacement[:, end, 1].mean(axis=1), history.force("stop")[:, 1]
-    # Squares of H/16 bend .8 % too little; dents of the point force and of the stop are O((H / L)^2).
+    # A beam of squares of side H/16 bends .8 % too little. Force and stop make dents in the beam, O((H / L)^2).
     near = {"rel": 0.01, "abs": 1e-6}
     assert found == pytest.approx(beam.end_deflection(force), **near)
     free = force * beam.deflection_by_force() < beam.GAP
@@ -251,7 +251,7 @@ def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
 
 @any_family
 def test_dies_press_alike_whatever_their_angle(family):
-    """Displacement, stress and nodal forces are exact on every mesh; the force on a node is -p times its normal."""
+    """Displacements, stresses and nodal forces are exact on every mesh. A nodal force is -p times the nodal normal."""
     history = simulate(dies, 5, steps=2, family=family)
     mesh, p = history.mesh, dies.pressure(1.0)
     exact = -dies.CLOSING * (mesh.points - dies.FOOT)

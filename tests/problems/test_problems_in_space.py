@@ -26,7 +26,7 @@ SOME = ("cubes", "prisms")
 SPACE = [name if name in SOME else pytest.param(name, marks=pytest.mark.slow) for name in vx.meshes.SPACE_FAMILIES]
 LOOSE = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
 FLOOR = 1e-9
-"""Relative error of quantities of runs that are certified to 1e-11 in energy."""
+"""Relative tolerance for results, if the energy is certified to 1e-11."""
 
 
 def simulate(problem, n, steps=None, family=None, accuracy=None, mesh=None, **parameters):
@@ -65,7 +65,7 @@ def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """Friction opposes the step of a node: the step of the plate minus the change of the node's lag behind it."""
+    """Friction opposes the step of a node, which is the step of the plate minus the change of the node's lag."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
@@ -91,7 +91,7 @@ def test_a_twisted_pad_bears_two_thirds_of_mu_p_r():
     assert mesh.volumes.sum() == pytest.approx(np.pi * pad.RADIUS**2 * pad.HEIGHT, rel=1e-12)
     centre = np.linalg.norm(history.contact.points[:, :2], axis=1)
     slip = np.linalg.norm(history.contact.slip[-1], axis=1)
-    # The sole rotates as much as the top, minus the shear of the pad, which friction bounds.
+    # The sole rotates less than the top: the difference is the shear of the pad. Friction bounds this shear.
     assert np.abs(slip - pad.ANGLE * centre).max() < 1.5 * pad.FIRST * pad.RADIUS
 
 

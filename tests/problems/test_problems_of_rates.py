@@ -32,7 +32,7 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
     assert found.max() == pytest.approx(high)
     assert found[found.argmax() :].min() == pytest.approx(low)
     falls = run.times[1:][np.diff(found) < 0]
-    # The period tends to .02 in short steps. Here it is a step longer: the pad slips one step after friction is mu_0 P.
+    # In short steps the period tends to .02. Here the pad slips a step after friction reaches mu_0 P: a longer period.
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 

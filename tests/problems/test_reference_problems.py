@@ -20,7 +20,7 @@ import vemcvx as vx
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
-    """Slip needs the push F = (tan a + mu) / (1 - mu tan a) G under the weight G, at the angle a, on every mesh."""
+    """On every mesh a block of weight G slips up the angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
     # Each program of the fixed-point iteration may have a tenth of the requested error: Clarabel then needs polishing.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
@@ -41,7 +41,7 @@ def test_a_block_pushed_uphill(polish, family):
 @pytest.mark.long
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_cylinder_presses_as_hertz_says(solver):
-    """Half-width a and peak agree with Hertz for the measured force within two per cent, on elements of a / 12."""
+    """With 12 elements across the half-width, half-width and peak pressure agree with Hertz within two per cent."""
     history = vx.simulate(hertz.scene(), hertz.mesh(12), hertz.times(3), solver=solver)
     contact = history.contact
     P = 2 * history.force("bottom")[-1][1]

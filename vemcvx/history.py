@@ -46,7 +46,7 @@ class History(Results, Outlined):
         Nodal displacements.
     forces : (S, n_nodes, dim)
         Nodal forces of supports, contact and friction on the body: A u - f, with the stiffness A and the loads f. With
-        a viscosity matrix A_1, they are A u + A_1 u' - f, except at the initial instant.
+        a viscosity matrix A_1, they are A u + A_1 du/dt - f, except at the initial instant.
     contact : Contact
     acting : BoundaryForces
         The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).

@@ -317,7 +317,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
 
     Condition (2.1) is a(u_0, v) + j(v) >= <l(0), v> for all v, with friction functional j and loads l. If u_0 obeys
     (2.1), then P^h u_0 obeys it on the mesh up to O(h). A step at times[0] from P^h u_0 gives the initial state, which
-    obeys (2.1) exactly. A warning is issued if this step is large: u_0 violates (2.1), or the mesh is too coarse.
+    obeys (2.1) exactly. A warning is issued if this step is large: then u_0 violates (2.1), or h is too large.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ import vemcvx as vx
 STEEL = vx.Elasticity(2e4, 0.3)
 FLOATS = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 GAP = 2e-9
-"""Bound on the gap, relative to the factor. The margin 1e-10 of friction reduces these factors by a few 1e-10."""
+"""Bound on the gap, relative to the factor. `limit_load` lowers friction by 1e-10, and the factor by a few 1e-10."""
 
 
 def wrench(points, forces):
@@ -83,7 +83,7 @@ def test_the_factor_of_a_plate_pushed_at_its_edge_lies_between_two_linear_progra
 
 
 class Pile:
-    """Three blocks a, b and c, one on the other, pressed from above; one of them is pushed at its left side."""
+    """Three blocks `a`, `b` and `c` in a pile, pressed from above; one block is pushed at its left side."""
 
     def __init__(self, seed):
         rng = np.random.default_rng(seed)
@@ -125,7 +125,7 @@ def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper
         at, own = np.array([[0.5 * (x0 + x1), y1], [x0, 0.5 * (y0 + y1)]]), pile.nodes(name)
         total = wrench(mesh.points[own], (found.friction + found.pressure)[own]).sum(axis=1)
         assert total + wrench(at, np.array(loads)).sum(axis=1) == pytest.approx(0.0, abs=1e-10 * pile.size)
-    # Joints are horizontal. The lower block of a joint is pressed downwards, and the floor presses block a upwards.
+    # Joints are horizontal. The lower block of a joint is pressed downwards, and the floor presses block `a` upwards.
     for nodes, friction, sign in (
         (pile.nodes("a")[mesh.points[pile.nodes("a"), 1] == 0.0], pile.low, 1.0),
         (mesh.interfaces["a|b"].pairs[:, 0], pile.high, -1.0),

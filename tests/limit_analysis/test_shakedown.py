@@ -14,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the bo
 STEEL = vx.Elasticity(200.0, 0.3)
 CYCLE = np.arange(4) / 4
 GAP = 5e-9
-"""Bound on the gap, relative to the factor; with friction reduced by 1e-10, gaps of these scenes reach 2e-9."""
+"""Bound on the gap, relative to the factor. `shakedown` reduces friction by 1e-10, so gaps up to 2e-9 occur."""
 
 
 def stretch(factor, dim=2):

@@ -1,4 +1,4 @@
-"""No user's file is lost: false lists of our files, links, and processes that die while they write a history."""
+"""No user's file is lost if a list of our files is false, a file is a link, or a process dies while it writes."""
 
 from __future__ import annotations
 

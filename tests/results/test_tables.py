@@ -1,4 +1,4 @@
-"""Results as columns, CSV files, frames of pandas and datasets of xarray contain every number of the arrays."""
+"""Every number in a history's arrays is also in the tables, CSV files, pandas frames and xarray datasets."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Derivatives of random scenes equal central differences of certified runs, and the adjoint equals the forward sweep.
 
-The quotients of central differences have the step 1e-4 of the parameter. Their truncation error is about 1e-8 of the
+The step of the central differences is 1e-4 times the parameter. Their truncation error is about 1e-8 of the
 largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step
 whose active sets differ between the runs, or are about to change, because all later states depend on this step.
 Parameters have different units, so derivatives are compared after multiplication by the parameters.
@@ -19,7 +19,7 @@ KINDS = "tresca", "coulomb", "discs", "compliance", "two bodies", "viscosity", "
 
 
 def draw(seed, kind):
-    """Return scene_of, theta, mesh, times and the names of quantities of a random scene of some kind."""
+    """Return `scene_of`, `theta`, `mesh`, `times` and names of quantities, for a random scene of a kind."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     times = np.append(0.0, np.sort(rng.uniform(0.1, 1.0, 6)))
     in_space = kind == "discs"
@@ -95,7 +95,7 @@ def compare(seed, kind):
                 same &= (active_sets(other) == sets).all(axis=1)
     steps = int(np.argmin(np.append(same, False)))
     size = np.abs(quotients).max(axis=(1, 2), keepdims=True)
-    # The number 1e-11 on the diagonal of Newton's matrix leaves slips of 1e-11 where nothing slips.
+    # Newton's matrix has 1e-11 on its diagonal, so sticking nodes slip by about 1e-11. These slips are errors.
     size = np.maximum(size, 1e-5 * np.abs(found.values).max())
     off = np.abs(found.jacobian * theta - quotients)[:, :steps]
     assert (off <= 1e-6 * size).all(), f"{kind}, seed {seed}: {(off / size).max():.1e}"

@@ -398,7 +398,7 @@ def draw(seed):
 
 
 def draw_two_bodies(seed):
-    """Return the scene of a seed with a second body as ground, or None if the first is turned, thin or inhomogeneous.
+    """Return the scene of a seed with a second body as ground; None if the body is turned, thin or inhomogeneous.
 
     The interface is named "bottom", so that the contact of the ground acts there. The second body stands on a clamp.
     """

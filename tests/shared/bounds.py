@@ -63,14 +63,14 @@ def compute_enriched_values(pair):
 
 
 def strains_at_stations(fans, v):
-    """Return strains (c, n, 18, 3), e_xx, e_yy, 2 e_xy, at stations (see `fan`) of triangles with values (c, n, 20)."""
+    """Return e_xx, e_yy and 2 e_xy (c, n, 18, 3) at stations (see `fan`) of triangles, from nodal values (c, n, 20)."""
     c, n, _ = v.shape
     grad = np.einsum("sak,ctkr,ctab->ctsrb", SLOPES, v.reshape(c, n, 10, 2), fans.back, optimize=True)
     return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
 
 
 def evaluate_at_rule(values):
-    """Yield fans, strains at the quadrature points (c, n, 21, 3), the points and their weights for each chunk."""
+    """Yield for each chunk the fans, strains (c, n, 21, 3), and the points and weights of the quadrature."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
     for fans, v in values:
         c, n, _ = v.shape
@@ -120,7 +120,7 @@ def integrate_error(values, strain):
 
 
 def distance(coarse, fine, step=-1, of_fine=-1):
-    """Return |v - v_f|_a for displacements of a coarse and a finer history, and the error bound of the finer one."""
+    """Return |v - v_f|_a for displacements v, v_f of two histories, and the error bound of the finer history."""
     k, m = coarse.row(step), fine.row(of_fine)
     circle, ahead = circle_of(coarse), circle_of(fine)
     now = instant(fine, m)
@@ -135,11 +135,11 @@ def enriched_bound(pair):
 
 
 def beside_refined(coarse, part, most=20_000):
-    """Return |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run, in a step from rest.
+    """Compare a coarse run of one step from rest with a finer run, and return three results of the comparison.
 
-    Here u is the exact solution, v the displacement of the coarse run, v_f that of the finer run, w_f the enrichment of
-    v_f. The finer mesh is refined where the bound is large, until the bound is at most `part` times the error of the
-    coarse run, or the mesh has more than `most` cells.
+    Let u be the exact solution, v and v_f the displacements of the coarse and the finer run, and w_f the enrichment of
+    v_f. The results are |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run. The finer
+    mesh is refined until this bound is at most `part` times the error of the coarse run, or it has over `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

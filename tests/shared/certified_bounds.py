@@ -1,11 +1,13 @@
 """Bounds that the certificates of a march imply for each of its numbers, so that tests need no guessed tolerance.
 
 Step n has the state y_n, multipliers lam_n, slips s = B (y_n - y_{n-1}), a certified duality gap gap_n and a rounding
-floor floor_n; a star marks exact values. Steps with given weights w are nonexpansive, so |y_n - y_n*|_K <= E_n = sum
-over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m). Let A = K^{-1} and mu = lam_n - lam_n*. Forces balance up to a residual
-r_n with |r_n|_A <= sqrt(2 gap_n), hence
+floor floor_n; a star marks exact values. Steps with given weights w are nonexpansive, so |y_n - y_n*|_K <= E_n with
+E_n = sum_{m <= n} (sqrt(2 gap_m) + sqrt(2 floor_m)). Let A = K^{-1} and mu = lam_n - lam_n*. Forces balance up to a
+residual r_n with |r_n|_A <= sqrt(2 gap_n), hence
 
-    |B'mu|_A = |r_n + K (y_n - y_n*)|_A <= sqrt(2 gap_n) + E_n <= 2 E_n,
+    |B'mu|_A = |r_n + K (y_n - y_n*)|_A <= sqrt(2 gap_n) + E_n <= 2 E_n.
+
+Unknowns y_j, multipliers mu_i and slips s_i of step n therefore obey
 
     |y_j - y_j*| <= A_jj^{1/2} E_n,    |mu_i| <= (S_ii)^{1/2} 2 E_n,  S = (B A B')^{-1},
     |s_i - s_i*| <= (B_i A B_i')^{1/2} (E_n + E_{n-1}),   and the loss has an error of at most sum_i w_i |s_i - s_i*|.
@@ -54,7 +56,7 @@ def bounds(system, trajectory):
 
 
 def ledger_bound(system, trajectory):
-    """Return a bound (N + 1,) of the energy balance's residual, sum d.r + lam.s - w|s| over steps y -> y + d."""
+    """Return a bound (N + 1,) of the energy balance's residual, added up over the steps so far."""
     d = np.diff(trajectory.state, axis=0)
     size = np.sqrt(np.einsum("ni,ni->n", d, (system.K @ d.T).T))
     gap = trajectory.gap[1:] + trajectory.floor[1:]
@@ -63,7 +65,7 @@ def ledger_bound(system, trajectory):
 
 
 def ledger_defect(system, trajectory):
-    """Return the residual (N + 1,) of the energy balance, work - (E - E_0) - loss - sum 1/2 |d|_K^2."""
+    """Return the residual (N + 1,) of the energy balance, work - (E - E_0) - loss - sum |d|_K^2 / 2."""
     d = np.diff(trajectory.state, axis=0)
     numerical = 0.5 * np.append(0.0, np.cumsum(np.einsum("ni,ni->n", d, (system.K @ d.T).T)))
     return trajectory.work - (trajectory.energy - trajectory.energy[0]) - trajectory.dissipated - numerical

@@ -399,7 +399,7 @@ class _Conditions:
 
 
 def _select_rows(matrix, rows):
-    """Return the matrix with zeros in all other rows."""
+    """Return the matrix with zeros in all rows except `rows`."""
     keep = np.isin(matrix.rows, rows)
     return Matrix(matrix.rows[keep], matrix.columns[keep], matrix.entries[keep], matrix.shape)
 

@@ -2,7 +2,7 @@
 
     u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), b = ASIDE,
 
-with Lame's constants lambda and mu = 1. On z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y): friction is opposite to
+with Lame's constants lambda, and mu = 1. On z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y): friction is opposite to
 the slip, with the bound g = mu x |(u_x, u_y)|. u_y does not depend on y, so u_y adds nothing to the divergence of u.
 """
 

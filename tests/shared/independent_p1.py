@@ -291,7 +291,7 @@ class Body:
         return self
 
     def _free(self, rows):
-        """Return the rows that prescribed values do not determine; prescribed values at joints are not supported."""
+        """Return the rows that prescribed values do not determine, and all rows between bodies."""
         if rows.partners is not None:
             return rows
         keep = []

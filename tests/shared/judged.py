@@ -229,9 +229,10 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    E is the stored energy, p the contact pressure, z the normal displacement minus the gap, c the compliance, and d
-    marks increments. A residual r and a duality gap change the balance by r . du + gap, with |r . du| <= error |du|_K.
-    With dashpots, a given state has zero pressures, but E counts the pressure z / c of soft contact.
+    E is the stored energy, a(., .) its form, p the contact pressure, z the normal displacement minus the gap, c the
+    compliance, and d marks increments. A residual r and a duality gap change the balance by r . du + gap, where
+    |r . du| <= error |du|_K. With dashpots, a given state has zero pressures, but E counts the pressure z / c of soft
+    contact.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

@@ -10,7 +10,7 @@ from vemcvx.effects import ContactSurface, Contribution, Friction
 
 @dataclass(frozen=True)
 class Law(vx.Effect):
-    """Friction with any slip law: `bound` returns bounds per length, `directions(normals)` directions of friction."""
+    """Friction with any slip law: `bound` returns bounds per length, and `directions(normals)` returns directions."""
 
     bound: object
     softening: float | None = None

@@ -17,7 +17,7 @@ OF_TRIANGLES = ("triangles",)
 
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
-    """Return a parametrisation: the first case or the cases `kept` (place or id) run by default, the rest is marked."""
+    """Return a parametrisation: the first case or the cases `kept` (place or id) run by default; others get a mark."""
     cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
         is_case = isinstance(value, type(pytest.param()))
@@ -33,7 +33,7 @@ mostly_slow = partial(mostly_long, others=pytest.mark.slow)
 
 
 def long_cases(suite, is_long):
-    """Mark cases of a suite of vemcvx.testing `long` by their names; return the suite."""
+    """Mark the cases of a suite of vemcvx.testing as long if `is_long(name)` is true; return the suite."""
     (mark,) = (mark for mark in suite.pytestmark if mark.name == "parametrize")
     marks = {True: pytest.mark.long, False: ()}
     mark.args[1][:] = [pytest.param(*one.values, id=one.id, marks=marks[is_long(one.id)]) for one in mark.args[1]]

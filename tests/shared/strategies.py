@@ -87,7 +87,7 @@ def bounds(draw, scale):
 
 
 def affine(matrix, vector, times, course):
-    """Return f(x, t) = (vector + matrix x) course(t), at the given instants."""
+    """Return f(x, t) = (vector + matrix x) course(t); `course` has the values of course(t) at `times`."""
 
     def value(x, t):
         return (vector + x @ matrix.T) * course[np.searchsorted(times, t)]

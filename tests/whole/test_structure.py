@@ -64,7 +64,7 @@ TOP = 1_854
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 20_842
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 31_481
+ALL_TESTS = 31_484
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

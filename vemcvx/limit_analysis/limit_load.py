@@ -7,7 +7,7 @@ has J = 0; Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with 
 gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
 
 Solvers meet such conditions up to a tolerance only. We reduce friction by the fraction MARGIN, which leaves room to
-correct the forces. The mechanism is projected onto the equations at nodes that stick or remain closed.
+correct the forces. We project the mechanism: B N c = 0 at sticking nodes, D N c + J'|B N c| = 0 at closed nodes.
 """
 
 from __future__ import annotations
@@ -199,9 +199,9 @@ class Balance(NamedTuple):
         return np.vstack([self.B.reshape(-1, len(self.push)), self.D])
 
     def solve(self, subject: str, elastic: Any = (0.0,)) -> tuple[float, Floats, Floats, Floats, Floats]:
-        """Return the largest alpha with |lam + alpha E| <= w + J p for all E (m, block) of `elastic`.
+        """Return the largest alpha with |lam + alpha E| <= w + J p for every array E (m, block) in `elastic`.
 
-        Return also lam (m, block), p (r,) and, from the dual solution, c (k,) and the slip (m, block) for each E.
+        Return also lam (m, block), p (r,) and the dual solution: the motion c (k,), and for every E slips (m, block).
         """
         import cvxpy as cp
 
@@ -222,7 +222,7 @@ class Balance(NamedTuple):
             warnings.simplefilter("ignore")  # cvxpy warns of inaccurate answers, but the bounds are verified.
             problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
         if "unbounded" in str(problem.status):
-            why = "statics does not limit pressures between a contact and a support, or between two contacts"
+            why = "statics does not limit pressures on a body wedged between two contacts, or a contact and a support"
             raise SceneError(f"{subject}: friction and contact can bear every multiple of the load: {why}.")
         if "infeasible" in str(problem.status):
             raise SceneError(f"{subject}: no forces of friction and contact balance the loads of the scene alone.")

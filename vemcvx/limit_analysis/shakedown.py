@@ -115,7 +115,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         raise SolverFailed(f"shakedown: no verified lower bound: conditions are off by {off:.1e} of the bounds.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
-    # Make the sum of v a rigid motion: subtract the other part of `net`, in proportion to the sizes of v(t).
+    # Make the sum of v the rigid motion B c: distribute net - B c over the instants in proportion to |v(t)|.
     size = np.linalg.norm(v, axis=2, keepdims=True) + np.finfo(float).tiny
     v = v - (net - B @ c) * size / size.sum(axis=0)
     work = float((E * v).sum())

@@ -280,7 +280,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 
 
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Return outlines (k, 2) of areas between sides of closed contact, which magnified displacements separate."""
+    """Return outlines (k, 2) of the areas between sides of closed contact that magnification draws apart."""
     contact = history.contact
     if not contact.closed[row].any():
         return []

@@ -43,7 +43,7 @@ class ContactLine:
         return "arc length $s$" if self.symbol == ARC else self.symbol
 
     def along(self, vectors: Floats) -> Floats:
-        """Return the components (..., m) along the line, in its order, of vectors (..., m, 2) at contact nodes."""
+        """Return components along the line, in the order of the line, of vectors (..., m, 2) at contact nodes."""
         return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
 
     @property

@@ -53,7 +53,7 @@ class ContactFace:
 
 
 def contact_faces(history: Results, on: str | None = None, picture: str = "contact_face") -> dict[str, ContactFace]:
-    """Return the faces of contact that one view shows: one by the name of each interface, and "obstacles" for the rest.
+    """Return the faces of contact that one view shows, by name: the name of an interface, or "obstacles".
 
     `on` selects one of these faces, or the obstacles of a boundary. Raise HistoryError if the body is plane, or if the
     selected face has no contact.
@@ -76,7 +76,7 @@ def contact_faces(history: Results, on: str | None = None, picture: str = "conta
 
 
 def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
-    """Return True for nodes in contact with obstacles whose normal is close to that of an adjacent side of a part."""
+    """Return True for nodes at obstacles if a side of `part` meets the node and has about the same normal."""
     row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
     row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
     met = np.flatnonzero(row[part.ends.nodes] >= 0)

@@ -162,7 +162,7 @@ def round_down(wanted: float, largest: float) -> float:
         return 1.0
     factor = wanted / largest
     power = 10.0 ** np.floor(np.log10(factor))
-    # Powers of ten are rounded: without SAME a wanted 5 could become 2.
+    # Powers of ten are rounded: without the tolerance SAME, 5 could become 2.
     return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + SAME)))
 
 

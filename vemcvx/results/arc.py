@@ -1,8 +1,8 @@
 """The arc length s along contact in the plane.
 
 The path runs along the sides of the body of `Contact.nodes`, with this body on its left: counter-clockwise round outer
-boundaries, clockwise round holes. On each piece of contact, s starts from 0 at the first node of the path; if the piece
-is a closed curve, at the contact node with the lowest number. A single node is a piece of zero length.
+boundaries, clockwise round holes. On each piece of contact, s starts from 0 at the first node of the path. On a closed
+curve, this is the contact node with the lowest number. A single node is a piece of zero length.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ class Contact(ArrayRecord):
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return for each of k `rows` the position of its pair (node, partner), or of the swapped pair; else -1."""
+        """Return the position (k,) of the pair (node, partner) of each row, in either order; -1 for unknown pairs."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         pairs, joined = pair_numbers(self.nodes, self.partners, largest), rows.partners >= 0
         swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
@@ -188,9 +188,9 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and their normal parts (S, m).
+    """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and normal parts (S, m).
 
-    Terms with given directions have normal parts. These are subtracted from the multipliers.
+    The normal parts belong to terms with given directions, and are subtracted from the multipliers.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
@@ -232,7 +232,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # With given directions, `length` below is not the length to which tractions refer: we do not recover tractions.
+    # With given directions, `length` below is not the length to which tractions refer, so we do not recover tractions.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
@@ -246,7 +246,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
-    """Return values (S, terms), summed at contact nodes, per length (m,) with friction; 0 without friction."""
+    """Return the sums (S, m) of `values` (S, terms) at contact nodes per `length` (m,); 0 where `length` is 0."""
     total = sum_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
@@ -267,9 +267,9 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    Nodes with friction have the state of the certified answer. A node without friction sticks if its slip is the same
-    at both ends of the step; if the state before the step is not stored, it sticks only if the solver had no iteration.
-    If friction acts only along a line, the first rule holds along this line, and the second rule across it.
+    1. A node with friction has the state of the certified answer. 2. A node without friction sticks if its slip is the
+    same at both ends of the step; or, without a stored state before the step, if the solver needed no iteration. If
+    friction acts only along a line, rule 1 holds along this line, and rule 2 across the line.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)

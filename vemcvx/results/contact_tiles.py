@@ -1,7 +1,7 @@
 """Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
 
 `Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of its hat function.
-On interfaces of meshes that do not match, it has a ripple of size O(h) or larger, but means over cells are accurate.
+On interfaces of meshes that do not match, this quotient ripples by O(h) or more, but means over cells are accurate.
 On every interface on which a cell of either body has several sides, recovered values are means over nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
@@ -10,8 +10,8 @@ The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knop
 Milanfar, SIAM J. Imaging Sci. 6 (2013)). K is symmetric, so sum |phi_i| p_i = sum R_i: every closed piece keeps its
 resultant. K has no negative entry, so compression remains compression. Means of smooth fields have an error of O(h^2),
 and of O(h) at the end of contact. The size of a cell is the total length of its sides on the surface (in space, the
-root of their area), and h_i is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at i and j
-differ by `CURVE_ANGLE` or more. Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|.
+square root of their area), and h_i is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at
+i and j differ by `CURVE_ANGLE` or more. Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ContactTiles:
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
-    reach: Floats  # (m,) 1.5 h
+    reach: Floats  # (m,) the radius 1.5 h_i of the mean
     beside: sp.csr_matrix  # (m, m) nonzero for two nodes of one side
 
     @classmethod
@@ -84,7 +84,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The next `off` is sqrt(off) times a mean of 1 / sqrt(off), so max |log(off)| grows by rounding only.
+            # `off` becomes sqrt(off) times a mean of 1 / sqrt(off): only rounding can increase max |log(off)|.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:
                 break

@@ -142,7 +142,7 @@ class Corners:
         return are_among(np.sort(edges, axis=1), np.sort(np.concatenate(joined), axis=1))
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return the number of held directions of a side, and its name, from contact at its end outside `nodes`."""
+        """Return in how many directions a side is held, and its name; contact counts at the end outside `nodes`."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

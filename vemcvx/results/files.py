@@ -332,14 +332,14 @@ def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES
 
 
 def _files_of_history(folder: Path) -> set[str]:
-    """Return the names of the files of the history in a folder; none if its archive is not that of a history."""
+    """Return the names of the files of the history in a folder; none without the archive of a history."""
     if not _is_archive(folder / ARCHIVE):
         return set()
     return {ARCHIVE, SERIES, SUMMARY, *FILES.values()} | {name for name in os.listdir(folder) if STEP.fullmatch(name)}
 
 
 def _is_archive(path: Path) -> bool:
-    """Return True if the contents of this file are those of a history's archive, of any version."""
+    """Return True if this file contains the archive of a history, of any version."""
     try:
         with zipfile.ZipFile(path) as file:
             return "about.npy" in file.namelist()

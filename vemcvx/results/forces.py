@@ -3,7 +3,7 @@
 Let u be the displacements of all nodes, A the stiffness, and f the loads. Let B^ be the rows of friction with the
 multipliers lam, and D^ the rows of obstacles with the forces p. The forces on the nodes are
 
-    R = A u - f  (with a viscosity matrix A_1, A u + A_1 u' - f)  =  A_s' mu - B^' lam - D^' p,
+    R = A u - f  (with a viscosity matrix A_1, A u + A_1 du/dt - f)  =  A_s' mu - B^' lam - D^' p,
 
 where A_s are the rows of supports and bilateral contact, and mu their forces. With the matrix H of
 :mod:`vemcvx.scene.supports`, A_s H = I, we have mu = H'(R + B^' lam + D^' p). A includes the stiffness K_s of springs
@@ -11,8 +11,8 @@ to the ground; their forces are -K_s u. If two supports hold the same direction 
 
 An effect exerts its force on a node through those of its sides (in space, faces) that meet at the node. The force of a
 contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to their lengths. The force of
-a support is divided, in proportion to integrals of hat functions, among the sides to which its direction is normal; if
-there are none, among all sides. So each effect has a force on each boundary, and these parts add up to its total force.
+a support is divided, in proportion to integrals of hat functions, among the sides that are normal to the direction of
+the support, or else among all sides. So each effect has a force on each boundary, and all these forces add up.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ def _distribute(
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
-    """Return, for each part of an effect's forces on `nodes` (k,), its position in `nodes`, ends and fraction."""
+    """Divide an effect's forces on `nodes` (k,); return each part's position in `nodes`, ends and fraction."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends

@@ -35,10 +35,10 @@ from vemcvx.vem import Space, solid_places
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The cells and sides that contain p points: point number points[i] lies in the closed cell cells[i], i < k."""
+    """The cells and sides that contain p points: k pairs of a point and a closed cell that contains the point."""
 
-    points: Ints  # (k,) sorted by point, then by cell
-    cells: Ints
+    points: Ints  # (k,) the number of the point of each pair, in increasing order
+    cells: Ints  # (k,) the number of the cell of each pair, for one point in increasing order
     starts: Ints  # (p,) the first node of the side on which a point lies; -1 inside cells and outside the mesh
     ends: Ints
     along: Floats  # (p,) the fraction of this side before the point, 0 ... 1
@@ -109,7 +109,7 @@ def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
 
 
 def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return the matrices to values at the points x (p, 2) from values at nodes, and from values on cells."""
+    """Return two matrices that map values at nodes, and values on cells, to values at the points x (p, 2)."""
     found = locate(mesh, x)
     shares = 1.0 / np.bincount(found.points, minlength=len(x))[found.points]
     cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))
@@ -117,7 +117,7 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
     ends = np.concatenate([found.starts[on], found.ends[on]])
     edges = sp.csr_matrix((part, (row, ends)), shape=(len(x), mesh.n_nodes))
-    inner, first = np.unique(found.points, return_index=True)  # Inside, one cell contains the point.
+    inner, first = np.unique(found.points, return_index=True)  # A point inside a cell is in no other cell.
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
     return sp.csr_matrix(edges + Space(mesh).project_values(x, inner, cell)), cells
@@ -140,7 +140,7 @@ class Profile(NamedTuple):
     Attributes
     ----------
     arc : (count,) array
-        Distance from the start, length.
+        Distances from the start of the line.
     values : (S, count, ...) array
         One row per stored step.
     """

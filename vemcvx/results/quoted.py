@@ -53,8 +53,8 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
 
-    `values` and the `sizes` h of cells at their places begin with the coarsest mesh. We compare the last value with the
-    value on the finest mesh whose h is at least 1.5 times the last h. It has grown if it rose faster than h^-.05.
+    The coarsest mesh comes first; `sizes` are the cell sizes h at the places of the values. The last value is larger if
+    it rose faster than h^-.05 since the finest mesh whose h is at least 1.5 times the last h.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:
@@ -95,7 +95,7 @@ class Quantity:
 
     @property
     def error(self) -> float:
-        """The sum of the errors of steps and mesh, without the error of the mesh if it is unknown."""
+        """The sum of the errors of steps and mesh; an unknown error of the mesh counts as zero."""
         return self.steps if np.isnan(self.mesh) else self.steps + self.mesh
 
     @property

@@ -91,7 +91,7 @@ class Results(ActingForces):
 
     @property
     def energy(self) -> Floats:
-        """The energy (S,) in the body (1/2 a^h(u, u) without stress at zero strain), in springs and in soft contact."""
+        """The energy (S,) in the body (1/2 a^h(u, u) if no stress acts at zero strain), springs and soft contact."""
         return self.trajectory.energy[self.stored]
 
     @property
@@ -101,7 +101,7 @@ class Results(ActingForces):
 
     @property
     def work(self) -> Floats:
-        """The work (S,): displacement increments times forces and reactions at ends of steps, summed over all steps.
+        """The work (S,): the sum over steps of displacement increments times forces and reactions at the step's end.
 
         The work of moving obstacles and ground is included. `work` minus the change of `energy` minus `dissipated` is
         the loss of time stepping, which is never negative.
@@ -130,7 +130,7 @@ class Results(ActingForces):
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound", or "for the given friction", which is fixed at that of the answer."""
+        """The kind of `certificate`: "bound" or, with friction bounds fixed at the answer, "for the given friction"."""
         return self.trajectory.certificate_kind
 
     @property
@@ -221,7 +221,7 @@ class Results(ActingForces):
     def principal_stresses(self, step: int) -> Floats:
         """Return the principal stresses (n_cells, 2) in the plane at a stored step, the larger first; tension positive.
 
-        In space they are (n_cells, 3), the largest first; also in a body of revolution, where one is the hoop stress.
+        In space and in a body of revolution (with the hoop stress), they are (n_cells, 3), the largest first.
 
         Raises
         ------
@@ -339,7 +339,7 @@ def last_of_largest(sizes: ArrayLike) -> int:
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """Yield each extreme, its node or cell, and True if half of the field is within a percent of it at that instant."""
+    """Yield each extreme, its node or cell, and True if half of the field is then within a percent of the extreme."""
     found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
     # If squares overflow, the extremes are infinite.
     with np.errstate(over="ignore", invalid="ignore"):

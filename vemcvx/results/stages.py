@@ -94,8 +94,8 @@ def _difference(before: Results, after: Results) -> str:
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
     """Return the arrays of records (all, or `names`), joined in time without the initial rows of later stages.
 
-    Columns of effects are placed side by side, with zeros outside the stage of the effect. The rows of a stage without
-    an array are zero. If the array has fewer columns in one stage than in another, NaN, 0 or False fills these columns.
+    Columns of effects are placed side by side, with zeros outside the stage of the effect. If a stage does not have an
+    array, its rows are zero. Columns that only other stages have are filled with NaN, 0 or False.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

@@ -224,8 +224,8 @@ def sensitivities(
 
     Notes
     -----
-    Central differences have the step h = 3e-5 times the parameter. If data are singular at a distance d, such as the
-    moduli at Poisson's ratio 0.5, derivatives have a relative error of about (h / d)^2.
+    Central differences have the step h = 3e-5 times the parameter. If data are singular at a distance d from it, as
+    the moduli are at Poisson's ratio 0.5, derivatives have a relative error of about (h / d)^2.
 
     Examples
     --------

@@ -48,7 +48,7 @@ class Fit(Outlined):
     theta : (P,) array
         The fitted parameters.
     errors : (P,) array
-        Their standard errors, infinite if the measurements do not determine a parameter.
+        The standard errors of `theta`, infinite for parameters that the measurements do not determine.
     covariance : (P, P) array
     noise : dict of str to float
         The standard deviation of the noise of each quantity, given or estimated, in the unit of the quantity.
@@ -132,7 +132,7 @@ def fit(
         nothing was measured.
     noise : number, or dict of str to number, optional
         The standard deviation of the noise, in the unit of the quantity. By default it is s times the largest measured
-        value of the quantity; the residuals determine s, one number for all quantities. If s differs, give `noise`.
+        value of the quantity; the residuals determine one s for all. If s differs between quantities, give `noise`.
     bounds : pair of numbers or (P,) arrays
         The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
     penalty : (k, P) array, optional

@@ -1,9 +1,9 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
-Symbols are those of :mod:`vemcvx.results.forces`, except that R is now the force of the supports without contact,
-R = A u + A_1 u' - f + B^'lam + D^'p. Here u = P y + u_D(t) for free unknowns y, and P'R = 0. A quantity is a'u + h'R,
-the energy, or the losses. A reaction d . mu has h = H d, because mu = H'R (for d see `support_shares`). Without A_1,
-the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
+Symbols are those of :mod:`vemcvx.results.forces`, and ' is the transpose. Only R differs: it is the force of the
+supports without contact, R = A u + A_1 du/dt - f + B^'lam + D^'p. Here u = P y + u_D(t) for free unknowns y, and
+P'R = 0. A quantity is a'u + h'R, the energy, or the losses. For a reaction, h = H d with d from `support_shares`.
+Without A_1, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class Observed:
     u: Floats  # (T, n_u)
     elastic: Floats  # (T, n_u) A u
     forces: Floats  # (T, n_u) R
-    lam: Floats  # (T, terms, block); on dragged nodes, which are last, computed from the friction bound
+    lam: Floats  # (T, terms, block); the last terms, on dragged nodes, are computed from the friction bound
     slips: Floats  # (T, terms * block) in the step to the instant
-    p: Floats  # (T, r)
+    p: Floats  # (T, r) forces of obstacles
     excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
     stored: Floats  # (T, r) displacements of springs in soft contact, which store energy
-    w: Floats  # (T, m)
+    w: Floats  # (T, m) friction bounds
 
     @classmethod
     def evaluate(cls, posed: PosedScene, history: History) -> Observed:
@@ -143,7 +143,7 @@ def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
             continue
         match = FORM.fullmatch(name)
         if match is None or "xyz".index(match[3]) >= dim:
-            raise SceneError(f"of: found {name!r}; there are {FORMS} (without dashpots).")
+            raise SceneError(f'of: found {name!r}; there are {FORMS}; dashpots exclude "dissipated".')
         axis = np.eye(dim)["xyz".index(match[3])]
         if match[1] == "reaction of":
             of_forces[:] = posed.supports.H @ support_shares(posed, match[2], axis)

@@ -43,7 +43,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
 
 
 def test_small_loads_on_soft_bodies_are_not_taken_for_rounding():
-    """The soft chain has 1e-16 of the hard chain's stiffness and 1e-15 of its load. Loads grow as t^2 and t."""
+    """A hard and a soft chain have stiffnesses of 1e16 and 1, and loads of about t and 1e-15 t^2."""
     chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     K, B = np.zeros((8, 8)), np.zeros((1, 8))
     K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0

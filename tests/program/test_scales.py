@@ -17,7 +17,7 @@ GAP = 0.1
 )
 @mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
-    """The block moves rigidly, without energy, until it touches the obstacle, and again after it has left it."""
+    """The block moves rigidly, without energy, until it touches the obstacle, and again after contact has opened."""
     scene = vx.Scene(
         vx.Elasticity(1000.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile([0.05, -0.14], (len(x), 1)) * np.sin(np.pi * t), on="top"),
@@ -92,7 +92,7 @@ def make_held_block(force):
 @pytest.mark.long
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_a_start_out_of_balance_is_certified(off):
-    """The start is out of balance by `off` of the energy norm. The exact run first steps from it to times[0]."""
+    """The start is out of balance by `off` of the energy norm. The exact run has one more step, to times[0]."""
     mesh, times = small("voronoi", 3), np.linspace(0, 1, 4)
     scene = make_held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")

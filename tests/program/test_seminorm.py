@@ -65,7 +65,7 @@ def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
 @mostly_long("far", [1.0, 1e2, 1e4, 1e8], 1, 3)
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_friction_drags_a_body_over_any_distance(far, solver):
-    """A carriage on a spring drags node 1 by friction 1. A spring joins nodes 1 and 2; friction 0.5 holds node 2."""
+    """A carriage drags node 1; friction is at most 1. A spring joins nodes 1 and 2; friction up to 0.5 holds node 2."""
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     body = Kernel(np.array([[1.0], [1.0], [0.0]]), ("the translation",))
     terms = vx.Norms(np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.array([1.0, 0.5]))
@@ -152,7 +152,7 @@ def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, mode
 
 @pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
 def test_a_sliding_motion_is_free_of_rounding():
-    """A transverse part of 1e-15 would press on the contact. An inclination of 1e-9 is no rounding error, and stays."""
+    """Transverse parts of 1e-15 would press on the contact: they are removed. An inclination of 1e-9 is kept."""
     unit = small("voronoi", 4)
     rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))

@@ -39,7 +39,7 @@ def solve(solver, program):
 
 
 def test_a_weight_that_becomes_infinite_locks_a_spring():
-    """A load stretches the spring by 3/2. Then the term locks it, and balances its force as the load vanishes."""
+    """A load stretches the spring by 3/2. Then the term locks the spring, and bears its force as the load vanishes."""
     norms = vx.Norms(np.eye(1), lambda t: np.array([0.0 if t <= 1 else np.inf]))
     run = vx.march(vx.System(2.0 * np.eye(1), lambda t: np.array([3.0 * min(t, 2.0 - t)]), norms), [0.0, 1.0, 1.5, 2.0])
     assert run.state[:, 0] == pytest.approx([0.0, 1.5, 1.5, 1.5], abs=1e-14)

@@ -91,9 +91,9 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     Both histories solve one problem up to the rounding of coordinates, Q x = x' (1 + eps). Relative to a cell of
     diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). It changes
 
-    - forces A u and f by kappa eps (M|u| + |f|), and u, in the energy norm, by the dual norm of this change of forces;
-    - weights w by kappa eps w. Take the program of one history, and the other answer with multipliers times
-      1 - kappa eps. Its gap grows by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
+    - forces A u and f by c = kappa eps (M|u| + |f|); this changes u by |c|_{K^-1} in the energy norm;
+    - weights w by kappa eps w. Multiply one answer's multipliers by 1 - kappa eps: they are admissible in the other
+      program. The gap grows by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
 
     Steps do not enlarge earlier errors, so these errors and the certified errors add up.
     """

@@ -96,7 +96,7 @@ def ledger_closes(setting, which):
     """Dissipation grows, and work - (E - E_0) - loss = sum 1/2 a(du, du) within the certificates.
 
     With r = f - B'lam - K y at the end of a step,  work - dE - 1/2 a(du, du) = (B'lam + r).du = lam.s + r.du,  and the
-    loss is sum w|s|. So a step leaves r.du - (w|s| - lam.s), at most e |du|_K + gap with its certified error e. The
+    loss is sum w|s|. So a step leaves r.du - (w|s| - lam.s), at most e |du|_K + gap; e is the certified error. The
     sums contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to the loads. Each
     step has fewer than twenty products and solves, each rounded by at most n eps |x|'M|y| with M = majorant(A).
     """

@@ -17,7 +17,7 @@ POOR = st.floats(2, 6).map(lambda x: vx.Clarabel(accuracy=10**-x, options=dict.f
 
 
 def draw_increments(run, n, size, rng):
-    """Return increments: random increments, some near the answer, zero, and the increment without friction."""
+    """Return six increments: random, three variations of the answer, the increment without friction, and zero."""
     d, program = run.increment(n), run.program(n)
     free = np.linalg.solve(run.case.K, program.g)
     random = size * run.energy.norm(free) * np.linalg.solve(run.energy.factor, rng.normal(size=len(d)))
@@ -48,8 +48,8 @@ def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
     All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and lam.s
-    misses w|s| by at most the gap. The gap may belong to a nearby increment, at a distance |v|_K <= error / 2
-    (theorem 2 of :mod:`vemcvx.program.certificate`); w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| is at most |v|_K
+    misses w|s| by at most the gap. By theorem 2 (:mod:`vemcvx.program.certificate`) it can be the gap at d - v instead,
+    with |v|_K <= error / 2; there s differs by B v. w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| is at most |v|_K
     times the root of `norm_flexibility`. The bounds on the residual and on w|s| - lam.s include rounding errors of
     stored states. In blocks of two components, |lam| <= w holds up to the rounding of a division and a root.
     """
@@ -72,7 +72,7 @@ def no_competitor_is_better(case, size, seed):
     """P(d) <= P(c) + G for every c, and |d - c|_K <= error + sqrt(2 (P(c) - P(d) + G)).
 
     G is primal minus dual objective at the stored increment d, so that P(d) - P(d*) <= G by weak duality. The gap of a
-    certificate may be smaller: by theorem 2 it bounds the distance |d - d*|_K <= error only. Strong convexity gives
+    certificate can be less than G: by theorem 2 it bounds |d - d*|_K, but not P(d) - P(d*). Strong convexity gives
     1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G; the second statement is the triangle inequality.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
@@ -93,8 +93,8 @@ def no_competitor_is_better(case, size, seed):
 def certificates_bound_the_true_error(case, poor, size, seed):
     """A poor answer differs from a sharp answer, in a step from the same state, by at most the sum of both errors.
 
-    The sharp answer is Newton's. Random increments c with Newton's multipliers are certified, too. If no term changes
-    between stick and slip, their gap is exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails.
+    The sharp answer is Newton's. Random increments c with Newton's multipliers are certified, too. If c has the active
+    sets of d*, the gap at c is exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails.
     `known` bounds the rounding error of the residual in the energy norm.
     """
     run, rng = marched(case, poor), np.random.default_rng(seed)

@@ -106,9 +106,9 @@ class Marched:
         return self.trajectory.state[n] - self.trajectory.state[n - 1]
 
     def blur_of_objective(self, n, *points):
-        """Return the rounding error of the objective of step n, summed over `points` d: N + 3 roundings per summand.
+        """Return the sum of the rounding errors of the objective of step n at the increments `points`.
 
-        With N unknowns, the error of g = f - K y_{n-1} is at most (N + 2) eps (|f| + M|y_{n-1}|).
+        Each summand has N + 3 roundings for N unknowns; g = f - K y_{n-1} has the error (N + 2) eps (|f| + M|y_{n-1}|).
         """
         case, program = self.case, self.program(n)
         known = np.abs(case.loads[n]) + majorant(case.K) @ np.abs(self.trajectory.state[n - 1])

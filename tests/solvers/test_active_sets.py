@@ -1,4 +1,4 @@
-"""Problems in which active sets may cycle: Coulomb's law, dependent bounds, discs that share nodes."""
+"""Problems in which active sets can cycle: Coulomb's law, dependent bounds, friction discs with common nodes."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [2, 0, 1]])
 def test_dependent_bounds_are_obeyed(order):
-    """Of three bounds on two unknowns, the two of the closed form are active, in any order of the bounds."""
+    """Three bounds act on two unknowns x and y. In any order of the bounds, the same two are active at the solution."""
     mu, loads = 0.3, np.array([[0, 0, 0], [0.2, -0.5, 0.2], [1.0, 0.6, 0.9]])
     D = np.array([[1.0, 0, 0], [0, 1, 0], [2 / 5**0.5, 1 / 5**0.5, 0]])[order]
     law = vx.Law(

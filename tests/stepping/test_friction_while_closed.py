@@ -64,7 +64,7 @@ def test_friction_while_closed_needs_pressure():
 
 
 def test_a_node_that_friction_would_open_slides_at_zero_pressure():
-    """A friction force w leaves the pressure .45 - .9 w, negative in stick (w = 1): the node slides with w = 1/2."""
+    """Friction w leaves the pressure .45 - .9 w. Stick needs w = 1, but w = 1/2 leaves no pressure: slip."""
 
     def weights(t, p, past, slip):
         return np.minimum(STEEP * p, 2.0)

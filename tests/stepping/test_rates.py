@@ -8,7 +8,7 @@ import pytest
 
 import vemcvx as vx
 
-K, G, C, F = 2.0, 0.5, 3.0, 4.0  # stiffness, friction at rest, friction or pressure per speed, force
+K, G, C, F = 2.0, 0.5, 3.0, 4.0  # stiffness K, friction G at rest, friction or pressure C * speed, force F
 
 
 def pulled(t):
@@ -62,7 +62,7 @@ def test_a_body_that_may_only_retreat_stays_where_it_was_farthest():
     assert run.dissipated[-1] == 0.0
 
 
-KINDS = {  # law at a speed v, and its potential at the slip r in a step of length k, for cvxpy
+KINDS = {  # name: (law at speed v, potential for cvxpy at slip r in a step of length k), with parameters a and b
     "linear": (lambda a, b, v: a + b * v, lambda a, b, r, k: a * r + b / (2 * k) * cp.square(r)),
     "square": (lambda a, b, v: a + b * v**2, lambda a, b, r, k: a * r + b / (3 * k**2) * cp.power(r, 3)),
     "root": (lambda a, b, v: a + b * np.sqrt(v), lambda a, b, r, k: a * r + b / (1.5 * k**0.5) * cp.power(r, 1.5)),
@@ -125,7 +125,7 @@ def judge(seed):
     if problem.status != "optimal":
         return False
     y.value = before[1]
-    # Clarabel's points violate rigid limits by up to 1e-8 of the forces, which lowers the objective by as much.
+    # Clarabel's points violate rigid limits slightly, which lowers the objective by up to 1e-7 of its value.
     assert total.value - best <= 1e-9 * (before[1] @ system.K @ before[1]) + 1e-7 * abs(best)
     return True
 

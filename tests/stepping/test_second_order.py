@@ -56,7 +56,7 @@ def test_both_friction_works_agree_for_constant_bounds():
 
 @mostly_long("viscous", [False, True])
 def test_friction_work_under_a_law_of_earlier_slip_is_of_second_order(viscous):
-    """Sliding by a distance a dissipates int exp(-A / d) dA = d (1 - exp(-a / d)) per length."""
+    """A slip from 0 to x dissipates int exp(-A / d) dA = d (1 - exp(-x / d)) per unit of length."""
     d, way = 0.3, 0.2
     wears = Law(lambda t, p, past, slip: np.exp(-past / d), softening=0.0)
     move = vx.PrescribedDisplacement(lambda x, t: [way * t, 0.0], on="top")
@@ -69,6 +69,6 @@ def test_friction_work_under_a_law_of_earlier_slip_is_of_second_order(viscous):
         history = vx.simulate(scene, vx.meshes.squares(2), np.linspace(0.0, 1.0, steps + 1))
         errors.append(abs(history.dissipated_second_order[-1] - truth))
         assert abs(history.dissipated[-1] - truth) > 10 * errors[-1]
-    # For the integrand g(A) = exp(-A / d), the error of the trapezoidal rule is at most a / 12 (a / steps)^2 max |g''|.
+    # For the integrand g(A) = exp(-A / d), the error of the trapezoidal rule is at most x / 12 (x / steps)^2 max |g''|.
     assert errors[0] < way**3 / (12 * d**2 * 8**2) + 1e-5
     assert errors[1] < way**3 / (12 * d**2 * 16**2) + 1e-5

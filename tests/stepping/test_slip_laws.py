@@ -87,7 +87,7 @@ WRONG = {
     "a softening below zero": (Law(weakening, -1.0), "found softening -"),
     "a softening of forces": (Law(weakening, 30.0, pressed=True), "found softening .* and pressed=True", PRESSING),
     "too small a softening": (Law(weakening, 20.0), r"changes the weight .* softening must be the largest"),
-    "a slope": (Law(reads_the_slip, pressed=True, slope=worn_slope), "With a slope, a law may not depend", PRESSING),
+    "a slope": (Law(reads_the_slip, pressed=True, slope=worn_slope), "A law with `slope=` must not depend", PRESSING),
     "no pressed=True": (Law(coulomb), "p is empty without pressed=True"),
 }  # fmt: skip
 
@@ -237,7 +237,7 @@ def march_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by certified errors and errors of the iterations; later steps multiply both by less than 20."""
+    """States differ by certified errors and iteration errors; later steps enlarge each error less than 20 times."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)

@@ -78,7 +78,7 @@ def test_certificates_bound_the_distance_to_exact_steps(k, kind, condense):
 
 
 def test_a_given_start_with_dashpots_has_the_pressure_of_its_depth():
-    """The ground of stiffness 100 is pressed in by 0.01 x."""
+    """The body presses the ground of stiffness 100 in by 0.01 times the coordinate x, so that the pressure is x."""
     mesh = vx.meshes.squares(2)
     creep = vx.Elasticity(20.0, 0.0), vx.Viscosity(5.0, 0.0), vx.Clamp(on="left")
     down = np.column_stack([0.0 * mesh.points[:, 0], -0.01 * mesh.points[:, 0]])

@@ -69,7 +69,7 @@ class PETSc(Iterative):
 
 
 class PETScFactor(IterativeFactor):
-    """A matrix K distributed over all ranks, which hold one matrix at a time and set up another one when it is used."""
+    """A matrix K distributed over all ranks. Ranks hold one matrix, and replace it when another matrix is used."""
 
     def __init__(self, limits: PETSc, K: sp.csr_matrix, near_kernel: Floats | None, ranks: Ranks):
         # PETSc treats singular values below 1e-12 as zero, whatever the unit, so K is scaled.

@@ -61,8 +61,8 @@ class SuperLUFactor(Factor):
         """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
 
         By Sylvester's law of inertia, the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
-        definite if a pivot left the diagonal, or is at most the rounding of its diagonal entry of K. If K is a
-        matrix A with k kernel motions plus the stiffness of k anchors, then A is semidefinite (Haynsworth 1968).
+        definite if a pivot left the diagonal, or is at most the rounding error of the entry K_ii in its row. If K is
+        A plus the stiffness of k anchors, and A has k kernel motions, then A is semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
@@ -87,7 +87,7 @@ class SuperLUFactor(Factor):
 def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
     """Return SuperLU's order (n,) of K by minimum degree, for matrices without coordinates.
 
-    It comes from an incomplete factorisation that drops all fill. The dominant diagonal keeps every pivot positive.
+    The order comes from an incomplete factorisation without fill. The dominant diagonal keeps every pivot positive.
     """
     pattern = sp.csc_matrix(K, copy=True)
     pattern.data[:] = 1.0
@@ -119,5 +119,5 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # A separator gets the number of the last part that it separates, and follows it. Finer separators come first.
+    # A separator gets the number of the last part that it separates. The order: this part, finer separators, separator.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -25,8 +25,8 @@ Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D'
 The gap is linear in the slip of a sticking term, and the bound on the error is $\sqrt{2 \, \text{gap}}$. So a slip of
 1e-16, which is only rounding, makes a bound of 1e-8. If a move $v$ removes the slip, the bound grows only by $2 |v|_K$:
 
-**Theorem 2.** Let $d - v$ be within the bounds, $|r|^2 = r' K^{-1} r$ for the residual $r$ at $d$, and $T(v)$ the sums
-over norm terms and limits in the gap at $d - v$. Then
+**Theorem 2.** Let $d - v$ be within the bounds, and $|r|^2 = r' K^{-1} r$ with the residual $r$ at $d$. Let $T(v)$ be
+the two sums of the gap, with $s$ and $z$ at $d - v$. Then
 
 $$ |d - d^*|_K \le 2 |v|_K + \sqrt{|r|^2 + 2 T(v)}. $$
 
@@ -55,7 +55,7 @@ BOUND_ROUNDING = 4 * EPS
 """Relative rounding error of the length of w lam / |lam|. If |lam| is this close to w, w - |lam| counts as zero."""
 
 ROUNDED = 8 * EPS
-"""Rounding error of a sum of sixteen terms, relative to their sizes. Condensation neglects smaller parts of a load."""
+"""Rounding error of a sum of sixteen terms, relative to the sum of their absolute values."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -92,7 +92,7 @@ class Certificate(ArrayRecord):
     moved: float = 0.0
 
     def away(self, error: float) -> Certificate:
-        """Return the certificate whose gap is 1/2 error^2, for a known error |d - d*|_K."""
+        """Return a certificate with the gap error^2 / 2, for a known bound `error` on |d - d*|_K."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
 
@@ -132,7 +132,7 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     (w - |lam|) |s| + |lam| |s| |e - f|^2 / 2 with the directions e of lam and f of s.
     """
     size, slip = lengths(lam), lengths(s)
-    # If lam or s vanishes, its factor |lam| or |s| removes the undefined direction from the sum.
+    # A vanishing lam or s has no direction; then `apart` is multiplied by |lam| |s| = 0.
     apart = directions(lam, size) - directions(s, slip)
     short = np.where((size >= (1.0 - BOUND_ROUNDING) * w) | (slip == 0.0), 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * np.einsum("ij,ij->i", apart, apart)

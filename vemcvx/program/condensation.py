@@ -87,7 +87,7 @@ class Reduced:
 
     @cached_property
     def norm(self) -> float:
-        """The energy norm (phi'K^{-1}phi)^{1/2} of the response."""
+        """The energy norm (phi'K^{-1}phi)^{1/2} of `x`."""
         released = self._sum("released", len(self.condensation.retained))
         with np.errstate(over="ignore", invalid="ignore"):
             return float(np.sqrt(abs(self.work_inside(self) + float(self.retained @ released))))
@@ -95,7 +95,7 @@ class Reduced:
     def work_inside(self, other: Reduced) -> float:
         """Return phi'xi, the work of this force on the xi of another force."""
         pairs = ((one, a, two, b) for one, a in self.shares.items() for two, b in other.shares.items())
-        # Coefficients have the units of their forces: a * b may overflow even if a * b * work does not.
+        # Multiply in this order: a * b can overflow where a * b * work does not.
         return float(sum(a * (b * one.work_inside(two)) for one, a, two, b in pairs))
 
     def __add__(self, other: Reduced) -> Reduced:
@@ -119,9 +119,9 @@ class Reduced:
 class Condensation:
     """A system reduced to its retained unknowns.
 
-    `operators` act on the `retained` (m,) unknowns: the dense S, and the rows of norm terms and limits. `full` are the
-    operators on all unknowns. Both are equal if the system is not condensed (`whole`): with ``condense=False``, or if
-    the linear solver cannot eliminate. `factor` solves with K; if K has a kernel, with K plus the stiffness `anchor`.
+    `operators` are the dense S and the rows of norm terms and limits, on the `retained` (m,) unknowns. `full` are the
+    operators on all unknowns. If `whole` is True, the system is not condensed, and `operators` equals `full`.
+    `factor` solves with K; if K has a kernel, with K plus the stiffness `anchor`.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -191,7 +191,7 @@ class Condensation:
         return Shape(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return tau (m,), corrected: on K's kernel it does the work of phi (n,), or none if that is rounding."""
+        """Return tau (m,), corrected to do the work of phi (n,) in K's kernel; rounding counts as zero work."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau

@@ -13,8 +13,9 @@ W = A K^{-1}A'. So the vector off = (s, z - c p) becomes
 and W + C is the only property of the body that a step needs. Rows are scaled by units u such that W + C has a unit
 diagonal, so that tolerances do not depend on the system of units.
 
-If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then also have a component N a, with
-coordinates a; it changes s and z by R a, where R = A N and R'R = I. Forces balance on it: `rest` = N'g - R'x = 0.
+If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then have a further component N `a` with
+coordinates `a`. It changes s and z by R `a`, where R = A N and R'R = I. Forces must balance in motions of the kernel:
+`rest` = N'g - R'x is zero.
 """
 
 from __future__ import annotations
@@ -123,10 +124,7 @@ def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Float
 
 
 def build_reflections(direction: Floats) -> Floats:
-    """Return reflections (m, block, block) that map the first unit vector to `direction` (m, block) or its negative.
-
-    The other columns are an orthonormal basis of the complement of `direction`.
-    """
+    """Return orthogonal matrices (m, block, block) whose first columns are `direction` (m, block) or -`direction`."""
     normal = direction + np.where(direction[:, :1] < 0, -1.0, 1.0) * np.eye(direction.shape[1])[0]
     mirrors: Floats = np.eye(direction.shape[1]) - 2.0 * (
         normal[:, :, None] * normal[:, None, :] / (normal**2).sum(axis=1)[:, None, None]

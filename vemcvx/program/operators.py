@@ -60,7 +60,7 @@ def check_symmetric(K: Any, subject: str) -> None:
 def as_read_only_rows(raw: Any, subject: str) -> sp.csr_matrix:
     """Convert a matrix into a read-only sparse matrix of finite numbers."""
     matrix = as_sparse_matrix(raw, subject)
-    if not matrix.has_canonical_format:  # Else SciPy would sort the entries in place at a later product.
+    if not matrix.has_canonical_format:  # In a later product, SciPy would sort the entries in place.
         matrix = matrix.copy()
         matrix.sum_duplicates()
     read_only(matrix.data)
@@ -265,7 +265,7 @@ class Operators(ArrayRecord):
         return energies
 
     def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
-        """Estimate b'K^{-1}b of every row b by b'diag(K)^{-1}b times the largest ratio of the two on sampled rows."""
+        """Return estimates c b'diag(K)^{-1}b of b'K^{-1}b for every row b; c is the largest ratio on sampled rows."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
@@ -273,7 +273,7 @@ class Operators(ArrayRecord):
 
 
 class DenseInverse(Factor):
-    """The inverse of a dense K: every run needs its diagonal, and its block on unknowns of norm terms and limits."""
+    """The inverse of a dense K. Runs need the diagonal of the inverse, and a block of the inverse."""
 
     def __init__(self, K: Floats):
         # LAPACK reads matrices by columns: passing K' = K avoids a copy, and halves the time.

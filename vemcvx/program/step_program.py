@@ -79,7 +79,7 @@ class StepProgram(ArrayRecord):
     b : (m * block,) array
         Minus the slip that moving supports and ground cause; the total slip is B d - b.
     e : (r,) array
-        Gaps of the state before the step, to obstacles at the end of the step; negative for overlaps.
+        Gaps between the state before the step and obstacles at the end of the step; negative for overlaps.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm of K^{-1} g, of least moves out of an overlap, and of least moves of a stuck term."""
+        """The largest energy norm among K^{-1} g, least moves that end an overlap, and least moves of stuck terms."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -185,7 +185,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c of K's kernel with the largest gain that limits allow; None if this gain is zero.
+        """Return the motion N c in K's kernel that has the largest gain within the limits; None if this gain is zero.
 
         The gain is g'N c - sum w_i |B_i N c| with |c| <= 1. Below GAIN_TOLERANCE times the load it counts as zero.
         """
@@ -227,7 +227,7 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return multipliers of least imbalance at `d`, with given lam or p fixed; if `lawful`, the law fixes some."""
+        """Return multipliers of least imbalance at `d`, keeping given lam or p; if `lawful`, the law fixes more."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -279,7 +279,7 @@ class StepProgram(ArrayRecord):
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
         """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
 
-        The unknowns `before` (n,) are those to which d is added; the floor includes their rounding.
+        The state before the step is `before` (n,); the floor includes the rounding errors of this state.
         """
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
@@ -316,7 +316,7 @@ class StepProgram(ArrayRecord):
         return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return N'r (k,), which is N'(g - B'lam - D'p) because N'K = 0, and a bound (k,) on its rounding."""
+        """Return N'r = N'(g - B'lam - D'p) (k,), and a bound (k,) on the rounding error; N'K is zero."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
         # Entries of g are sums of larger forces that cancel: allow for a rounding of EPS times the largest entry.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)

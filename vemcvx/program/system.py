@@ -62,7 +62,7 @@ class Rows(ArrayRecord):
         return str(call_function(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one number per term or limit (count,); refuse wrong signs, and infinite values other than weights."""
+        """Return one number per term or limit (count,); refuse wrong signs, and infinite values except weights."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one per {self.kind.split()[-1]}", type(self).__name__
         found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
@@ -286,7 +286,7 @@ class Damping(ArrayRecord):
     C : (n, n) array or sparse matrix
         The matrix of b, symmetric, positive semidefinite.
     motion : Motion, optional
-        The contributions of moving supports, with b instead of a. Its slips and gaps are not used.
+        The contributions of moving supports, with the form b in place of a(., .); slips and gaps are not used.
 
     Examples
     --------

@@ -160,7 +160,7 @@ class RunSolver:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve one step. Under a law, return the answer with the least gap under the weights for this answer."""
+        """Solve one step. Under a law, each answer has a gap under its own weights; return the answer of least gap."""
         if self.prepared is self.newton:
             return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:

@@ -1,8 +1,8 @@
-"""The weights w of norm terms in one step: given numbers, or a law w(p, |s|) of limit forces p and slips s.
+"""The weights w of norm terms in one step: given numbers, or a law w(p, |s|), with forces p of limits and slips s.
 
-A law has two derivatives: J = dw/dp if the law defines it, and dw/d|s|, by differences, if the law depends on the slip
-of the step. A step under a law is one set-valued equation. A solution with forces p* of limits and slips s* also solves
-the convex program with the constant weights w(p*, |s*|).
+A law has two derivatives: J = dw/dp, its *slope*, if the law defines it, and dw/d|s|, by differences, if w depends on
+the slip of the step. A step under a law is one set-valued equation. If p* and s* are the p and s of a solution, this
+solution also solves the convex program with the constant weights w(p*, |s*|).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Weights:
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slip(self, p: Floats, slip: Floats) -> None:
-        """Raise SceneError if the slip of the step changes weights more than slope or softening of the law allow."""
+        """Raise SceneError if weights fall faster with slip than `softening`, or depend on slip although J is given."""
         norms = self.norms
         if norms is None or not norms.remembers or ((softening := norms.softening) is None and not norms.sloped):
             return
@@ -96,8 +96,8 @@ class Weights:
                 i, what = int(np.argmax(off)), "slip rate" if norms.reads_rates else "slip"
                 raise SceneError(
                     f"friction: at {norms.name(i)}, in the step to t = {self.t:.6g}, the {what} {more[i]:.6g} instead "
-                    f"of {s[i]:.6g} changes the weight from {w[i]:.6g} to {own[i]:.6g}. With a slope, a law may not "
-                    f"depend on this slip. A softening must be the largest decrease per {what}, or None if it is "
+                    f"of {s[i]:.6g} changes the weight from {w[i]:.6g} to {own[i]:.6g}. A law with `slope=` must "
+                    f"not depend on this slip. A softening must be the largest decrease per {what}, or None if it is "
                     "unknown."
                 )
 
@@ -124,7 +124,7 @@ def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance
         r = low + (high - low) * np.clip(part, 0.0, 1.0)
         error = law.at(p, r) + shift * r - size
         under = error <= 0.0
-        # Halve the value at an end that stays twice (Illinois).
+        # Halve the value at an end of the bracket that did not move in the last two rounds (Illinois).
         share, last = np.where(under == last, 0.5, 1.0), under
         above, below = np.where(under, share * above, error), np.where(under, error, share * below)
         low, high = np.where(under, r, low), np.where(under, high, r)

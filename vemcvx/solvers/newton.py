@@ -8,8 +8,8 @@ with a column of Q for each unknown in z. The unknowns are changes of
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
-Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. Let P be Q'
-for J = 0. Then these conditions are
+Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. Let P be
+Q' without the terms in J. Then these conditions are
 
 $$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off} - s \text{ on slipping terms}). $$
 
@@ -53,7 +53,7 @@ more often."""
 REGULARISATION = 1e-11
 """Number added to a unit diagonal: dependent rows then share their force. Corrections remove the error."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Errors of the law, relative to the largest force, at which corrections, a step, or a stalled step end."""
+"""Errors of the law, relative to the largest force: smaller errors end corrections, a step, or a stalled step."""
 MAX_CORRECTIONS = 20
 """Largest number of corrections on one factorisation. With 2,000 unknowns, they take as long as factorising again."""
 FIRST_SWEEPS = 100
@@ -118,7 +118,7 @@ class ActiveSets:
 
 @dataclass(frozen=True, eq=False)
 class ActiveSetSystem:
-    """The linear system of some active sets: P (k, N), Q (N, k), and `solve` with its factorised matrix."""
+    """The linear system of some active sets: P (k, N), Q (N, k), and `solve`, which uses the factors of the matrix."""
 
     sets: ActiveSets
     P: sp.csr_matrix
@@ -265,7 +265,7 @@ class Search:
         return point, new, error
 
     def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
-        """Return the point of least error, with its sets, out of four points between `before` and `point`."""
+        """Return the best of four points between `before` and `point`, and its active sets."""
         dx, da = point.x - before.x, point.a - before.a
         tried = [self.delassus.move(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
         found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]

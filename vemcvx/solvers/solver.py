@@ -57,8 +57,8 @@ class Prepared(Protocol):
 class Solver(ABC):
     """The settings of a solver; `prepare` returns an object that solves the programs of one run.
 
-    A subclass defines `prepare` and `accepts`, a class attribute or a property; it may redefine `accuracy`. A frozen
-    dataclass is a good choice: its accuracy is checked when it is made.
+    A subclass defines the method `prepare`, and `accepts` as a class attribute or a property. The subclass can redefine
+    `accuracy`. If the subclass is a dataclass, its instances check `accuracy` when they are made.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class ScaledSolver:
 
     def length(self, program: StepProgram) -> float:
         """Return the length alpha of a step; 1.0 if its data vanish."""
-        # Friction loads the body by at most the weight of a term, however far supports or ground move there.
+        # However far supports or ground move at a term, friction loads the body there by at most the weight.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(

@@ -8,14 +8,15 @@
 With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.
 
-Dashpots add the form b(u', v) to a(u, v). Nodal displacements are u = P y + u_D, with the motion u_D of supports; b has
-the matrix A_b on u, and C on y. In a step of length k, K + C/k replaces K, and moving supports add the force
--P'A_b (u_D,n - u_D,n-1) / k. Such systems are not condensed. The certificate bounds the error in the norm of K + C/k.
+Dashpots add the form b(u', v) to a(u, v). Nodal displacements are u = P y + u_D, with the motion u_D of supports. The
+matrix of b is A_b for displacements u, and C for unknowns y. In a step of length k, K + C/k replaces K, and moving
+supports add the force -P'A_b (u_D,n - u_D,n-1) / k. Such systems are not condensed. The certificate bounds the error in
+the norm of K + C/k.
 
 Errors are relative to the largest energy norm of the states so far. A body that moves without strains has no energy:
 its norm is only rounding. So if all states so far count as zero, the reference is the largest energy norm that the data
-could cause: a load f causes |K^{-1}f|_K without contact and friction. A state counts as zero if its norm is at most
-`accuracy` times this reference, or rounding.
+could cause: a load f causes |K^{-1}f|_K without contact and friction. A state counts as zero if its norm is only
+rounding, or at most `accuracy` times this reference.
 
 A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. The condition holds
 if and only if one step at times[0] from u_0 returns u_0. Otherwise the distance of u_0 from a state that obeys (2.1) is
@@ -500,7 +501,7 @@ def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
 
 
 def _begin_history(run: PreparedRun, state: State, past: Ledger) -> State:
-    """Return the state as the beginning of a history, without slips in its step, and with losses and work of `past`."""
+    """Return the state as the beginning of a history: with zero slips, and with the losses and work of `past`."""
     ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
     return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=state.data.force.norm)

@@ -76,7 +76,7 @@ def subdivide(times: Floats, least: int, in_all: int) -> Floats:
 
 
 def inside_steps(times: Floats, bends: Floats) -> Floats:
-    """Return the bends that are not instants of steps, without duplicates; each jump contributes both its sides."""
+    """Return the bends that are not instants of steps, without duplicates; each jump has two bends."""
     span = float(times[-1] - times[0])
     inside = np.sort(bends[np.abs(bends[:, None] - times).min(axis=1, initial=np.inf) > JUMP_WIDTH * span])
     # If two data bend at the same instant, this instant is found twice, with different rounding.

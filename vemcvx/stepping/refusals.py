@@ -96,7 +96,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
-    # Normalise by displacements of nodes: the unknowns of a joint are jumps, which are smaller.
+    # Normalise by displacements of nodes. At a joint, unknowns are jumps, which are smaller than displacements.
     field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))

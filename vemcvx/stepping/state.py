@@ -2,9 +2,9 @@
 
 States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
 
-The ledger of a step of backward Euler has the following entries. In them d marks a change in the step, lam are forces
-of norm terms, and p forces of limits with the compliances c. Along norm terms, h is the motion of supports minus the
-motion of the ground. D^ are the rows of limits on u, and g = e - D^u_D is the gap at y = 0.
+The ledger of a step of backward Euler has the entries below. The letter d marks a change in the step. Norm terms
+have the forces lam, limits have the forces p and the compliances c. The motion of supports minus the motion of the
+ground, measured like a slip, is h. D^ are the rows of limits on u, and g = e - D^u_D is the gap at y = 0.
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg
@@ -59,7 +59,7 @@ MAX_STEP_LENGTHS = 4
 """Largest number of step lengths for which factors are stored in runs with dashpots."""
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
-"""Range of energy norms: outside it their squares, or the much smaller gaps, overflow or underflow."""
+"""Range of energy norms. Outside this range, squares of norms, or the much smaller gaps, overflow or underflow."""
 
 
 def check_norm(norm: float, t: float) -> float:
@@ -118,7 +118,7 @@ class PreparedRun:
     """The data that all steps of a run share."""
 
     system: System
-    elastic: Frame  # without damping; states store its unknowns
+    elastic: Frame  # the frame without damping; states store the unknowns of this frame
     solver: Solver
     check: bool
     default: bool  # True if the solver was not given: an answer at the rounding floor is then accepted

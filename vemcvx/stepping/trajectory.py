@@ -234,7 +234,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def above_asked(self) -> str:
-        """The requested accuracy, and why `certified` exceeds it, in words; empty if it does not."""
+        """Words that compare `certified` with the requested accuracy; empty if `certified` meets it."""
         asked, worst = self.accuracy, float(self.certified.max())
         if worst <= asked:
             return ""

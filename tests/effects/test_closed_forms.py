@@ -91,7 +91,7 @@ def assert_close(found, exact):
 
 
 def test_patch_with_mixed_conditions(body):
-    """A linear field is prescribed on one side, one component on two others; tractions act along free components."""
+    """A linear field is prescribed on one side, and one component on two others; tractions load free components."""
     d = body.dim
     slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
     strain = 0.5 * (slope + slope.T)

@@ -88,7 +88,7 @@ def answer(law, mesh, across, path=PATH, **settings):
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("family", SOLIDS)
 def test_a_sheared_block_follows_its_closed_form(family, name):
-    """Patch test: forces lie on the ellipse and slips along its normal, at all nodes."""
+    """Patch test: at all nodes, forces lie on the ellipse, and slips are normal to the ellipse."""
     law, across = LAWS[name]
     a, q = closed_form(BOUND if across is None else across)
     history = answer(law, solid(family, 2, BOX), across)

@@ -1,4 +1,4 @@
-"""Prescribed slip: halves of a body that is cut through move rigidly; a crack has the stress drop of its slip."""
+"""Prescribed slip: two halves of a cut body slide rigidly; the slip of a crack gives its stress drop."""
 
 import numpy as np
 import pytest

@@ -60,7 +60,7 @@ def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
 
 
 def punch(e):
-    """Return the scene of a rigid tool of half width 1, which a force at x = e presses down and may turn."""
+    """Return the scene of a rigid tool of half width 1 that can turn; a force at x = e presses it down."""
     rigid = vx.Rigid(on="tool", at=(e, 0.0), force=lambda x, t: (0.0, -t), motion=(0.0, None, None))
     return vx.Scene(STEEL, vx.Clamp(on="low.bottom"), vx.UnilateralContact(on="low|tool"), rigid)
 

@@ -64,7 +64,7 @@ def cracked():
 
 @mostly_long("name", ["pressed", "stuck", "pressed again"])
 def test_a_plate_whose_crack_sticks_deforms_as_without_a_crack(cracked, name):
-    """This holds before and after an opening of the crack."""
+    """The crack sticks before it opens, and sticks again after it closes."""
     assert np.abs(cracked.displacement[AT[name]] - linear(cracked, name)).max() < 1e-13
     assert cracked.contact.closed[AT[name]].all()
     yy, xy = COURSE[name]

@@ -21,7 +21,7 @@ def block(rounded=lambda x: x, n=8):
 
 @pytest.mark.parametrize("digits", [4, 9])
 def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
-    """Rounding points by e rotates sides by up to 16 e (n = 8). The factor 100 allows for the slip that this causes."""
+    """Rounding points by e rotates sides by up to 16 e (n = 8). The factor 100 allows for the slip due to rotations."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")

@@ -26,7 +26,11 @@ def drag(direction):
 
 
 def ledger_rest(history):
-    """Return work - dE - loss - 1/2 a(du, du) - p . dz, which is zero; z are normal displacements, p contact forces."""
+    """Return the rest of the energy balance, which is zero.
+
+    The rest is work - energy - dissipation - sum over steps of (|du|_A^2 / 2 + p . dz). Here du and dz are increments
+    of displacements and of normal displacements, and p are contact forces.
+    """
     posed = pose_scene(history.scene, history.mesh)
     du = np.diff(history.displacement, axis=0).reshape(history.steps, -1)
     rest = 0.5 * np.einsum("ni,ni->n", du, (posed.A @ du.T).T)

@@ -43,7 +43,7 @@ def nodes_of_body(mesh, name):
 
 
 def pressed(pressure, shear):
-    """Return the gradient of a field with horizontal stretches, and this pressure and shear on horizontal planes."""
+    """Return a displacement gradient: horizontal stretches, and this pressure and shear on horizontal planes."""
     lame, along = 2 * SHEAR * POISSON / (1 - 2 * POISSON), [0.02, 0.01][: len(shear)]
     gradient = np.diag([*along, -(pressure + sum(along) * lame) / (lame + 2 * SHEAR)])
     gradient[:-1, -1] = shear / SHEAR

@@ -93,7 +93,7 @@ def rings(sectors, turn, order):
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" in ".join)
 @pytest.mark.parametrize("law", FRICTIONS)
 def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order):
-    """Without the mirror images of their normals, end nodes had a friction of .30 times the pressure."""
+    """If normals at the cuts were not averaged with mirror images, friction there would be .30 times the pressure."""
     joint = "|".join(order)
     effects = (
         STEEL,
@@ -163,7 +163,7 @@ def normal_at_the_end(mesh, *supports):
 @pytest.mark.parametrize("holder", ROLLERS)
 @mostly_long("degrees", [0.0, 15.0, 21.0, 21.5, 30.0], 3)
 def test_a_wedge_on_a_line_of_symmetry_has_the_normals_of_the_whole_body(degrees, holder):
-    """The sides of the whole wedge form a curve if they turn by less than 42.5 degrees, and a tip otherwise."""
+    """The sides of the whole wedge form a curve below 42.5 degrees between their normals, and a tip above."""
     normal = normal_at_the_end(slope(degrees), ROLLERS[holder]("left", (-1.0, 0.0)))
     if 0 < degrees < 21.25:
         assert np.abs(normal - [0.0, -1.0]).max() < 1e-15

@@ -94,7 +94,7 @@ def test_one_component_is_prescribed_and_the_other_is_free(direction, unit, degr
 @mostly_long("degrees", [0.0, 30.0], 1)
 @pytest.mark.parametrize("surface", ["contact", "part of the contact", "no contact"])
 def test_every_friction_term_has_one_unknown(family, degrees, surface):
-    """Sticking is then exact, also on an incline."""
+    """With one unknown per term, sticking is exact, also on an incline."""
     R = rotation(np.radians(degrees))
     mesh = moved(small(family, 4), R)
     # Normals of a part are means over fewer edges; they differ by rounding from the normals of the whole contact side.
@@ -116,7 +116,7 @@ def test_a_body_held_everywhere_has_no_unknowns():
     )
     assert np.array_equal(history.displacement, TIMES[:, None, None] * history.mesh.points)
     assert not history.certificate.any()
-    # u = t x: 1/2 a(u, u) = 1/2 t^2 (2 mu 2 + lam 4) on the unit square.
+    # u = t x: 1/2 a(u, u) = 1/2 t^2 (4 mu + 4 lam) on the unit square.
     lam, mu = history.moduli[:, 0]
     assert history.energy == pytest.approx(0.5 * TIMES**2 * (4 * mu + 4 * lam), rel=1e-14)
 

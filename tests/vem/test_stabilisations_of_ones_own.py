@@ -46,7 +46,7 @@ def test_errors_are_of_first_order():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, the error of the D-recipe is 2.7 times the default's; `deviatoric` makes both errors equal."""
+    """At nu = .49999, `DRecipe()` has 2.7 times the error of the default; with `deviatoric=True` both are equal."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
@@ -55,7 +55,7 @@ def test_the_d_recipe_locks_unless_it_is_deviatoric():
 
 
 def test_energies_of_the_hourglass_of_a_square():
-    """Vertex values 1, -1, 1, -1 have the energy 8 mu in the boundary form, and lam + 3 mu or 4 mu in the D-recipes."""
+    """Energies of vertex values 1, -1, 1, -1: 8 mu with `Boundary`, lam + 3 mu with `DRecipe`, 4 mu if deviatoric."""
     mesh = vx.PolygonMesh([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], [[0, 1, 2, 3]])
     u = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
     for stabilisation, energy in ((OWN[0], 8 * MU), (OWN[1], LAM + 3 * MU), (OWN[2], 4 * MU), ("shear", 8 * MU)):
@@ -71,7 +71,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
-    """On two materials, fields that differ by w have the squared nodal distance w'Aw. `error_budget` does not raise."""
+    """On two materials, fields that differ by w have the squared nodal distance w'Aw; `error_budget` succeeds."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)
@@ -168,7 +168,7 @@ def test_the_budget_is_the_sum_over_edges_of_its_formula():
 
 @pytest.mark.long
 def test_bounds_hold_whatever_the_stabilisation():
-    """Bounds enclose the exact energy and potential, so their intervals overlap the intervals of a finer mesh."""
+    """Bounds enclose the exact energy and potential, so the intervals of two meshes overlap."""
     fine = vx.error_bound(simulate_bar("shear", vx.meshes.squares(16)), step=1)
     for stabilisation in ("unit", *OWN):
         bound = vx.error_bound(simulate_bar(stabilisation, small("voronoi", 4)), step=1)
@@ -179,7 +179,7 @@ def test_bounds_hold_whatever_the_stabilisation():
 
 
 class Wrong(vx.Stabilisation):
-    """A stabilisation whose form is a given function of mu times the identity."""
+    """A stabilisation with the form change(mu I), for a given function `change`."""
 
     def __init__(self, change):
         self.change = change

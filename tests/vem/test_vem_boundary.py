@@ -117,7 +117,7 @@ def test_normals_of_a_sphere_are_radial():
     cells = [[*triangle, len(points)] for triangle in ConvexHull(points).simplices]
     tetrahedra = [[[c[a], c[b], c[d]] for a, b, d in ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))] for c in cells]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)  # faces are turned outwards
+        warnings.simplefilter("ignore", MeshWarning)  # vemcvx warns that it reverses faces
         mesh = vx.PolyhedralMesh(np.vstack([points, np.zeros(3)]), tetrahedra)
     rows = Space(mesh).part("boundary", "test").node_normals
     smooth = np.bincount(rows.nodes, minlength=len(points))[rows.nodes] == 1

@@ -216,7 +216,7 @@ def test_translated_cells_of_equal_moduli_share_their_local_matrix(family, n, mo
 
 
 def test_cells_that_differ_in_the_last_bit_have_separate_matrices():
-    """The sums of these rows, rounded, are equal."""
+    """The two kinds of rows differ, but the sums of their entries are equal after rounding."""
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + EPS, 2.0 - 2 * EPS]] * 40)
     rows = rows[np.random.default_rng(0).permutation(80)]
     some, same = distinct([rows])
@@ -265,7 +265,7 @@ def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 @pytest.mark.filterwarnings("ignore:Elasticity. poisson")
 def test_errors_in_space_halve_with_h_whatever_lambda(family):
-    """lambda / mu is 1.5, and 1e6 except on tetrahedra, which lock as linear elements do."""
+    """lambda / mu is 1.5 or 1e6; tetrahedra have 1.5 only, because linear elements lock at 1e6."""
     for poisson in (0.3,) if family == "tetrahedra" else (0.3, 0.4999995):
         scene, lam = full_slip.scene(poisson, pulled=True), full_slip_in_plane.lame(poisson)
         runs = (vx.simulate(scene, vx.meshes.SPACE_FAMILIES[family](n), [0.0, 1.0], check=False) for n in (4, 8))

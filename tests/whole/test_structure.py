@@ -53,7 +53,7 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_804, "linear": 923, "scene": 1_972, "effects": 2_455}
+LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_804, "linear": 923, "scene": 1_972, "effects": 2_456}
 LINES |= {"exchange": 668, "testing": 1_011, "cli/collection": 1_096}
 LINES |= {"bound": 3_036, "results": 2_745, "estimate": 2_150, "plots": 2_011}
 LINES |= {"limit_analysis": 421}
@@ -62,9 +62,9 @@ LINES |= {"meshes": 6_631, "meshes/io": 1_388, "vem": 2_626}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_854
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 20_842
+TESTS = 20_846
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 31_484
+ALL_TESTS = 31_488
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

@@ -260,7 +260,7 @@ SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
 # For while_closed=True, a weight w that jumps from 0 to the nodal bound b at the normal force p = 0 would leave some
-# steps without a solution: a node may close without friction and open with friction. The ramp w = min(STEEPNESS p, b),
+# steps without a solution: a node can close without friction and open with friction. The ramp w = min(STEEPNESS p, b),
 # which is Coulomb's law with the cap b, is continuous, so every step has a solution (Brouwer).
 STEEPNESS = 1e6
 Reader = Callable[[str, float], Floats] | None  # maps the name of a field and a time to values (m,)

@@ -4,8 +4,8 @@ Displacements are vectors u of n_nodes * dim nodal values; component a of node i
 of contributions are fixed; users may define further effects, which return contributions of these kinds.
 
 Friction by direction, on a surface in space, is bounded by an ellipse. Let g be the bound along a unit vector e in the
-surface and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. The dissipation in a slip s is
-the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, q_c / h), this work is
+surface with normal n, and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. The dissipation
+in a slip s is the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, q_c / h), this work is
 
     max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
 
@@ -321,7 +321,7 @@ class Friction(ContactSurface):
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     def read(self, times: Sequence[float]) -> Floats:
-        """Return the vectors (m, dim - 1, dim) that multiply slip; with `directions` in space, the second is 0."""
+        """Return the vectors (m, dim - 1, dim) that multiply slip; in space, `directions` make the second vector 0."""
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
@@ -414,7 +414,7 @@ class Material:
         Lame's lam (already reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row
         (:mod:`vemcvx.vem.tensors`). Force per area.
     thermal_stress_moduli : (n_cells, components) array
-        Minus the stress where a unit eigenstrain, equal in all directions of space, is blocked.
+        b: an eigenstrain s, equal in all directions of space, causes the stress -b s where it is blocked.
     plane : {"strain", "stress", "axisymmetric"}
         The same for all materials of a body; "strain" in space.
     cells : (n_cells,) array of bool, optional
@@ -610,7 +610,7 @@ class Effect(ABC):
         return found
 
     def _check_dimension(self, space: Space) -> None:
-        """Raise SceneError if the metadata of a given field exclude it for bodies of this dimension."""
+        """Raise SceneError if a field is given that is only for bodies of the other dimension."""
         for one in fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
             if value is not None and "in the plane" in one.metadata:

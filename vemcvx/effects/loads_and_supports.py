@@ -85,7 +85,8 @@ class BodyForce(Effect):
     """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
 
     v_hat is the average of the vertex values of v on K, as defined before (3.14) of the paper. For constant f, the
-    resultant is exact. The moment is exact on cells whose centroid is the mean of their vertices; else it errs by O(h).
+    resultant is exact. The moment is exact if the centroid of each cell is the mean of its vertices; otherwise its
+    error is O(h).
 
     Parameters
     ----------

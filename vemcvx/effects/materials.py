@@ -130,7 +130,7 @@ def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bool
 
 
 def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints:
-    """Return the nodes of the cells where one of the cell data `on` is nonzero, ascending; all nodes if it is None."""
+    """Return the nodes of the cells where one of the cell data `on` is nonzero, ascending; all if `on` is None."""
     inside, (cells, nodes) = cells_of(space, on, subject), space.incidences
     found: Ints = np.unique(nodes[inside[cells]])
     return found
@@ -453,7 +453,7 @@ class ThermalStrain(Effect):
 class Prestress(Effect):
     """Initial stress, a stress sigma_0 at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    ThermalStrain describes load, energy, work and initial states: -sigma_0 takes the place of C alpha theta I.
+    For load, energy, work and initial states see ThermalStrain, with -sigma_0 in place of C alpha theta I.
 
     Parameters
     ----------
@@ -461,7 +461,7 @@ class Prestress(Effect):
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
         stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies. The stress acts where one is nonzero, by default everywhere.
+        Names of cell data, such as bodies. The stress acts where one of them is nonzero, by default everywhere.
 
     Examples
     --------

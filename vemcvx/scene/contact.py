@@ -80,7 +80,7 @@ def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Return a mask (k,) of the rows whose `slip` changes during `times`, or may change if `times` is empty."""
+    """Mark rows (k,) whose `slip` changes during `times`; if `times` is empty, all whose nodes or ground move."""
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
         return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
@@ -97,15 +97,15 @@ def _find_dragged(
 
 
 def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
-    """Return g (k, n_u): the contact force of a row under reactions R is -g . R; g is 0 in rows without this force."""
+    """Return g (k, n_u): under reactions R, the contact force of a row is -g . R; g is 0 without such a force."""
     entries, places = _match_normals(rows, supports)[1:]
     return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return a mask (k,) of contact rows whose normal only contact holds, cosines, and pairs (contact row, row of A).
+    """Find the pairs (contact row, row of A) in which the force on the row of A is a normal contact force.
 
-    In each pair, the force on the row of A is a normal contact force; the cosine is between the two directions.
+    Return a mask (k,) of contact rows whose normal only contact holds, the cosines between paired rows, and the pairs.
     """
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
@@ -131,9 +131,9 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 
 
 # Friction rows with the same node, normal and kind (`_kinds`) form one term. The weight of a term is the sum of the
-# weights of its rows; its edges are all edges of these rows. The matrix of the terms is B^ in u (orthonormal tangents),
-# and B = B^ P in the free unknowns. Terms with zero rows in B come last. Such a term is kept if a support or the ground
-# makes its node slip, because this slip dissipates, or if it has a pressure, because the pressure is reported.
+# weights of its rows; its edges are all edges of these rows. Over nodal values, the matrix of the terms is B^, with
+# rows along orthonormal tangents; over the free unknowns it is B = B^ P. Terms with zero rows in B come last. They are
+# kept in two cases: a support or the ground makes the node slip (this dissipates), or a pressure is to be reported.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
@@ -147,8 +147,8 @@ class Terms(ContactRows):
     acting: int = 0  # number of terms that some free unknown moves; they come first
     dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
-    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion in `ground` as a vector
-    press: sp.csr_matrix | None = None  # (rows, r) fractions of the force of each limit on each row; None without laws
+    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the same motion as vectors
+    press: sp.csr_matrix | None = None  # (rows, r) fraction of each limit's force on each row; None without laws
 
     def weights(self, t: float) -> Floats:
         """Return the weights (m,) at the instant `t`, without the weights of laws, which depend on the solution."""
@@ -346,7 +346,8 @@ def _contact_surface(
 ) -> Surface:
     """Return the contact surface, from all m rows of the table; an edge in several parts counts once.
 
-    Dragged nodes that are not free belong to it if `terms` has their pair; `moves` (m,) marks rows on moving ground.
+    Dragged nodes that are not free belong to the surface if a term has the same node and partner. `moves` (m,) is True
+    for rows on moving ground.
     """
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)

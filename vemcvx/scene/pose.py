@@ -100,9 +100,9 @@ class PosedScene:
     curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
     laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
-    stops: Sequence[Obstacle]  # the obstacles as contributed; their limits are `obstacles`
+    stops: Sequence[Obstacle]  # the obstacles as effects contribute them; `obstacles` has their limits
     causes: Mapping[str, Ints]
-    """Numbers, in canonical order, of the effects that gave the "supports", "frictions", "obstacles"; -1 for pins."""
+    """For "supports", "frictions" and "obstacles": numbers of their effects in canonical order; -1 for pins."""
     caused_loads: tuple[tuple[int, Load], ...]  # loads, each with the number of its effect
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # springs to the ground, each with its effect's number
     pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
@@ -115,7 +115,7 @@ class PosedScene:
         nodes: K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and dirichlet_force = P'A u_D.
         """
         A, supports, terms = self.A, self.supports, self.terms
-        # The frame subtracts rigid motions, unless they have energy, as with springs or in a body of revolution.
+        # Rigid motions have energy with springs and in bodies of revolution; otherwise the frame subtracts them.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
@@ -174,7 +174,7 @@ def suppress_scene_warnings() -> Iterator[None]:
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; drop effects that are zero at all of `times`.
 
-    If effects may act between the instants, pass the instants as `between`, not as `times`: then no effect is dropped.
+    If effects can act between the instants, pass the instants as `between`, not as `times`: then no effect is dropped.
     Raise SceneError if the mesh lacks a name that the scene uses, or if the body floats.
     """
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
@@ -217,7 +217,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
 
 
 def _check_revolution(space: Space, material: Material) -> None:
-    """Raise SceneError if some of space, plane and moduli belong to a body of revolution, and others do not."""
+    """Raise SceneError unless all or none of space, plane and moduli belong to a body of revolution."""
     if len({space.axisymmetric, material.plane == REVOLVED, len(material.moduli) == AXISYMMETRIC}) > 1:
         words = f'a material of a body of revolution has the attribute plane = "{REVOLVED}"'
         raise SceneError(

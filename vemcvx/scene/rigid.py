@@ -30,7 +30,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the body of each piece, or None unless interfaces give one name. `node[i]` is in `piece[i]`."""
+    """Return the name of each piece's body if interfaces give exactly one, else None. `node[i]` is in `piece[i]`."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -94,7 +94,7 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 #
 # The body floats if and only if this is zero for some c != 0, and v'Fv = 0 for the stiffness F of springs.
 FREE_FRACTION = 1e-12
-"""A motion is free if its squared distance is less than this times |R c|^2; one clamped node among 1e6 gives 1e-6."""
+"""A motion is free if squared distance / |R c|^2 is less than this number; one clamped node among 1e6 gives 1e-6."""
 
 
 def floating_motions(
@@ -178,10 +178,7 @@ def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tupl
 
 
 def check_balance(force: Callable[[float], Floats], points: Floats, times: Sequence[float]) -> None:
-    """Raise SceneError if the loads, t -> (n_u,), of a body that nothing holds do not balance at one of `times`.
-
-    Resultants within `SAME` times the sum of absolute values count as zero.
-    """
+    """Raise SceneError if the loads, t -> (n_u,), of a body that nothing holds do not balance at one of `times`."""
     centre = points.mean(axis=0)
     modes = rigid_modes(points - centre)
     for t in times:
@@ -212,7 +209,7 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
 
 
 def _along_axes(loose: Floats) -> Floats:
-    """Return orthonormal columns of the same span, as near as possible to motions of one piece along one axis."""
+    """Return orthonormal columns that span `loose`, as near as possible to motions of one piece along one axis."""
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
@@ -243,8 +240,8 @@ def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None
 def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
     """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node[i]` is in `piece[i]`.
 
-    Motions are about a piece's centre, in units of its size: rotations then weigh like translations. Return also the
-    matrices (pieces, k, k) that map their coefficients to translations along the axes and rotations about the axes.
+    Rotations are about the centre of a piece and scaled by its size, so that they weigh like translations. Return also
+    matrices (pieces, k, k) that map coefficients of columns to translations along, and rotations about, the axes.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)

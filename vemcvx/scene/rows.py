@@ -1,10 +1,10 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
-A row is n . u(i) against an obstacle and n . (u(i) - u(j)) between bodies, with n the outward normal of the first body;
-rows along tangents have a tangent in place of n. One effect acts on a *part* of the boundary. The *ends* of a row at
-node i are the sides of its part at i. The length of an end is the integral of the basis function of i, half the length
-of an edge. If a norm term merges rows of several parts, shared ends count once. A force on a row of one table is spread
-over another table: each row gets the fraction (length of common ends) / (length of loaded row).
+A row is n . u(i) at a node i against an obstacle, or n . (u(i) - u(j)) at nodes i and j of two bodies. The outward
+normal n is that of the first body; rows along tangents have a tangent in place of n. One effect acts on a *part* of the
+boundary. The *ends* of a row at node i are the sides of its part at i. The length of an end is the integral of the
+basis function of i, half of an edge. If a norm term merges rows of several parts, shared ends count once. A force on a
+row of one table is spread over another table: each row gets (length of common ends) / (length of loaded row).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def slices_of(parts: Sequence[ContactSurface | Support]) -> list[slice]:
 
 
 def pair_numbers(nodes: Ints, partners: Ints, largest: int) -> Ints:
-    """Return one number (m,) per pair of node and partner, ordered by node; no node exceeds `largest`."""
+    """Return a number (m,) for each pair of node and partner, ascending with the node; no node exceeds `largest`."""
     return nodes * (largest + 2) + partners + 1
 
 
@@ -107,7 +107,7 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, of: Ints) -> Ints:
-        """Return for each end (e,) the entry in `of` (m,) for the row that has this end; -1 if no row has it."""
+        """Return, for each end (e,), the entry of `of` (m,) for the row that has this end; -1 if there is none."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = of[each.row]
         return found
@@ -146,7 +146,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, of: ContactRows) -> sp.csr_matrix:
-        """Return fractions (m, r): row i of `self` gets the fraction (i, j) of a force on row j of `of`."""
+        """Return the fractions (m, r) of a force on each row of the table `of` that each row of this table gets."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
 
@@ -177,7 +177,7 @@ def merge_terms(
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
     """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
 
-    Supports that hold a node fully are left out: their coordinate axes would turn a floor tilted by half a degree.
+    Supports that hold a node fully are left out: their coordinate axes would change the normal of an inclined floor.
     """
     if not parts:
         return []

@@ -22,7 +22,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
-    """Return one material for the whole body; raise SceneError if a cell has none or several, or plane= differs."""
+    """Return one material for the whole body; raise SceneError if a cell has none or several, or if `plane` differs."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
         raise SceneError(f"Scene: found 0 materials; {words}.")
@@ -89,7 +89,7 @@ class InitialStresses:
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
-        """Return the stress zz (n_cells,) of eigenstrains in plane strain; None if the material does not give it."""
+        """Return the stress zz (n_cells,) of eigenstrains in plane strain; None if the material gives no zz."""
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))
@@ -98,7 +98,7 @@ class InitialStresses:
         return total
 
     def vector(self, t: float) -> Floats:
-        """Return the nodal force (n_u,) at the instant `t`; zero where stresses around a node balance to rounding."""
+        """Return the nodal force (n_u,) at the instant `t`; zero at nodes where stresses balance up to rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
         # Rounding of a uniform stress would leave small forces that violate the condition on initial states.
@@ -118,8 +118,8 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
     """Return each effect with its contribution.
 
     A plane of symmetry is a side of the body on which supports keep the nodes in the plane at all times. A contact
-    curve that ends at such a plane continues behind it as its mirror image. So effects of contact are evaluated again
-    with these planes: nodes on the planes get the normals of the whole body.
+    curve that ends at such a plane continues behind the plane as a mirror image. So effects of contact are evaluated
+    again with these planes: nodes on the planes get the normals of the whole body.
     """
     parts = [(effect, effect.contribute(space)) for effect in effects]
     mirrors = _mirrors([part for _, part in parts], space)
@@ -186,9 +186,9 @@ Datum = Callable[[float], Floats]
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Drop parts without influence at any of `times`; return the contributions, and a sentence for each dropped part.
+    """Drop loads, friction bounds, springs and dashpots that are zero at all of `times`.
 
-    Such parts are loads, friction bounds, springs and dashpots that are zero at every instant.
+    Return the contributions, and a sentence for each dropped load, bound, spring or dashpot.
     """
     notes: list[str] = []
     return [_without_inactive(effect, part, times, notes) for effect, part in contributions(effects, space)], notes

@@ -49,7 +49,7 @@ class Supports:
     points: Floats
     given: Sequence[Support]  # the supports whose rows make up A, in this order
     A: sp.csr_matrix  # (s, n_u) the prescribed components
-    H: sp.csr_matrix  # (n_u, s) displacements with one row at 1 and the others at 0; zero for dependent rows
+    H: sp.csr_matrix  # (n_u, s) A times column j is 1 in row j, else 0; the column is zero if row j is dependent
     depends: Bools  # (s,) True for rows that depend on earlier rows
     reach: Floats  # (s,) the length of each row's component orthogonal to earlier rows
     amplitudes: int = 0  # number of amplitudes among the free unknowns; they come last and belong to no site
@@ -84,7 +84,7 @@ class Supports:
         return self.P.T @ f
 
     def on_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
-        """Return rows over u as rows over the free unknowns; entries near 0, 1 and -1 are made exact."""
+        """Return rows @ P, the rows over the free unknowns; entries near 0, 1 and -1 become exactly these numbers."""
         B: sp.csr_matrix = rows @ self.P
         B.data[np.abs(B.data) < SAME] = 0.0
         unit = np.abs(np.abs(B.data) - 1.0) < SAME
@@ -125,7 +125,7 @@ class Supports:
         for support, wanted, rows in zip(self.given, each, slices_of(self.given), strict=True):
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
-            # A nearly dependent row also has a small component orthogonal to earlier rows.
+            # `reach` allows for the component of a nearly dependent row that is orthogonal to earlier rows.
             wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
@@ -202,7 +202,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
 def _split_sites(
     site: Ints, rows_of_u: sp.csr_matrix, at_site: Ints, count: int, dim: int
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, Ints, Bools, Floats]:
-    """Return P without amplitudes, H, the site of each column of P, and `depends` and `reach` of the first rows.
+    """Return P without amplitudes, H, the site of each column of P, and `depends` and `reach` of prescribed rows.
 
     Row i is at the site `at_site[i]`; the first `count` rows are prescribed, the others are normals and tangents.
     """

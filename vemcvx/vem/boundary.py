@@ -56,7 +56,7 @@ class Part:
     Attributes
     ----------
     sides : array of int
-        The edges (m, 2), each in the direction of its counter-clockwise cell, or the face numbers (m,), ascending.
+        The nodes (m, 2) of each edge, with its cell on the left; or the face numbers (m,), ascending.
     normals : (m, dim) array
         Outward unit normal of each side.
     measures : (m,) array
@@ -122,7 +122,7 @@ def edge_part(
     Parameters
     ----------
     edges : (m, 2) array
-        The nodes of each edge, in the direction of its counter-clockwise cell.
+        The nodes of each edge, in the order that has the cell of the edge on the left.
     points : (n_nodes, 2) array
         The points of the whole mesh.
     across : (m, 2) array, optional
@@ -187,7 +187,7 @@ def _outward(chords: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and last edge (m,) of each edge's whole side, which continues straight across hanging nodes."""
+    """Return the first and last edge (m,) of the whole side of each edge; hanging nodes do not end a whole side."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
@@ -245,7 +245,7 @@ def face_part(
 
 
 def _curvature(group: FaceGroup) -> Floats:
-    """Return sin(alpha) / (|a| |b|), (f, n), for the edges a and b at each vertex of a face and their angle alpha."""
+    """Return sin(alpha) / (|a| |b|) (f, n): at a vertex of a face, edges a, b of this face meet at the angle alpha."""
     corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
@@ -254,7 +254,7 @@ def _curvature(group: FaceGroup) -> Floats:
 
 # Rows of a part of the boundary: one per node and distinct normal.
 #
-# At a corner (in space also at an edge), conditions along the normal hold for all sides that meet there. The length of
+# At a corner (in space also at an edge), a condition along the normal holds for the normal of every side. The length of
 # a row is int phi_i ds over the sides with the normal of the row. Neighbouring sides whose normals differ by less than
 # 42.5 degrees form a curve, and their common node has one mean normal. With two normals, this node could not slide
 # along the curve, however fine the mesh is.
@@ -277,8 +277,8 @@ CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) an
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance between the unit normals of neighbouring sides of one curve."""
 DIRECTION_TOLERANCE = 1e-2
-"""Largest distance of unit vectors that count as equal, .57 degrees. No mesh resolves such a corner. If sides turn by
-less at a node of a single cell, they are one straight side; points rounded to four digits cause such turns."""
+"""Largest distance of unit vectors that count as equal: .57 degrees. Two sides that turn by less at a node of a single
+cell are one straight side. Points rounded to four digits cause such turns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,13 +392,13 @@ class BoundaryRows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SideEnds:
-    """The ends (e,) of all sides of a part: each node of each side, with the data of this side."""
+    """The ends (e,) of all sides of a part, one per side and node. *Whole sides* continue across hanging nodes."""
 
     nodes: Ints
     normals: Floats  # (e, dim) normals of the whole sides
     curvature: Floats  # (e,) weights of normals in the mean over a curve: 1 / length, or sin(alpha) / (|a| |b|)
-    noise: Floats  # (e,) angle by which rounding may have turned the side
-    sizes: Floats  # (e,) length (in space: area) of the whole side, which continues across hanging nodes
+    noise: Floats  # (e,) largest angle by which rounding turns the side
+    sizes: Floats  # (e,) length (in space: area) of the whole side
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) nodes of other bodies at the same places, or -1
@@ -407,7 +407,7 @@ class SideEnds:
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
-        """Return the rows; `matrix` (e, q) maps g at points (q, dim) to int g phi_i ds over the side of each end."""
+        """Return the rows; `matrix` (e, q) maps the values g(points) to int g phi_i ds over the side of each end."""
         row, order = self._group_ends(), np.argsort(self.nodes, kind="stable")
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
@@ -434,12 +434,12 @@ class SideEnds:
         )
 
     def _weights(self, row: Ints, k: int) -> Floats:
-        """Return the weights (e,) of the normals of ends in the means of k rows."""
+        """Return the weights (e,) with which the k rows average the normals of their ends."""
         longest, most = np.zeros(k), np.zeros(k)
         np.maximum.at(longest, row, self.sizes)
         np.maximum.at(most, row, self.curvature)
         part = (self.sizes / longest[row]) ** 4
-        # If the node hangs in edges, all curvatures at the node are zero, and only areas count.
+        # At a hanging node, all curvatures are zero, and only areas count.
         relative = np.divide(self.curvature, most[row], out=np.zeros(len(row)), where=most[row] > 0)
         # Sides shorter than 0.03 of the longest side at their node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part
@@ -476,7 +476,7 @@ class SideEnds:
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Average normals (k, dim) with their mirror images if the two are close; `across` is half their difference."""
+    """Average each normal n (k, dim) with its mirror image, n - 2 `across`, if the two are close."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
     smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]

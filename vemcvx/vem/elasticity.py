@@ -101,9 +101,10 @@ class SumOverCells:
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return the positions of distinct rows, and for each row (c,) the number of the distinct row that it equals.
+    """Find the distinct rows; row i contains the values of cell i in all `arrays` (c, ...).
 
-    A row contains the values of one cell in all `arrays` (c, ...). If many rows are distinct, all count as distinct.
+    Return the positions of distinct rows and each row's number (c,) among them. If more than 32 of
+    the first 64 rows are distinct, all rows count as distinct.
     """
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
     if len(np.unique(rows[:64], axis=0)) > 32:
@@ -115,15 +116,15 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
 def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
     """Assemble a matrix of blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
-    `nodes` are arrays of the vertices (c, n) of cells. `which` (pairs,) has the position in `blocks` (k, dim^2) of each
-    pair of vertices: array by array, cell by cell, vertex i by vertex j.
+    Each array (c, n) of `nodes` has the vertices of c cells. Pairs (i, j) of vertices run array by array and cell by
+    cell, with j fastest; `which` (pairs,) has the position in `blocks` (k, dim^2) of the block of each pair.
     """
     keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
     order = np.argsort(keys, kind="stable")  # so that entries (i, j) and (j, i) are sums in the same order
     keys, which = keys[order], which[order]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     rows, columns = np.divmod(keys[first], n_nodes)
-    del keys, order  # a quarter of the memory
+    del keys, order  # frees a quarter of the memory in use
     places = which, np.append(first, len(which))
     gather = sp.csr_matrix((np.ones(len(which)), *places), shape=(len(first), len(blocks)))
     blocks = gather @ blocks
@@ -157,7 +158,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     Returns
     -------
     (n_u, n_u) csr_matrix
-        Force per length; in the plane, of a body of thickness one. Zero entries are stored.
+        Force per length, in the plane for a body of thickness one. Zero entries are stored.
 
     Raises
     ------

@@ -172,7 +172,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     points : (q, dim) array
         Points inside the cells: :func:`vemcvx.vem.loads.cell_quadrature`.
     matrix : (n_u, dim q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), else of degree 1.
+        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), 1 in (r, z) and in space.
     cells : (q,) array of int
         The cell of each point.
 
@@ -253,7 +253,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
 
 
 def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
-    """Return the matrix (n_u, dim q) that loads node nodes[k, i] by shares[k, i] of the force at point k."""
+    """Return the load matrix (n_u, dim q): node nodes[k, i] bears the fraction shares[k, i] of the force at point k."""
     (q, n), dim = nodes.shape, space.dim
     rows = dim * nodes[:, None, :] + np.arange(dim)[:, None]
     values = np.repeat(shares[:, None, :], dim, axis=1)

@@ -20,7 +20,7 @@ from vemcvx.vem.space import Space
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return matrices from nodal values and from cell values to values at points.
+    """Return two matrices that give values at points: the first from nodal values, the second from cell values.
 
     Where several cells meet at a point, the cell values are averaged. Points outside the mesh have empty rows.
 

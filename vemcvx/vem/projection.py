@@ -138,11 +138,11 @@ class FaceGroup:
         return self.origin[:, None] + within.reshape(f, -1, 3), spread.reshape(f, n, -1)
 
     def _at_triangles(self, values: Floats) -> Floats:
-        """Return the values (f, T, 3, ...) at the corners of triangles, from values (f, n + 1, ...) at points."""
+        """Return values (f, T, 3, ...) at corners of triangles, given values (f, n + 1, ...) at vertices and at c."""
         return values[np.arange(len(values))[:, None, None], self.triangles]
 
     def _to_vertices(self, values: Floats) -> Floats:
-        """Sum values (f, T, 3, ...) at the corners of triangles into the vertices, (f, n, ...)."""
+        """Sum values (f, T, 3, ...) at corners of triangles; return (f, n, ...): (sum at vertex i) + w_i (sum at c)."""
         f = len(self.triangles)
         total = np.zeros((f, self.corners.shape[1], *values.shape[3:]))
         np.add.at(total, (np.arange(f)[:, None, None], self.triangles), values)
@@ -262,7 +262,7 @@ class CellGroup:
         return np.ones(len(x))
 
     def load_shares(self) -> Floats:
-        """Return the parts (c, n) of a cell's force that its vertices carry: equal parts."""
+        """Return the fraction (c, n) of the force on a cell that each vertex carries: 1 / n."""
         return np.full(self.nodes.shape, 1.0 / self.nodes.shape[1])
 
     def boundary_means(self) -> Floats:
@@ -270,7 +270,7 @@ class CellGroup:
         return boundary_weights(self.corners)
 
     def vertex_values(self) -> Floats:
-        """Return Pi in vertex values, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
+        """Return Pi in vertex values, (c, n, n): entry (i, j) is the value of Pi phi_j at vertex i."""
         return self.values_at(self.corners)
 
     def values_at(self, x: Floats) -> Floats:
@@ -280,7 +280,7 @@ class CellGroup:
         return np.asarray(np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None])
 
     def chunks(self) -> Iterator[CellGroup]:
-        """Yield the group in pieces whose local n x n matrices have about `CACHED_NUMBERS` numbers together."""
+        """Yield pieces of the group; all n x n matrices of a piece together have about `CACHED_NUMBERS` entries."""
         size = max(1, CACHED_NUMBERS // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):
             yield self.part(slice(start, start + size))
@@ -310,7 +310,7 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices, with sums over faces, whose rounding depends on the numbering."""
+        """The arrays that determine local matrices. Sums over faces are included: they round in the order of faces."""
         return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:
@@ -389,7 +389,7 @@ class RingGroup(CellGroup):
         return 2.0 * np.pi * x[:, 0]
 
     def load_shares(self) -> Floats:
-        """Return the means (c, n) of Pi phi_i over each cell: loads f / r with constant f are then exact."""
+        """Return the means (c, n) of Pi phi_i over each cell: these fractions make loads f / r exact for constant f."""
         return self.values_at(self.centres[:, None])[:, 0]
 
     def strain_rows(self) -> tuple[Floats, Floats]:

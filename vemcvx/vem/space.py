@@ -1,8 +1,8 @@
 """The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`: displacements of the nodes of a mesh.
 
-On a polygon, each component is harmonic, with continuous boundary values that are linear on edges. So its vertex values
-determine it. :mod:`vemcvx.vem.projection` describes traces on faces of polyhedra. In dim dimensions, component a of
-node i is the unknown dim i + a.
+On a polygon, each component is harmonic, with continuous boundary values that are linear on edges. So the values
+at vertices determine the function. :mod:`vemcvx.vem.projection` describes traces on faces of polyhedra. In dim
+dimensions, component a of node i is the unknown dim i + a.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class Space:
         return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """Return the part with these names, and the sides of second bodies at its interfaces; raise as `part` does."""
+        """Return the part with these names and, if it has interfaces, the part of second bodies there; see `part`."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -176,7 +176,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for nodes (m, 2) of edges in a single cell (on interfaces, a cell of the lower-numbered body)."""
+        """Return True for each node (m, 2) of an edge if only one cell (on interfaces, of the first body) has it."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:

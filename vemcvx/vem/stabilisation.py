@@ -199,7 +199,7 @@ def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: 
 
 
 def _require_positive(stable: Floats, name: str) -> None:
-    """Raise SceneError unless `stable` (c, n, n, dim, dim) gives all but linear displacements a positive energy."""
+    """Raise SceneError if a displacement that is not linear has no positive energy in `stable` (c, n, n, dim, dim)."""
     count, n, _, dim, _ = stable.shape
     values = np.linalg.eigvalsh(stable.transpose(0, 1, 3, 2, 4).reshape(count, n * dim, n * dim))
     largest = np.abs(values).max(axis=1)

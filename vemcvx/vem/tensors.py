@@ -1,10 +1,10 @@
 r"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
 Components of symmetric tensors have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear
-strains are 2 e_xy and so on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli have one
-column per cell. Two moduli are Lame's lam (reduced in plane stress) and mu. Other moduli are the upper triangle of the
-elastic matrix C, row by row: 6 in the plane (xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy), 21 in space, and 10 in a body
-of revolution. If xx means sigma_xx and so on, the principal stresses in the plane and von Mises' stress are
+strains are 2 e_xy and so on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli are
+arrays with one column per cell. Two rows are Lame's lam (reduced in plane stress) and mu; more rows are the upper
+triangle of the elastic matrix C by rows: 6 in the plane (xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy), 21 in space, 10 in
+a body of revolution. With xx for sigma_xx, the principal stresses in the plane and von Mises' stress are
 
 $$ \sigma_{1,2} = \tfrac{xx + yy}2 \pm \sqrt{\big(\tfrac{xx - yy}2\big)^2 + xy^2} \quad \text{(Mohr's circle, 1882)}, \\
 \sigma_v^2 = \tfrac12 \big( (xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2 \big) + 3 (xy^2 + yz^2 + xz^2)
@@ -128,7 +128,7 @@ def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
     moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
         Lame's constants, or the upper triangle of the elastic matrix by rows.
     dim : int
-        The dimension, for Lame's constants only; the number of other moduli determines it.
+        The dimension, if `moduli` are Lame's constants; otherwise the number of moduli determines the dimension.
 
     Returns
     -------

@@ -8,7 +8,7 @@ prescribed motion: down, tilted and sideways, in a few steps. Times are CPU seco
 Siconos (Debian: python3-siconos) solves a step in the form of FCLIB: the relative displacements are u = W r + q, and
 the forces r are in Coulomb's cones. Nonsmooth Gauss-Seidel (NSGS) starts from the forces of the previous step and stops
 at 1e-8. We solve the condensed program. W and our condensed matrix are computed beforehand. Times are medians over
-steps, ours without the first step.
+steps; our median leaves out the first step.
 
 GetFEM (Debian: python3-getfem) receives the sparse stiffness matrix and the rows of the contact nodes. Its brick for
 nodal contact with friction, `add_basic_contact_brick`, has the augmented Lagrangian of Alart and Curnier, version 1,
@@ -36,7 +36,7 @@ from vemcvx.scene import pose_scene
 
 YOUNG, FRICTION = 200.0, 0.3
 AGREE = 1e-6
-"""Largest relative difference of answers: the tolerance of NSGS times the condition number of W."""
+"""Largest accepted relative difference of answers: the tolerance of NSGS times the condition number of W."""
 SCENE = vx.Scene(
     vx.Elasticity(young=YOUNG, poisson=0.3),
     vx.PrescribedDisplacement(

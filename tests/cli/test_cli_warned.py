@@ -45,7 +45,7 @@ def test_each_kind_of_message_is_limited_separately(messages):
 
 @mostly_long("steps, warned", [(4, True), (64, False), (None, False)], 0, 1)
 def test_turns_of_loads_inside_steps_are_named(messages, steps, warned):
-    """The load rises to t = .3 and falls. A run in 64 steps misses .01 of the peak; vx.instants includes the peak."""
+    """The load rises to t = .3 and falls. A run in 64 steps misses .01 of the peak; `vx.instants` includes the peak."""
     scene, mesh = paper_scene(lambda t: np.interp(t, [0.0, 0.3, 1.0], [0.0, 1.0, 0.0])), vx.meshes.squares(2)
     times = vx.instants(scene, mesh, [0.0, 1.0]) if steps is None else np.linspace(0.0, 1.0, steps + 1)
     warn_of_turns(scene, mesh, times)

@@ -201,7 +201,7 @@ def test_failed_runs_have_rows_in_the_table(tmp_path, solver, status, words):
     assert (row["status"], row["key"], row["n"]) == (status, "key", 5)
     assert words in row["message"]
     append(tmp_path / "journal", row)
-    # A crashed run is repeated, because it may have lacked memory. A refused run is not.
+    # A crashed run is repeated, because it may have lacked memory. A refused run is not repeated.
     assert list(read_journal(tmp_path / "journal")) == (["key"] if status == "refused" else [])
     assert table([row]).splitlines()[1].endswith(",0,0")
 

@@ -62,7 +62,7 @@ condensed = mostly_long("condense", [True, False])
 
 @cache
 def solve(name, condense=True):
-    """Return a step's program; "in space" is an unsolved program with blocks of two components and a soft limit."""
+    """Return a step's program; the name "in space" gives an unsolved program with discs and a soft limit."""
     if name != "in space":
         return list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(3), TIMES, condense=condense))[1]
     rng = np.random.default_rng(0)

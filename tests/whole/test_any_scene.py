@@ -47,7 +47,7 @@ def judge_all(seeds, most_refused, draw=draw):
 
 @cache
 def run_known_scene():
-    """Return a scene in which the body slips on two sides and obstacles press on it, and its history."""
+    """Return a scene and its history: the body slips on two sides, and obstacles press on it."""
     drawn = draw(83)
     return drawn, run(drawn)
 

@@ -1,7 +1,7 @@
 """Every command in README, CONTRIBUTING, the pages of the site and the lessons is run, in new environments.
 
-Commands are indented lines and texts in backquotes that begin with the name of a program; tests/whole/test_site.py runs
-console blocks. `HOW` has replacements for some commands; `NOT_RUN` lists the commands that are not run.
+A command is an indented line, or a text in backquotes, that begins with the name of a program. (Console blocks are run
+by tests/whole/test_site.py.) `HOW` has replacements for some commands; `NOT_RUN` lists the commands that are not run.
 """
 
 from __future__ import annotations

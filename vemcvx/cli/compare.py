@@ -257,7 +257,7 @@ class Compare:
 
 
 def entrants(command: Compare) -> list[tuple[Solver, str]]:
-    """Return pairs (solver, settings): "own", or for a solver of cvxpy "tuned" (if vemcvx tunes it) and "default"."""
+    """Return pairs (solver, settings): for solvers of cvxpy "default", and "tuned" if vemcvx tunes them; else "own"."""
     # The import of cvxpy must not be in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
     typed = parse_list("--solvers", command.solvers, str, "names such as newton,clarabel,SCS, or all")

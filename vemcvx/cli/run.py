@@ -297,7 +297,7 @@ def check_memory(problem: Problem, n: int, family: str | None) -> None:
         with quietly():
             coarse, finer = (problem.mesh(k, family).points.size for k in (8, 16))
     except VemcvxError:
-        return  # The file may have no coarse meshes.
+        return  # Some problem files have no coarse meshes.
     unknowns = finer * (finer / coarse) ** np.log2(n / 16)
     needed, most = LEAST_MEMORY * unknowns, machine_memory()
     if needed > most:

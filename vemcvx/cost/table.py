@@ -41,7 +41,7 @@ def answers(rows: Sequence[Row]) -> list[Row]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return all columns as CSV, and columns that mark the rows on the Pareto fronts of seconds and of unknowns."""
+    """Return the rows as CSV, with two more columns that mark the Pareto fronts of seconds and of unknowns."""
     fronts = {f"front_{cost}": [row["key"] for row in front(answers(rows), cost)] for cost in AXES}
     return csv([row | {name: int(row["key"] in keys) for name, keys in fronts.items()} for row in rows])
 

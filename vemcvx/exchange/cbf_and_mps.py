@@ -1,6 +1,6 @@
 """Programs as CBF and MPS, the text formats of conic and of quadratic programs; symbols as in :mod:`.arrays`.
 
-CBF, the Conic Benchmark Format (version 1), holds every program: one cone per norm term, and one for the energy::
+CBF, the Conic Benchmark Format (version 1), has one cone per norm term, and one cone for the energy::
 
     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K

@@ -15,7 +15,7 @@ A contact has a limit j and a norm term i. Its rows of h are h_N = -D_j and h_T 
 
 Matrices are stored by rows (nz = -2). Each step has its own file with a solution. The description in `info` states, as
 JSON, the certified error: |v - v*|_M <= energy_error, where v* solves the convex program with the weights mu r_N. Files
-state Coulomb's law without weights, so they cannot be read back. They need h5py (extra ``fclib``).
+state Coulomb's law without weights, so they cannot be read back. Writing needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ from vemcvx.simulation import simulate
 from vemcvx.vem import Space
 
 IN_CELLS = MaterialLaw, BodyForce, Prestress, ThermalStrain
-"""Effects whose `on` names cells by cell data, and not boundaries."""
+"""Effects whose `on` selects cells by cell data, instead of boundaries."""
 
 TIMES = np.array([0.0, 0.4, 1.0])
 

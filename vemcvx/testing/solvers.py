@@ -96,7 +96,7 @@ def _cube(*below: Effect) -> Callable[[], System]:
 
 
 def sliders(block: int, n: int = 6) -> System:
-    """Return n uncoupled sliders, each of `block` components, of different stiffness and threshold."""
+    """Return n uncoupled sliders with `block` components each; their stiffnesses and thresholds differ."""
     rng = np.random.default_rng(0)
     k, w = rng.uniform(1, 3, n), rng.uniform(0.2, 1.5, n)
     push = rng.uniform(-1, 1, (n, block))

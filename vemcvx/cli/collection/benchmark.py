@@ -2,17 +2,17 @@
 
 Tolerances of two solvers bound different quantities and cannot be compared. So each solver runs with many tolerances; a
 run with one tolerance is a trial. The true error of its answer d is |d - d*|_K / |d*|_K, with the energy norm |.|_K and
-the certified optimum d* of the file. The time of a solver to the error E on an instance is the time of the *cheapest*
+the certified optimum d* of the file. On an instance, the time of a solver to an error E is the time of its *cheapest*
 trial with a true error of at most E. The benchmark computes from these times
 
 - for every E, the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
   answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);
-- the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01, where an instance that is
-  not solved to E counts with the time limit;
+- the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01; for an instance
+  that is not solved to E, t is the time limit;
 - the performance profile (Dolan and Moré 2002): the fraction of instances on which a solver takes at most x times as
   long as the fastest solver.
 
-An instance is left out at E unless its optimum is certified to E/10. If no optimum exists, only the status is judged.
+For E, only instances count whose optimum is certified to E/10. If no optimum exists, only the status is judged.
 
 A solver that cvxpy calls receives the scaled program, as in a run. Its settings are the defaults of its library, except
 for tolerances and limits on iterations. Any other solver receives the duality gap 1/2 (tolerance |d*|_K)^2 as its

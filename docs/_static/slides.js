@@ -1,6 +1,6 @@
 "use strict";
-// Arrows to the sides go on and back, "a" opens and closes answers; space, page keys and arrows down are the browser's
-// own. The slide that is shown has the focus, so that the next tab stop is on it.
+// The keys right and left show the next and the previous slide, and "a" opens and closes answers. The browser handles
+// space, page keys and the key down. The slide that is shown has the focus, so that the next tab stop is on it.
 const slides = [...document.querySelectorAll("main > section")];
 const shown = () => {
   const middle = window.innerHeight / 2;

@@ -34,7 +34,7 @@ def make_comb():
 
 
 def winding_number(corners, x):
-    """Compute how often a polygon winds around x, from the angles at which its sides are seen."""
+    """Compute how often a polygon winds around x, from the angles that its sides subtend at x."""
     to = corners - x
     angle = np.arctan2(to[:, 1], to[:, 0])
     step = np.diff(np.append(angle, angle[0]))

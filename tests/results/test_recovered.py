@@ -105,7 +105,7 @@ def test_only_meshes_that_do_not_match_are_averaged(counts):
 
 
 def stack_bodies(angle):
-    """Return a mesh of two Voronoi bodies, in the plane if `angle` is None, else in space, rotated by `angle`."""
+    """Return a Voronoi body on a larger body, in the plane if `angle` is None, else rotated in space."""
     if angle is None:
         lower = vx.meshes.triangles(6, box=((-1, 2), (-1, 0)))
         return vx.meshes.bodies({"lower": lower, "upper": small("voronoi", 8, box=((0, 1), (0, 1)))})

@@ -23,7 +23,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Extend values on outlines of cells into the triangles, (c, n, 20), so that the potential energy is least."""
+    """Return values (c, n, 20) on triangles that extend values on outlines of cells with the least potential energy."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -48,7 +48,7 @@ def compute_nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """Return |v - w|_a for the conforming displacements v, w of two nodal arrays (n_nodes, 2), under one body force."""
+    """Return |v - w|_a for the conforming displacements v, w of nodal arrays (n_nodes, 2) under the same body force."""
     apart = one - other
     body = np.zeros((circle.posed.space.mesh.n_cells, 6))
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), body)

@@ -235,7 +235,7 @@ class Balance(NamedTuple):
         return float(alpha.value), lam, p, conditions[0].dual_value, np.array(slips)
 
     def correct_forces(self, alpha: float, lam: Floats, p: Floats) -> tuple[Floats, Floats, float]:
-        """Return admissible forces that balance dead + alpha push, and the largest violation of a condition."""
+        """Return admissible forces that balance `dead + alpha push`, and the largest violation of a condition."""
         p = np.maximum(p, 0.0)
         bound = (1.0 - 0.5 * MARGIN) * (self.w + self.J @ p)
         near, load = (onto_discs(lam, bound), p), self.dead + alpha * self.push

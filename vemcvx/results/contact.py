@@ -74,7 +74,7 @@ class Contact(ArrayRecord):
     wear_second_order : (S, m)
         `wear` to second order in the step, from the mean of the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
-        Length of the slip path since the initial instant, to and fro, in all steps; where several frictions meet, the
+        Length of the slip path, to and fro, in all steps since the initial instant; where several frictions meet, the
         largest length. If the bound depends on direction, slip across the `direction` of the friction effect is
         multiplied by the ratio of the bound across this direction to the bound along it.
     closed : (S, m) bool
@@ -257,7 +257,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():
-        # Scale the weight to the bound in the direction in which friction acts.
+        # Convert weights to bounds in the direction of the friction force.
         lam = trajectory.multipliers
         force, size = (np.linalg.norm(x, axis=2) for x in (np.einsum("smb,mbd->smd", lam, terms.tangents), lam))
         weights = weights * np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))

@@ -549,7 +549,7 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
 ) -> Iterator[SolvedProgram]:
-    """Yield the programs with their origin (scene, mesh, solver); if not condensed, also with F such that F'F = K."""
+    """Yield programs with their origin (scene, mesh, solver) and, if K is not condensed, a matrix F with F'F = K."""
     for program in programs:
         rows = None if condense else posed.energy_rows
         origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}

@@ -151,7 +151,7 @@ def solve_with_cvxpy(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """Return the rows of m sums on each edge: its three values, weighted by the rows of `weights` (m, 3)."""
+        """Return the matrix of m sums on each edge: its three values times each row of `weights` (m, 3)."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)

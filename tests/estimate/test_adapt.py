@@ -94,7 +94,7 @@ def test_marked_cells_have_a_fraction_theta_of_the_error_unless_fewer_cells_suff
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
-    # Fewer cells are marked if they suffice: the sum is 10, and refining the first cell (4) removes GAIN * 4 = 3.
+    # The sum is 10. Refining the first cell, which has 4, removes GAIN * 4 = 3; if that suffices, no other is marked.
     goal = (10.0 - GAIN * 4.0) / MARGIN**2
     assert cells_to_refine(squares, goal, 0.9).tolist() == [True, False, False, False]
 
@@ -141,7 +141,7 @@ def test_adaptive_meshes_need_fewer_unknowns():
     # With N unknowns, adaptive errors fall as N^-1/2 in the limit; on coarse meshes they fall faster, here as N^-.551.
     assert adaptive_meshes.fit_slope(adapted) <= -0.45
     assert adaptive_meshes.fit_slope(equal) > -0.47
-    # Of the unknowns of uniform meshes, adapted meshes need .2 here, and .13 at full size, where errors are smaller.
+    # Adapted meshes need .2 of the unknowns of uniform meshes; at full size, where errors are smaller, they need .13.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 

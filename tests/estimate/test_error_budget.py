@@ -59,7 +59,7 @@ def crossed_squares(n):
 @mostly_slow("name", ["crossed squares", *FAMILIES])
 @pytest.mark.long
 def test_effectivity_on_the_paper_scene(name):
-    """The lengths d_e are heights of triangles; with .82 d_e, the effectivity on crossed squares would be .94."""
+    """On crossed squares, d_e is a height of triangles; with .82 d_e, the estimate would be .94 of the error there."""
     mesh = crossed_squares(8) if name == "crossed squares" else small(name, 8)
     truth = vx.simulate(paper_scene(), vx.meshes.squares(96), np.linspace(0, 1, 3), store="last")
     history = vx.simulate(paper_scene(), mesh, np.linspace(0, 1, 17), store="last")

@@ -30,11 +30,11 @@ proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (
 (r, eps(e)) + h(v) - h(u) - |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
 **Theorem 2** (lower bound). If w vanishes on supports and where friction and obstacles act, then |e| >= R(w) / |w| with
-the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* By (1) with v =
-u + w and v = u - w, (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
+the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* Put u + w and u
+- w into (1) for v: (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
 
-**Theorem 3** (quantities). A linear quantity of u is the work of a load on u. Let z_h, tau_z be a pair for this load
-alone, and A_z its number A. The quantity is in an interval of half width A_z (A^2 / 4 + b)^{1/2} around a number
+**Theorem 3** (quantities). A linear quantity of u is the work of a load on u. Let z_h, tau_z and A_z be v, tau and A of
+a pair for this load alone. The quantity is in an interval of half width A_z (A^2 / 4 + b)^{1/2} around a number
 computed from both pairs, if z_h and the tractions of tau_z vanish where friction and obstacles act (:mod:`.quantity`).
 
 **Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants

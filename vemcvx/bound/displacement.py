@@ -1,4 +1,4 @@
-"""The conforming displacement inside polygons: an explicit replacement of virtual functions on the fan of each cell.
+"""The conforming displacement inside polygons: explicit functions, on the fan of each cell, in place of virtual ones.
 
 The displacement is linear on the edges of the mesh, like the virtual function. In a cell it minimises energy minus
 work of the body force over continuous functions of degree 2 on the split fan (:mod:`.fan`). Degree 2 does not lock
@@ -7,7 +7,7 @@ work of the body force over continuous functions of degree 2 on the split fan (:
 A triangle has ten nodes in this order: three corners, the middles of the three edges (edge k goes from corner k to
 corner k + 1), the centroid, and the middles between corners and centroid. The last four are inside, and are condensed.
 Then the centre of the fan and the middles of spokes (edges to the centre) are condensed. The outline remains: vertices
-and middles of the polygon's edges. Half of a cell's form (:mod:`.fan`) is the minimum of energy minus work.
+and middles of the polygon's edges. With a cell's form M (:mod:`.fan`), x'M x / 2 is the minimum of energy minus work.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in ra
 
 
 def _extend(values: Floats, part: int) -> Floats:
-    """Return the functions (..., 10) of the triangle, given the Lagrange functions (..., 6) of a part."""
+    """Return values (..., 10) of the triangle's functions, given values (..., 6) of a part's Lagrange functions."""
     found = np.zeros((*values.shape[:-1], 10))
     found[..., NODES[part]] = values
     return found
@@ -99,7 +99,7 @@ def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return L (4 n, 4 n), from an outline to edge motions: linear tractions do the same work on both."""
+    """Return the matrix L (4 n, 4 n) from outlines to the edge motions on which linear tractions do the same work."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

@@ -5,8 +5,8 @@ the boundary, and have continuous tractions between cells. Let u_D be the displa
 
     |tau|^2 / 2 in C^-1  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
 
-is determined by edge motions m, linear on every edge and free to jump at vertices, for which the forces of both cells
-on each edge cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
+is determined by edge motions m, which are linear on every edge and may jump at vertices. On each edge, the forces of
+both cells cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
 matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). m and f determine tau - sigma_0, and the
 prestress sigma_0 exerts forces on edges. Let L v be edge motions on which linear tractions do the same work as on the
 displacement v of the run. The unknown is x = m - L v, in which rounding errors are small.
@@ -39,14 +39,14 @@ class Edges:
 
     count: int
     places: tuple[Ints, ...]
-    """positions (c, 4 n) of the edge motions of each chunk of cells among all edge motions, four per edge"""
+    """for each chunk of cells, positions (c, 4 n) of the edge motions in the vector (4 E,)"""
     outer: Ints
     """(b, 2, 2) positions of the motions of boundary edges"""
     nodes: Ints
     """(E, 2) ends of the edges"""
 
     def outline(self, u: Floats) -> Floats:
-        """Return a displacement (nodes, 2) at vertices and at middles of edges, (2 nodes + 2 E,)."""
+        """Return the values (2 nodes + 2 E,), at vertices and middles of edges, of a displacement (nodes, 2)."""
         return np.concatenate([u, 0.5 * (u[self.nodes[:, 0]] + u[self.nodes[:, 1]])]).ravel()
 
     @cached_property

@@ -44,15 +44,15 @@ class ErrorBound(Outlined):
     energy : ((S,), (S,))
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
-        Bounds on the minimum of the step: energy minus the work of loads, plus the cost of friction; infinite for whole
+        Bounds on the minimum of the step, (energy) - (work of loads) + (cost of friction); infinite for whole
         histories.
     cells : (n_cells,)
         Contributions of the cells to the square of the largest upper bound.
     parts : mapping of str to (S,)
         Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
         the laws of friction and contact. "data": the estimate for data that are not linear on edges, in cells, or in
-        time between instants; zero for linear data. "algebra": the certified error of the solver, which the other parts
-        contain. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
+        time between instants; zero for linear data. "algebra": the certified error of the solver; the other parts
+        contain this error. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str

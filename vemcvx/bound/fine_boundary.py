@@ -18,7 +18,7 @@ from vemcvx.meshes import Interface, PolygonMesh
 from vemcvx.meshes.polygons import outlines, places, positions, triangulate
 
 PIECES, SPACING = 512, 128
-"""The longer side of the body's box is about as long as PIECES pieces of edges, or SPACING parts of cells."""
+"""About PIECES pieces of edges, or SPACING small triangles of cells, fit along the longer side of the body's box."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class FineBoundary:
     along: Floats
     """(q,) position in (0, 1) from the first end of the edge to the second"""
     lengths: Floats
-    """(q,) length of the pieces at each new node: weights of the trapezoidal rule for functions zero at the ends"""
+    """(q,) length of the pieces at each new node: weights of the trapezoidal rule, if functions vanish at the ends"""
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
-        """Interpolate linearly, at new nodes, between values (b, 2, ...) at the ends of edges."""
+        """Return the values at new nodes of linear functions with the values (b, 2, ...) at the ends of edges."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
         return np.asarray((1.0 - s) * start + s * stop)
@@ -124,7 +124,7 @@ class SamplePoints:
 
 
 def in_cells(mesh: PolygonMesh, spacing: float = SPACING) -> SamplePoints:
-    """Split cells into triangles, and these into equal small triangles; return the small centroids."""
+    """Return the centroids of small triangles: cells are cut into triangles, and triangles into equal small ones."""
     corners, areas, owner = triangulate(outlines(mesh.points, mesh.offsets, mesh.vertices))
     size = np.ptp(mesh.points, axis=0).max()
     cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) * spacing / size).astype(np.int64), 2)

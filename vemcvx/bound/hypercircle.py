@@ -16,8 +16,8 @@ the forms G of stresses (:mod:`.stress`) and S of displacements (:mod:`.displace
 
 *Proof.* Without prestress, let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Then
 r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the same work on L v as on v, and the stress due
-to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v does not change r_0. In the square
-|tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2 of r_0, the middle term is the work of f and of the tractions of tau_0 on v.
+to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v does not change r_0. So |r_0|^2 =
+|tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
 
 **The lower bound** is R(w) / |w| with the residual R of v. We use displacements w that are quadratic on edges, have
 least energy inside cells, and vanish on supports and on edges with friction, obstacles, springs or bonds. The best w
@@ -122,7 +122,7 @@ class Pair:
 
     @cached_property
     def richer_A2(self) -> float:
-        """The square A^2 of v + w."""
+        """A^2 of the pair with v + w in place of v."""
         return float(self.circle.squares(self.richer).sum() + self.springs.sum())
 
     def work_of(self, load: Pair) -> float:
@@ -145,7 +145,7 @@ class Pair:
 
     @property
     def A2(self) -> float:
-        """The square A^2."""
+        """A^2, the sum of the contributions of cells and springs."""
         return float(self.cells.sum() + self.springs.sum())
 
     @property
@@ -226,7 +226,7 @@ class Hypercircle:
         return np.asarray(edges.motions.T @ whole)
 
     def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
-        """Return forces due to (L v, f, prestress) on edges, (4 E,), and due to (v, f, prestress) on outlines."""
+        """Return forces on edges (4 E,) due to L v, f, prestress, and forces on outlines due to v, f, prestress."""
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])

@@ -1,10 +1,10 @@
 """Bounds on a linear quantity, by the parallelogram of two hypercircles.
 
-A quantity is given as a load: q(u) is the work of tractions, pressures, body forces and prestress on the displacement
-u, plus the work of support forces on -z_D, if the load moves supports by -z_D. The dual solution z satisfies
-a(z, w) = q(w) for all admissible w, and z = z_D on supports. Its pair is z_h and a stress tau_z in equilibrium with q.
-Let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the dual pair, and e = u - v. Let T(w) be the work on w of
-all forces in balance with tau, including friction and contact. Then
+A quantity is given as a load: q(u) is the work of its tractions, pressures, body forces and prestress on the
+displacement u. If the load also moves supports by -z_D, q(u) includes the work of the support forces on -z_D. The dual
+solution z satisfies a(z, w) = q(w) for all admissible w, and z = z_D on supports. The dual pair is a displacement z_h
+and a stress tau_z in equilibrium with q. Let e = u - v, and let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the
+dual pair. Let T(w) be the work on w of all forces in balance with tau, including friction and contact. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
@@ -19,16 +19,16 @@ by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r
 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8). Springs to the ground
 contribute to A and A_z. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
-The proof uses two conditions: of the tractions of tau_z, only the loads of q work on e; and sigma does the work T(z_h)
-on z_h. Both are met if only supports hold the body. With friction and contact, both are met if z_h vanishes on contact,
-and tau_z has no traction there, except normal tractions where contact cannot open. In that case, r_z does not decrease
-with the mesh size, and the width decreases like A. Where z_D moves an end of an edge with friction, friction work there
-is bounded by its largest value.
+The proof has two conditions: on e, no traction of tau_z does work except the loads of q; on z_h, sigma does the work
+T(z_h). Both hold if only supports hold the body. With friction and contact, both hold if z_h vanishes on contact, and
+tau_z has no traction there, except normal tractions where contact cannot open. Then r_z does not decrease with the mesh
+size, and the width decreases like A. Where z_D moves an end of an edge with friction, friction work there is bounded by
+its largest value.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
 Let l_0 be the load minus its linear fit, with the norm eta (:mod:`.reading`), and q_0 the quantity minus its linear
-fit. l_0 changes q(u) by l_0(z_h) plus at most A_z eta, and q_0 adds q_0(u). The interval contains estimates of these.
+fit. l_0 changes q(u) by l_0(z_h) plus at most A_z eta, and q_0 adds q_0(u). The width contains estimates of all three.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class QuantityBound(Outlined):
 
     def outline(self) -> Outline:
         """Return the outline for prompts and notebooks: the interval, and its kind."""
-        rest = f"for data as read at points; {self.reading:.2g} of the half width is an estimate"
+        rest = f"for data as read at points; the half width includes the estimate {self.reading:.2g}"
         lines = [
             ("interval", f"{self.low:.8g} ... {self.high:.8g}, {'guaranteed' if self.guaranteed else rest}"),
             ("run", f"{self.value:.8g}, off by {self.error:.2g} at most"),
@@ -158,7 +158,7 @@ class Dual:
         supports, lifted = self.primal.posed.supports, self.motion(self.primal.posed.space)
         if np.abs(supports.gather(lifted.ravel())).max(initial=0.0) > SAME * np.abs(lifted).max(initial=0.0):
             raise SceneError(
-                "error_bound: found of= a displacement where no support of the scene holds the body in that direction; "
+                "error_bound: `of` prescribes a displacement in a direction in which no support holds the body; "
                 "give the displacement of a support, to bound the support's force: "
                 "of=PrescribedDisplacement((1.0, 0.0), on='left') is the force along x of Clamp(on='left')."
             )
@@ -221,9 +221,9 @@ class Dual:
 
         if self.primal.boundary.off_supports(z, components_of)[0] is not None:
             raise SceneError(
-                "error_bound: found of= a displacement of a support that meets another support of the same direction: "
-                "the force of one of the two has no limit. Use the force of both, or a component that the other "
-                "support leaves free."
+                "error_bound: `of` moves a support that meets another support of the same direction: "
+                "the force of one support alone has no bound. Use the force of both supports, or a component that the "
+                "other support leaves free."
             )
 
     def interval(self, pair: Pair) -> tuple[float, float]:

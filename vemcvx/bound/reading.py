@@ -1,9 +1,9 @@
 """Reading of data for bounds and estimates: fits that are linear on edges and in cells, and their remainders.
 
-Effects are evaluated again, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error bounds* use fits: on
-every edge, linear functions are fitted to mean tractions on pieces and to friction bounds at new nodes, and in every
-cell, to body forces. Error bounds are theorems if all of these, and also gaps and ground motions, are linear. Otherwise
-they are theorems for the fits, the data *as read*. The load minus its fit is the omitted load l_0(w), a linear
+Effects are evaluated again, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`). *Error bounds* use fits by
+linear functions. On every edge, these are fits to mean tractions on pieces and to friction bounds at new nodes; in
+every cell, fits to body forces. Error bounds are theorems if these data, gaps and ground motions are linear. Otherwise
+bounds are theorems for the fits, the data *as read*. The load minus its fit is the omitted load l_0(w), a linear
 functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by
 
     SAFETY times the energy norm of the body's response to the difference between the fits and fits to fewer points,
@@ -26,9 +26,9 @@ tractions and body forces, and d the motion that exact gaps or ground motions wo
 
 with edge length l_e, derivative d' along the edge, longest side d_K of a cell's box, depth z and stiffness k of
 :mod:`.surface`, interpolated nodal pressure p_h, and assembled C_K and sigma_0K of the cell. The first two energies
-follow from Poincare inequalities on an edge of a half space (constant (3 - 4 nu) / pi <= .96 relative to l_e / (2 mu))
-and on a cell. If t or f is orthogonal to linear functions, half of its energy suffices. A wave d on the surface of a
-half space, with wave number kappa, stores 2 mu kappa |d|^2: at most the energy of "motions".
+follow from Poincare inequalities on an edge of a half space (the exact factor of l_e / (2 mu) is (3 - 4 nu) / pi <=
+.96) and on a cell. If t or f is orthogonal to linear functions, half of its energy suffices. A wave d on the surface of
+a half space, with wave number kappa, stores 2 mu kappa |d|^2: at most the energy of "motions".
 
 These energies are local. Errors in the means of tractions and body forces are forces r that move the whole body: two
 solutions for loads that differ by r differ by at most (r'K^-1 r)^{1/2} in the energy norm of the discrete space.
@@ -93,7 +93,7 @@ class LocalFit:
 
     @cached_property
     def second(self) -> LocalFit:
-        """The fit with triple weights on every other point, half-way to the fit to every other point alone."""
+        """The fit with the weights 1.5 and 0.5 in turn, half-way from equal weights to the weights 2 and 0."""
         return replace(self, weights=np.where(np.arange(len(self.owner)) % 2 == 0, 1.5, 0.5) * self.weights)
 
     @cached_property
@@ -171,7 +171,7 @@ class Reading:
         return float(np.sqrt(self.local.sum()) + SAFETY * np.sqrt(apart.sum()))
 
     def estimate_omitted_work(self, works: Sequence[Floats], bent: Floats) -> float:
-        """Estimate |l_0(w)|, given the works on w of the differences between both readings.
+        """Estimate |l_0(w)|, given the `works` that the differences between both readings do on w.
 
         `bent` (n_cells,) are the energies of w minus its linear part: on the linear part, remainders do no work.
         """
@@ -361,7 +361,7 @@ class Reader:
         return squares + np.sum([self._obstacle_energies(one, now, compliant) for one in self.obstacles], axis=0)
 
     def _work_on_gaps(self, now: Instant) -> float:
-        """Return int p |gap - line|, to first order the work of contact if the gap replaces `line`, linear on edges."""
+        """Return int p |gap - line|, the work of pressure if the gap differs from its linear interpolation `line`."""
         if not self.obstacles:
             return 0.0
         pressure, work = pressures_at_ends(self.posed, self.edges, now), 0.0
@@ -383,7 +383,7 @@ class Reader:
 
     def compliance_sums(self, values: Floats, unit: Floats) -> Floats:
         """Return the compliances (b,) of edges along unit vectors (b, 2); at interfaces, the sum of both bodies."""
-        # If an edge can move only at the angle a to its unit vector, its compliance has the factor cos^2 a.
+        # If an edge can move only at the angle phi to its unit vector, its compliance has the factor cos^2 phi.
         free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
         found, joints = np.where(free > ROUNDING, free * values, 0.0), self.edges.joints
         found[joints.first] += found[joints.second]

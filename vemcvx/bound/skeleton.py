@@ -28,7 +28,7 @@ class Joints:
     """The pairs of boundary edges (in space: faces) at interfaces."""
 
     across: Ints
-    """(b, 2) partners of the nodes of boundary edges; -1 except on first bodies at interfaces; empty in space"""
+    """(b, 2) nodes of the second body opposite the ends of edges of first bodies; -1 for other edges; empty in space"""
     first: Ints
     """(k,) boundary edges, or faces, of first bodies"""
     second: Ints
@@ -89,7 +89,7 @@ class Skeleton:
     outer_normals: Floats
     """(b, 2) outward normals, with the length of the edge"""
     free: Floats
-    """(b, 2, 2) projectors on the directions that supports leave free, at both ends or at one"""
+    """(b, 2, 2) projectors on the directions that supports leave free at one end or at both ends"""
     joints: Joints
 
     @cached_property

@@ -17,7 +17,7 @@ maximiser of
 
 is linear in m and F, and the maximum is half a quadratic form of m and F. The derivatives of the maximum by m are the
 tractions. For m = 0, the form is -|tau|^2. Spokes are the edges at the centre of a fan. If the sum of the forms of the
-triangles is stationary in a spoke's motions, the tractions on both its sides cancel. So these motions are condensed.
+triangles is stationary in a spoke's motions, the tractions on the spoke cancel. So these motions are condensed.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix (2 q, 54) from tau at all stations to tau n at points (q, 2), or, without n, to div tau."""
+    """Return the matrix (2 q, 54) from tau at all stations to tau n at points (q, 2); without `n`, to div tau."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -78,7 +78,7 @@ def reference() -> Floats:
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # With b = int t phi at one end of an edge, and b' at the other end, linear t has |e| t = 4 b - 2 b' at the first.
+    # With b = int t phi at one end of an edge, and b' at the other end, |e| t = 4 b - 2 b' at the first end.
     end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)
@@ -122,7 +122,7 @@ def _balance_data() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """Return integrals (9, 225) of products of two components, for two of the stresses due to `_balance_data`."""
+    """Return integrals (9, 225) of products of two components, for each pair of the 15 stresses of `_balance_data`."""
     parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)

@@ -200,7 +200,7 @@ class Boundary:
         return springs.reshape(count, 4, 4)
 
     def _check_along_boundary(self, felt: Floats) -> None:
-        """Raise SceneError if effects other than the material and springs along edges contribute stiffness.
+        """Raise SceneError if some stiffness is due neither to the material nor to springs along edges.
 
         `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations.
         """
@@ -331,7 +331,7 @@ class Boundary:
         return _Pressing(pressure, acts[:, 0], z, np.where(acts, k, 1.0) if compliant else None)
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
-        """Return the depths (b, 2) of a displacement in obstacles, -inf on other edges, and the obstacle stiffness."""
+        """Return depths in obstacles (b, 2), -inf on edges without obstacles, and the stiffness of obstacles (b, 2)."""
         fine, (distance, stiffness) = self.reader.fine, np.zeros((2, len(self.edges.outer), 2))
         distance += np.inf
         for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):
@@ -360,11 +360,11 @@ class Boundary:
     def _balance(
         self, friction: tuple[Floats, Floats], pressing: tuple[Floats, tuple[Bools, Bools]], loads: Floats, body: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the nearest friction q (b, 2) within its bound, and pressures (2, b, 2), that balance the loads."""
+        """Return admissible q (b, 2) and pressures (2, b, 2), nearest to those given, that balance the loads."""
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
-        # The arrays (2 b, j) are the work of linear tractions with the value 1 at an end of an edge, 0 at the other.
+        # The arrays (2 b, j) are the work of linear tractions that are 1 at one end of an edge and 0 at the other end.
         slip, outward = (
             self.forces_of(np.stack([along(one, ways) for one in jumps], axis=2)).reshape(-1, len(moved))
             for ways in (edges.tangents, edges.units)

@@ -80,7 +80,7 @@ def check_history(posed: PosedScene, history: History) -> None:
 def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
     """Return seven terms of the bounds at the instants of a run, (N + 1, 7).
 
-    These are y, the sum of D, |v_n|_a, |r_n|, |r_n| of v + w, and the estimates for data between points and between
+    They are y, the sum of D, |v_n|_a, |r_n|, |r_n| for v + w, and two estimates: for data between points, and between
     instants. Also return |r|^2 (n_cells,) at the instant of the largest y, and instants at which data are not linear.
     """
     first = instant(history, 0)

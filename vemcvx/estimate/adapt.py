@@ -52,7 +52,7 @@ THETA = 0.6
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
 STALL = 4
-"""Number of passes in which the mesh error must fall by a tenth: four passes multiply the number of cells by 3 to 8."""
+"""Number of passes in which the mesh error must fall by a tenth."""
 QUANTITIES = {
     "energy": "the energy norm",
     "dissipated": "the energy that friction dissipates",
@@ -63,7 +63,7 @@ QUANTITIES = {
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells with `theta` of the sum of `squares` (n_cells,), or fewer to meet `goal`."""
+    """Return a mask of the fewest cells with the part `theta` of the sum of `squares`; fewer if they meet `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -120,7 +120,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """local cell size and value, by key, of each extreme that may grow without limit"""
+    """by key: local cell size and value of each extreme that may grow without limit"""
 
     @property
     def total(self) -> float:
@@ -235,7 +235,7 @@ def adapt(
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        No pass begins that is expected to have more unknowns, even if the target is not met.
+        A pass that is expected to have more unknowns does not begin, even if the target is not met.
     progress : callable, optional
         Called with each finished :class:`Pass`.
     estimate : {"residual", "bound"}

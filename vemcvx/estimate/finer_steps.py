@@ -20,7 +20,7 @@ from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER, TO_EXACT = 4, 1.25
-"""Number of finer steps per step, and factor of |u_n - v_n|_a; tests show that 1.25 suffices in place of 4/3."""
+"""Number of finer steps per step, and factor of |u_n - v_n|_a. In tests, 1.25 suffices in place of 4/3."""
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def errors_of_steps(history: History) -> StepErrors:
 
 
 def with_quantities(history: History) -> tuple[History, StepErrors]:
-    """Return a history that also has its quantities and errors of energies at all instants; and the errors of steps."""
+    """Return a history with its quantities and errors of energies at all instants, and return the errors of steps."""
     own, steps = _courses(history), errors_of_steps(history)
     mesh = dict.fromkeys(own, np.array([np.nan]))
     # In space, cells that are not star-shaped about their centroids cannot be refined.

@@ -1,4 +1,4 @@
-"""Residuals of a state, which estimate the mesh error in the error budget. Sides are edges, or in space faces.
+"""Residuals of a state, which estimate the mesh error in the error budget. Sides are edges; in space, sides are faces.
 
     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                body force
                    + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, half to each neighbour
@@ -24,8 +24,8 @@ error of a displacement v. Let T be a triangle on e with apex a and height d. Th
 In the estimate, d is replaced by d_e, the mean width of both cells along n_e. h_K is the longest side of a box that has
 the same second moments as the cell.
 
-Jumps of tractions miss errors of eps_ss, the strain along an edge. On a rectangle, eps_ss(u) - eps_ss(Pi u) is the
-variation of strain that causes no jumps, and the stabilisation has too small a weight for it on stretched cells. Let
+Jumps of tractions miss errors of eps_ss, the strain along an edge. On a rectangle, eps_ss(u) - eps_ss(Pi u) is a
+variation of strain that causes no jumps. On stretched cells, the stabilisation weights this variation too little. Let
 l_e be the width of the cell along the edge; then |K| / l_e is the cross-section of the cell. The sum over parallel
 edges is the energy of a bar with the modulus E and a strain that is linear between these edges.
 
@@ -34,9 +34,9 @@ is much larger than the energy of u - Pi u. The pressure q is constant in cells,
 that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most the C^{-1} norm of q I
 times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
 
-The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, the data errors are
-d_e / (2 mu) |t - t_e|^2_e for tractions, at their quadrature points, and h_K^2 / (9 mu) |f - f_K|^2_K for body forces.
-Squares are integrated over cells as |K| / 3 times their mean over the vertices.
+The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, with the assembled
+t_e and f_K of loads t and f, the data errors are d_e / (2 mu) |t - t_e|^2_e and h_K^2 / (9 mu) |f - f_K|^2_K. Squares
+are integrated over cells as |K| / 3 times their mean over the vertices.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class MeshSides:
     joints: Joints
     """interfaces of two bodies"""
     numbers: Callable[[Ints], Ints]
-    """function that returns positions in `outer` of edges (k, 2), faces (k,), or sides in `ContactRows.names` (k, 2)"""
+    """function from edges (k, 2), faces (k,), or sides in `ContactRows.names` (k, 2), to their positions in `outer`"""
     corners: tuple[Ints, Floats]
     """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
     edges: tuple[Ints, Ints]
@@ -334,7 +334,7 @@ def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, outer))
     side = np.concatenate([np.repeat(numbers(group.faces), group.nodes.shape[1]) for group in groups])
     nodes, shares = (np.concatenate([getattr(group, name).ravel() for group in groups]) for name in ("nodes", "shares"))
-    # List the faces of all cells, outwards, and the cell of each of their corners.
+    # List the faces of all cells, oriented outwards, and find the cell of each corner of a face.
     rows, vertices, cells = list_faces(mesh.faces)
     cell, after = cell_of_corner(cells)[cell_of_corner(rows)], vertices[next_corner(rows)]
     edges = np.unique(np.column_stack([cell, np.sort(np.column_stack([vertices, after]), axis=1)]), axis=0)

@@ -5,8 +5,8 @@ differences are tractions minus their assembled mean t_e, body forces minus the 
 g minus their linear interpolation g_h. g - g_h counts where friction is at its bound, where a node has slipped, or
 where g is less than the friction. The means of these differences act as forces on the whole body.
 
-In space, tractions are evaluated at quadrature points, body forces and stresses at vertices. The estimate ignores how
-friction laws and springs (in space also friction bounds, gaps and supports) vary between nodes.
+In space, tractions are evaluated at quadrature points, body forces and stresses at vertices. Variations between nodes
+are ignored for friction laws and springs; in space, also for friction bounds, gaps and supports.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ r"""The distance of two displacement fields in the energy norm, on the same or o
 
 The first two are integrated exactly on the overlaps of cells, where strains are linear or constant. They are symmetric
 if the moduli are the same, and obey the triangle inequality. The nodal distance ignores v between the coarse nodes, and
-is usually the smallest of the three. It is a sum over cells with the moduli and the stabilisation of `run`,
+is usually the smallest of the three. It is |w| for w = u - I v, with the moduli and the stabilisation of `run`,
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 

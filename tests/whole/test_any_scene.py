@@ -82,7 +82,7 @@ def test_the_judge_finds_forces_that_do_not_balance():
 
 
 def test_exact_steps_are_exact():
-    """Displacements are rational in a system of two unknowns: a wall stops one of them, friction acts on the other."""
+    """Displacements are rational in a system of two unknowns x, y: a wall stops x, and friction acts on y."""
     system = vx.System(
         np.array([[3.0, -1.0], [-1.0, 2.0]]),
         lambda t: np.array([5.0, 1.0]) * t,

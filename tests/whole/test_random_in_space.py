@@ -1,6 +1,6 @@
 """Random steps in space: answers of Newton's method and of Clarabel differ by at most the sum of their certificates.
 
-The program of a step is the same for both; other tests compare stiffness and loads with closed forms.
+Both solvers receive the same programs. Other tests compare stiffness and loads with closed forms.
 """
 
 from __future__ import annotations

@@ -195,7 +195,7 @@ def served(site):
 
 @pytest.mark.slow
 def test_pages_are_legible_in_a_browser_and_load_nothing_from_other_hosts(served, tmp_path):
-    """In wide and narrow windows and both themes, formulas are rendered, pages fit, and words have contrast."""
+    """In wide and narrow windows, and in both themes, formulas are rendered, pages fit, and words have contrast."""
     from selenium.webdriver.support.wait import WebDriverWait
 
     with start_browser(tmp_path) as browser:

@@ -17,8 +17,8 @@ MPS in free format with a quadratic objective, also called QPS, holds absolute v
     minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
-QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam is the dual of U minus the dual of L, and p is the
-dual of Z. HiGHS returns duals <= 0: first reverse their signs. The columns p_j are the forces of soft limits. The
+QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam = (dual of U) - (dual of L), and p is
+the dual of Z. HiGHS returns duals <= 0: first reverse their signs. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 In both formats, the first n variables are d. The first line is a comment with n, the number m of norm terms, the number

@@ -1,7 +1,7 @@
 """HDF5 files of the Frictional Contact Library (FCLIB): a solved step with Coulomb's law; symbols as in :mod:`.arrays`.
 
 FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the contact forces r and the relative
-displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential ones (T):
+displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential components (T):
 
     local   u = W r + q                         for a condensed program
     global  M v = H r + f,   u = H'v + w        for a program on all unknowns, without W (7 GB for 10,000 contacts)

@@ -96,8 +96,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            # Sentences without such an end introduce a formula.
-            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # no formula follows
             yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 

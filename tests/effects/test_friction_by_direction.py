@@ -101,7 +101,7 @@ def test_a_sheared_block_follows_its_closed_form(family, name):
     moved = np.abs(np.diff(a, axis=0, prepend=0.0)).max(axis=1) > 1e-10
     np.testing.assert_array_equal(slips, np.broadcast_to(moved[:, None], slips.shape))
     if across == 0.0:
-        # Nodes that slide only at right angles to the direction of friction are not at the bound.
+        # Nodes that slide only at right angles to the direction of friction have friction below the bound.
         slips &= (np.abs(np.diff(a @ AXES[0], prepend=0.0)) > 1e-10)[:, None]
     # Where nodes slip, |friction| equals the bound in the direction of friction.
     size = np.linalg.norm(contact.traction, axis=2)

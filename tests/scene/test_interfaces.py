@@ -57,7 +57,7 @@ CONTACTS = {
     "stuck by Coulomb": ([PRESSED, COULOMB], 0.3, 0.0),
     "sliding": ([PRESSED, COULOMB], COEFFICIENT, 0.05),
 }
-"""Effects, the shear stress at the joint, and the displacement by which the upper body slides."""
+"""For each kind: its effects, the shear stress at the joint, and the displacement by which the upper body slides."""
 
 
 def assert_patch(mesh, kind):

@@ -193,7 +193,7 @@ def test_units_that_are_powers_of_two_change_no_bit(mesh):
     ("family", "n", "most"), [("squares", 4, 2), ("triangles", 8, 5), ("hexagons", 12, 101), ("tetrahedra", 4, 31)]
 )
 def test_translated_cells_of_equal_moduli_share_their_local_matrix(family, n, most):
-    """Shared and separate local matrices have equal sums to the bit; cell widths that are powers of two are exact."""
+    """The sum is the same to the bit if all local matrices are separate: cell widths, powers of two, are exact."""
     mesh = getattr(vx.meshes, family)(n)
     lam, mu = np.full(mesh.n_cells, 1.7), np.full(mesh.n_cells, 0.6)
     mu[5] = 0.9

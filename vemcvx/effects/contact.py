@@ -328,7 +328,7 @@ class TrescaFriction(_Friction):
     while_closed : bool, optional
         True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 elsewhere. Friction then
         depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes without
-        friction, the step may be refused. False: the bound is g everywhere. None (default): as False, with the warning.
+        friction, the step can be refused. False: the bound is g everywhere. None (default): as False, with the warning.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
         Friction acts against the slip relative to the obstacle. Only the motion of the obstacle along the boundary
@@ -396,7 +396,7 @@ class CoulombFriction(_Friction):
     The effect needs UnilateralContact or NormalCompliance on the same boundary. The solution of a step minimises no
     energy. It solves a convex problem of Tresca's friction, whose weights are the coefficient times the normal forces
     of this solution (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). The certificate "for the given
-    friction" bounds the error in this problem. A solution exists, and is unique for small coefficients.
+    friction" bounds the error in Tresca's problem. A solution exists, and is unique for small coefficients.
 
     Where two parts of the boundary meet at a node, the nodal force is divided among the edges, and friction of each
     part is proportional to the force on its edges. Where a prescribed displacement moves nodes along the obstacle,

@@ -131,7 +131,7 @@ class Support:
     value : callable t -> (m,), optional
         Prescribed components, length; None means zero at all times.
     contact : bool
-        True for bilateral contact. At shared nodes, supports without contact in the same direction take precedence.
+        True for bilateral contact. At shared nodes, other supports in the same direction take precedence.
     partners : (m,) array, optional
         Nodes of other bodies, or -1. With a partner, components of u(node) - u(partner) are prescribed.
     patterns : (m, k) array, optional

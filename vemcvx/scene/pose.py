@@ -95,7 +95,7 @@ class PosedScene:
     material: Material
     prestress: InitialStresses | None  # stresses at zero strain, also among the loads; None if there are none
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, also in A; None if there are none
-    inactive: tuple[str, ...]  # a sentence for each effect without influence; UNHELD if there are pins
+    inactive: tuple[str, ...]  # a sentence for each effect without influence, and UNHELD if there are pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
     curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values

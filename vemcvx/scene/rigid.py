@@ -102,7 +102,7 @@ def floating_motions(
 ) -> tuple[Kernel | None, bool]:
     """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
 
-    Return also True if all are motions of named bodies, which contact at an interface usually holds. `felt`
+    Return also True if all are motions of named bodies: contact at an interface usually holds these. `felt`
     (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that no such row resists.
     """
     (piece, node), points = space.pieces, space.mesh.points

@@ -146,7 +146,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, of: ContactRows) -> sp.csr_matrix:
-        """Return the fractions (m, r) of a force on each row of the table `of` that each row of this table gets."""
+        """Return the matrix (m, r) that distributes forces on rows of another table, `of`, over rows of this table."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
 

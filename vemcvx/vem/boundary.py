@@ -327,7 +327,7 @@ class MirrorPlanes:
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Project vectors (m, dim) onto the normals of the planes that contain both the node and its partner."""
+        """Project vectors[i] onto the normals of the planes that contain nodes[i] and its partner; return (m, dim)."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))

@@ -69,7 +69,7 @@ class SumOverCells:
     local : callable
         Returns the local matrices (c, n, n, dim, dim) of c cells with n vertices, given the cells and their moduli.
     filled : (n_cells,) bool array
-        Cells with a material: only these have local matrices. If no cell is filled, all cells have local matrices.
+        Cells with a material, which have local matrices. If no cell has a material, all cells have local matrices.
     moduli : sequence of arrays (n_cells, ...)
 
     Examples
